@@ -201,7 +201,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
         in_world_of,
         person_evidence,
     )
-    from solver_backend.io.calibration import read_calibration
+    from solver_backend.io.calibration.read import read_calibration
 
     if args.footage is None and args.take is None and args.clicks is None:
         raise CommandLineInvalid(

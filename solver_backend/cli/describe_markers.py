@@ -17,7 +17,6 @@ from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.partial_body.rest_parts import listed, parts_without
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
-from solver_backend.io.markers.source import gaps_of
 from solver_backend.io.motions.motion_checks import odd_shape
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
@@ -142,6 +141,13 @@ def _gaps(cloud: MarkerCloud) -> list[MarkerGaps]:
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
     return [
         {"marker": label, "gaps": int(gaps), "missing_percent": round(100 * int(missing) / len(seen), 1)}
-        for label, gaps, missing in zip(labels, *gaps_of(seen), strict=True)
+        for label, gaps, missing in zip(labels, *_count_gaps(seen), strict=True)
         if gaps
     ]
+
+
+def _count_gaps(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (M,) gaps of each marker, those at the ends too, and (M,) frames without it, of (F, M) booleans."""
+    missing = ~seen
+    starts = missing[:1].sum(axis=0) + (missing[1:] & seen[:-1]).sum(axis=0)
+    return starts, missing.sum(axis=0)

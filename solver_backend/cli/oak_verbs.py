@@ -114,7 +114,7 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
         CommandLineInvalid, SensorUnknown: see ``_named``.
         SensorFailed, CalibrationMissing: see ``oak_cameras``.
     """
-    from solver_backend.io.calibration import read_calibration
+    from solver_backend.io.calibration.read import read_calibration
     from solver_backend.sensors.devices import oak
     from solver_backend.sensors.devices.oak import Oak, OakSettings, oak_cameras
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
@@ -37,8 +37,8 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
     Raises:
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: the frame rate is not positive, the take lacks the frames that are asked for, or a world without
-            cameras is to be scaled or levelled.
+        JobInvalid: an option does not apply to this kind of capture, the frame rate is not positive, or the take lacks
+            the frames that are asked for.
         PersonUnknown: the capture does not show the person who was asked for.
         CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
         MocapError: whatever else the reader raises.
@@ -49,14 +49,9 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
         from solver_backend.io.not_recognised import no_capture
 
         raise no_capture(path, readers)
-    capture = reader.read(path, chosen)
+    capture = reader.open(path, chosen, frozenset({"frames"}))
     if chosen.frames is not None:
         capture = cut_frames(capture, *chosen.frames)
-    if capture.cameras is None and chosen.changes_world:
-        raise JobInvalid(
-            "Stature, scale and level are for captures with cameras; this one has none.",
-            where=str(path), hint="Scale a recording of markers by its unit: --unit.",
-        )  # fmt: skip
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:
@@ -83,7 +78,7 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     if reader is None:
         kinds = "; ".join(reader.kind for reader in MOTIONS)
         raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")
-    motion = reader.read(path, chosen)
+    motion = reader.open(path, chosen)
     checked_motion(motion, str(path))
     return motion
 

@@ -23,7 +23,7 @@ _NAMED = 5
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
     """Return the error about a path that none of the readers recognises."""
-    hint = f"Captures are {'; '.join(reader.kind for reader in readers)}."
+    hint = f"Captures are {'; '.join(dict.fromkeys(reader.kind for reader in readers))}."
     if not path.is_dir():
         if path.is_file() and (known := name_unsupported_file(path)) is not None:
             what, how = known

@@ -8,6 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.world_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
@@ -20,6 +22,14 @@ from solver_backend.types import Capture, MarkerCloud
 
 def _is_npz(path: Path) -> bool:
     return path.suffix.lower() == ".npz" and path.is_file()
+
+
+def _has_views(path: Path) -> bool:
+    """Return whether a capture file holds detections; what is damaged is named when it is read."""
+    try:
+        return _is_npz(path) and "xy" in array_names(path)
+    except MocapError:
+        return False
 
 
 def _read_capture(path: Path, options: ReadOptions) -> Capture:
@@ -58,7 +68,7 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
 
     cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
     level = replace(options, level=ON if options.level == ON else OFF)
-    world = fit_world(cameras, capture.keypoints, level, options.up_axis)
+    world = fit_world(cameras, capture.keypoints, level)
     notes = (*capture.notes, *notes_in(scaled), *world.notes)
     known = (
         {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
@@ -69,7 +79,15 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 
-CAPTURE = Reader("capture .npz of this program", _is_npz, _read_capture)
+_TAKES = frozenset({"fps", "joint_set", "trim", "person", "offset", "by_order", "stature", "scale", "level"})
+CAPTURES = (
+    Reader("capture .npz of this program", _has_views, _read_capture, _TAKES),
+    Reader(
+        "capture .npz of this program", lambda path: _is_npz(path) and not _has_views(path), _read_capture,
+        frozenset({"fps"}),
+    ),
+)  # fmt: skip
+"""Files with detections, and files of markers alone."""
 MOTION = Reader("motion .npz of this program", _is_npz, lambda path, options: read_motion(path))
 
 

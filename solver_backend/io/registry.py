@@ -33,7 +33,7 @@ class Readers(Iterable[Reader[Content]], Generic[Content]):
 
 CAPTURES: Readers[Capture] = Readers(
     (
-        ("own_files", "CAPTURE"),
+        ("own_files", "CAPTURES"),
         ("captures.detection_folders", "READER"),
         ("captures.caliscope", "READER"),
         ("captures.optical_markers", "READERS"),

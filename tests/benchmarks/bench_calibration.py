@@ -28,7 +28,7 @@ from solver_backend.camera_calibration.extrinsics.person_session import (
 from solver_backend.fitters import solve
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.types import Cameras, Capture

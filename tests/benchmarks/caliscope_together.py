@@ -24,7 +24,7 @@ from solver_backend.camera_calibration.extrinsics.together import (
     calibrate_together,
     person_evidence,
 )
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras
 from tests.benchmarks.bench_calibration import CALISCOPE

@@ -12,7 +12,7 @@ from solver_backend.camera_calibration.formats import FORMATS, format_of, write_
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid, OutputExists
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.types import Cameras
 
 FILES = {"qualisys": "rig.qca.txt", "opencv": "rig.yml", "colmap": "model"}

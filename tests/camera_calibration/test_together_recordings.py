@@ -12,7 +12,7 @@ from solver_backend.camera_calibration.extrinsics.points_session import Clicks, 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cli.main import main
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Cameras, Keypoints2D

@@ -17,7 +17,7 @@ from solver_backend.exchange import capture_file
 from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.exchange.lens_model import LensModel
 from solver_backend.fitters import solve
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D

@@ -16,7 +16,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.events import what_is_wrong
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.recordings import recordings_folder

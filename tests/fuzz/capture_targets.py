@@ -7,8 +7,7 @@ from pathlib import Path
 
 from solver_backend.camera_calibration.formats import colmap_texts
 from solver_backend.exchange import capture_file
-from solver_backend.io.calibration import read_calibration
-from solver_backend.io.calibration.read import calibrations_in
+from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.footage import read_video_header

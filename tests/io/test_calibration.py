@@ -10,7 +10,9 @@ import pytest
 
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
-from solver_backend.io.calibration import Calibration, calibrations_in, opencv_cameras, read_calibration
+from solver_backend.io.calibration import opencv_cameras
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.yaml_storage import parse_yaml
 from solver_backend.io.files import read_json
 from solver_backend.io.recognition.up_axis import UP_AXES, with_up_axis

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.world_check import check_world
 from solver_backend.types import Capture, JointSet

@@ -27,7 +27,7 @@ def _toy(path: Path, options: ReadOptions) -> Capture:
     return Capture(f"{path.stem} at {options.fps:g}")
 
 
-TOY = Reader("a toy .toy", lambda path: path.suffix == ".toy", _toy)
+TOY = Reader("a toy .toy", lambda path: path.suffix == ".toy", _toy, frozenset({"fps"}))
 
 
 def _amass(path: Path) -> Path:

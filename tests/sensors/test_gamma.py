@@ -12,7 +12,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CalibrationMismatch
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.wand.gamma import Gamma, GammaInvalid, GammaNotFound, gamma_clouds, ground_from_gamma
 from tests.support.waved_wand import SIZE, Waving, as_tables, sensors, waved
 

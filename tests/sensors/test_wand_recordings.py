@@ -13,7 +13,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import intersected, 
 from solver_backend.cameras.projection import undistort
 from solver_backend.cli.main import main
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.wand.session import calibrate_by_wand, common_moments
 from solver_backend.sensors.wand.solve import WandCalibration, WandOptions, held_out, triangulated
 from solver_backend.sensors.wand.source import read_points_folder

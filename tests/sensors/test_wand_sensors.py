@@ -11,7 +11,7 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFrame
 from solver_backend.sensors.devices.record import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
 from solver_backend.sensors.devices.recorded import SensorFolder

@@ -9,6 +9,7 @@ import numpy as np
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.source import MarkerTake
 from tests.support.c3d_bytes import C3dBytes
+from tests.support.marker_reading import taken
 
 LABELS = ("LFHD", "C7", "LANK", "LTOE")
 
@@ -24,4 +25,4 @@ def standing(frames: int = 12, labels: tuple[str, ...] = LABELS) -> np.ndarray:
 
 def take(path: Path, file: C3dBytes, **options: float | str) -> MarkerTake:
     path.write_bytes(file.to_bytes())
-    return read_c3d(path, **options)  # type: ignore[arg-type]
+    return taken(read_c3d, path, **options)  # type: ignore[arg-type]

@@ -31,7 +31,7 @@ from solver_backend.exchange.errors import (
     FileDamaged,
 )
 from solver_backend.exchange.outputs import write_text
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 from solver_backend.io.footage import PLAUSIBLE_MM, recorded_focal_mm
 from solver_backend.io.recognition.camera_names import match_names

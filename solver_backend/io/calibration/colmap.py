@@ -10,7 +10,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.exchange.lens_model import MOST_TERMS
 from solver_backend.geometry.quaternions import matrix_from_quat
-from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import read_text
 
 CAMERAS, IMAGES = "cameras.txt", "images.txt"
@@ -25,7 +25,7 @@ def is_colmap(folder: Path) -> bool:
     return (folder / CAMERAS).is_file() and (folder / IMAGES).is_file()
 
 
-def read_colmap(folder: Path) -> list[CameraEntry]:
+def read_colmap(folder: Path) -> StatedCameras:
     """Return the cameras, one an image, in the model's unit; COLMAP's pixels begin at 0.5, ours at 0.
 
     Raises:
@@ -48,7 +48,7 @@ def read_colmap(folder: Path) -> list[CameraEntry]:
         K, bent, size, model = lenses[row[8]]
         R = np.asarray(matrix_from_quat(q / np.linalg.norm(q)))
         entries.append(CameraEntry(Path(" ".join(row[9:])).stem, K, bent, R, t, size, model))
-    return entries
+    return StatedCameras(entries)
 
 
 def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[int, int], str]:

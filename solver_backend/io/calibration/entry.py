@@ -13,7 +13,6 @@ from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000
@@ -54,6 +53,20 @@ class CameraEntry:
             if largest > FARTHEST_IN_UNITS:
                 what = f"{name} holds {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")
+
+
+@dataclass(frozen=True)
+class StatedCameras:
+    """What a calibration file says, in its own unit and axes."""
+
+    entries: list[CameraEntry]
+    """Its cameras, none where it is of another format."""
+    unit: str = ""
+    """Length unit where the format has one."""
+    source: str = "default"
+    """Origin of that unit and of Z as the up axis, for notes."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What the user should know."""
 
 
 @dataclass(frozen=True)
@@ -131,48 +144,6 @@ def _guessed_size(K: np.ndarray) -> tuple[int, int]:
     # A NaN here is reported by Cameras, which looks at K itself.
     centre = np.clip(np.nan_to_num(K[:2, 2], nan=0.0, posinf=0.0, neginf=0.0), -1.0, float(LARGEST_PICTURE))
     return max(1, round(2 * float(centre[0]) + 1)), max(1, round(2 * float(centre[1]) + 1))
-
-
-WIDEST_ARRAY_M = 60.0
-"""Cameras further apart than this many units are not measured in metres."""
-OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""Times the distance of the others that one of so many cameras is off where it is written in another unit than they."""
-
-
-def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], Diagnostic, str]:
-    """Return the entries in metres, how the unit was found, and the unit where it is guessed, else "".
-
-    Args:
-        entries: cameras in the file's unit.
-        unit: a key of ``METRES``, or None to infer it from the distances between the cameras: an array wider than
-            ``WIDEST_ARRAY_M`` cannot be in metres and is read as millimetres.
-
-    Raises:
-        JobInvalid: the unit is unknown.
-    """
-    guessed = unit is None
-    if unit is None:
-        width = _rig_width(entries)
-        unit = "mm" if width > WIDEST_ARRAY_M else "m"
-        note = diagnostic("unit_read", source="width", unit=unit, width=width)
-    else:
-        note = diagnostic("unit_read", source="given", unit=unit)
-    scale = metres_in(unit)
-    metric = [replace(e, t=np.asarray(e.t) * scale) for e in entries]
-    return metric, note, unit if guessed else ""
-
-
-def _rig_width(entries: list[CameraEntry]) -> float:
-    centres = np.stack([-np.nan_to_num(e.R).T @ np.nan_to_num(e.t, posinf=0.0, neginf=0.0) for e in entries])
-    if len(centres) == 1:
-        return float(np.linalg.norm(centres[0]))
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
-    if len(centres) >= LEAST_FOR_OTHER_UNIT:
-        far = int(np.argmax(np.median(apart, axis=1)))
-        others = np.delete(np.delete(apart, far, axis=0), far, axis=1)
-        if apart.max() > OTHER_UNIT * others.max() > 0:
-            return float(others.max())
-    return float(apart.max())
 
 
 LARGEST_SHARE = 10.0

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -23,7 +23,7 @@ from solver_backend.io.calibration.camera_fields import (
     numbers,
     projection_of,
 )
-from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.files import read_json, read_text, read_toml
 
@@ -233,8 +233,8 @@ def opencv_cameras(files: Sequence[MatrixFile]) -> list[CameraEntry]:
 
 
 def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    for special in (_human36m_nodes, nerf_nodes, kalibr_nodes):
-        if (recorded := special(tree)) is not None:
+    for nodes_of in TREES:
+        if (recorded := nodes_of(tree)) is not None:
             return recorded
     if is_camera(tree):
         return _stacked(tree) or [(stem, tree)]
@@ -304,7 +304,7 @@ def camera_tables(tables: Mapping[str, Any]) -> Iterator[tuple[str, Mapping[str,
             yield from camera_tables(table)
 
 
-def read_toml_cameras(path: Path) -> list[CameraEntry]:
+def read_toml_cameras(path: Path) -> StatedCameras:
     """Return the cameras of a TOML calibration, in the file's unit.
 
     Each has a table with ``matrix`` (3, 3), ``distortions``, ``rotation`` (a Rodrigues vector or a matrix, world to
@@ -314,4 +314,12 @@ def read_toml_cameras(path: Path) -> list[CameraEntry]:
         FileMissing, FileDamaged: the file is not there or is not TOML.
         CalibrationInvalid: a camera lacks a value or has one of a wrong size.
     """
-    return [camera_entry(name, table, where=str(path)) for name, table in camera_tables(read_toml(path))]
+    return StatedCameras([camera_entry(name, node, where=str(path)) for name, node in camera_tables(read_toml(path))])
+
+
+TREES: tuple[Callable[[Any], list[tuple[str, Mapping[str, Any]]] | None], ...] = (
+    _human36m_nodes,
+    nerf_nodes,
+    kalibr_nodes,
+)
+"""Formats of YAML and JSON that do not hold one node per camera: name and values of each camera, None elsewhere."""

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
-from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import LARGEST_TEXT, read_bytes
 
 SUBPIXELS = 64.0
@@ -29,8 +29,8 @@ _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
 """Names of a rotation's numbers, row by row."""
 
 
-def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Return the cameras in metres, and what the user should know.
+def read_qualisys(path: Path) -> StatedCameras:
+    """Return the cameras, in mm, and what the user should know.
 
     The file holds for each camera its centre ``c`` in mm in a world with Z up and the rows ``r1, r2, r3`` of the
     rotation world to camera: right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``.
@@ -61,7 +61,12 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]
         if n.get("viewrotation", "0") not in ("0", "")
     )
     entries = [_entry(node, path) for node in used]
-    return entries, (*problems, *_other_resolutions(used, entries))
+    return StatedCameras(
+        entries,
+        unit="mm",
+        source="qualisys",
+        problems=(*problems, *_other_resolutions(used, entries)),
+    )
 
 
 def _other_resolutions(nodes: list[ElementTree.Element], entries: list[CameraEntry]) -> tuple[Diagnostic, ...]:
@@ -84,7 +89,7 @@ def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
     place = f"{path}, camera {name}"
     transform, intrinsic = _child(node, "transform", place), _child(node, "intrinsic", place)
     rows = np.array([[_number(transform, key, place) for key in row] for row in _TRANSFORM])
-    centre = np.array([_number(transform, key, place) for key in "xyz"]) / 1000.0
+    centre = np.array([_number(transform, key, place) for key in "xyz"])
     left, top, size = _field_of_view(node, intrinsic, place)
     f_u, f_v, c_u, c_v = (
         _number(intrinsic, key, place) / SUBPIXELS

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
-from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras, in_metres, meant_entries
+from solver_backend.io.calibration.entry import Calibration, StatedCameras
 from solver_backend.io.calibration.opencv_cameras import (
     SUFFIXES,
     MatrixFile,
@@ -19,7 +19,7 @@ from solver_backend.io.calibration.opencv_cameras import (
 )
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.files import LARGEST_TEXT
-from solver_backend.io.recognition.up_axis import with_up_axis
+from solver_backend.io.interpretation import interpret_cameras
 
 FORMATS = (
     "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, NeRF's transforms.json, "
@@ -30,13 +30,36 @@ FORMATS = (
 _OPENCV = (".yml", ".yaml", ".json", *SUFFIXES)
 
 
+@dataclass(frozen=True)
+class CalibrationFormat:
+    """One format whose file or folder holds all cameras."""
+
+    kind: str
+    """Its name, for notes."""
+    recognises: Callable[[Path], bool]
+    """Whether a file or folder is of this format, by its name."""
+    read: Callable[[Path], StatedCameras]
+    """What it says; raises our own errors."""
+
+
+_WHOLE = (
+    CalibrationFormat("Qualisys", lambda path: path.name.lower().endswith((".qca.txt", ".qca")), read_qualisys),
+    CalibrationFormat("TOML", lambda path: path.suffix.lower() == ".toml", read_toml_cameras),
+    CalibrationFormat("COLMAP", is_colmap, read_colmap),
+)
+"""Formats that are read whole; those of YAML and JSON are rows of ``opencv_cameras.TREES``."""
+
+
+def _whole_file(path: Path) -> CalibrationFormat | None:
+    return next((row for row in _WHOLE if row.recognises(path)), None)
+
+
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
     """Read a calibration file, or a folder with one OpenCV file a camera or with COLMAP's text model.
 
     Args:
         path: file or folder.
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'); None infers it from the file.
-            Qualisys' is always mm.
         up_axis: axis of the file's world that points up ('z', 'y', '-y', ...); None is 'z'.
 
     Raises:
@@ -45,14 +68,13 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
         FileMissing, FileDamaged: the file is not there, truncated or not what its name stands for.
     """
     path = Path(path)
-    if path.is_dir() and is_colmap(path):
-        found = _finished(read_colmap(path), path, "COLMAP", unit, up_axis)
-        if found is not None:
-            return found
-    if path.is_dir():
+    found = None
+    if path.is_dir() and (known := _whole_file(path)) is not None:
+        found = interpret_cameras(known.read(path), path, known.kind, unit, up_axis)
+    if found is None and path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
         found = _of_files([read_matrix_file(p) for p in files], path, unit, up_axis)
-    else:
+    elif found is None:
         found = _of_file(path, unit, up_axis)
     if found is None:
         raise CalibrationMissing(
@@ -72,10 +94,12 @@ def calibrations_in(
     files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
     found: list[Calibration] = []
     errors: list[MocapError] = []
-    named = [p for p in files if p.suffix.lower() == ".toml"] + [p for p in files if is_qualisys(p)]
+    named = sorted((p for p in files if _whole_file(p)), key=lambda path: path.suffix.lower() != ".toml")
     single: list[MatrixFile] = []
     groups: list[list[MatrixFile]] = []
-    for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT):
+    for path in (
+        p for p in files if p not in named and p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT
+    ):
         try:
             file = read_matrix_file(path)
         except FileDamaged as error:
@@ -98,58 +122,15 @@ def calibrations_in(
     return found, errors
 
 
-def is_qualisys(path: Path) -> bool:
-    """Whether the name is that of a Qualisys calibration."""
-    return path.name.lower().endswith((".qca.txt", ".qca"))
-
-
 def _of_file(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
     """Return the calibration of one file, None if it is of no known format or holds no camera."""
-    if is_qualisys(path):
-        entries, problems = read_qualisys(path)
-        return _finished(entries, path, "Qualisys", unit, up_axis, problems)
-    if path.suffix.lower() == ".toml":
-        return _finished(read_toml_cameras(path), path, "TOML", unit, up_axis)
+    known = _whole_file(path)
+    if known is not None:
+        return interpret_cameras(known.read(path), path, known.kind, unit, up_axis)
     return _of_files([read_matrix_file(path)], path, unit, up_axis) if path.suffix.lower() in _OPENCV else None
 
 
 def _of_files(files: Sequence[MatrixFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
     """Return the calibration of files that may share cameras, called after the only one or their folder."""
     source = files[0].path if len(files) == 1 else folder
-    return _finished(opencv_cameras(files), source, "OpenCV", unit, up_axis)
-
-
-def _finished(
-    entries: list[CameraEntry],
-    path: Path,
-    kind: str,
-    unit: str | None,
-    up_axis: str | None,
-    problems: Sequence[Diagnostic] = (),
-) -> Calibration | None:
-    if not entries:
-        return None
-    names = [entry.name for entry in entries]
-    if len(set(names)) < len(names):
-        raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
-    entries, corrected = meant_entries(entries)
-    if kind == "Qualisys":
-        metric, unit_note, guessed = entries, diagnostic("unit_read", unit="mm", source="qualisys"), ""
-    else:
-        metric, unit_note, guessed = in_metres(entries, unit)
-    try:
-        cameras = build_cameras(metric, where=str(path))
-    except CalibrationInvalid as error:
-        where = error.where if str(path) in error.where else f"{path}, {error.where}"
-        raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
-    assumed = "qualisys" if kind == "Qualisys" else "default"
-    axis_note = diagnostic("up_axis_read", source="given" if up_axis else assumed, axis=(up_axis or "z").upper())
-    note = diagnostic("calibration_read", file=path.name, count=len(entries), kind=kind)
-    return Calibration(
-        cameras=with_up_axis(cameras, up_axis or "z"),
-        source=path,
-        guessed_unit=guessed,
-        size_known=tuple(e.image_size is not None for e in metric),
-        notes=(note, unit_note, axis_note),
-        problems=(*problems, *corrected),
-    )
+    return interpret_cameras(StatedCameras(opencv_cameras(files)), source, "OpenCV", unit, up_axis)

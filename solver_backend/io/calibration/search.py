@@ -15,8 +15,8 @@ from solver_backend.exchange.errors import (
     JobInvalid,
     MocapError,
 )
-from solver_backend.io.calibration import Calibration, calibrations_in
-from solver_backend.io.calibration.read import FORMATS
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.calibration.read import FORMATS, calibrations_in
 from solver_backend.io.recognition.camera_names import (
     counted_order,
     listing,

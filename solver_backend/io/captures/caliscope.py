@@ -8,10 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.diagnostics import diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.files import read_text, read_toml
+from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
@@ -71,8 +73,13 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     positions[at] = xy[body]
     confidence = np.isfinite(positions).all(-1).astype(float)
     chosen, notes, problems = choose_joint_set(positions, confidence, options.joint_set, None, where=str(source))
-    fps, rate_note, rate_problems = _rate(options, project)
-    calibration = find_calibration(project or source.parent, names, unit=options.unit, up_axis=options.up_axis)
+    configured = _stated_rate(project)
+    note = diagnostic("frame_rate_read", source="file", rate=configured or 0.0, file="config.toml")
+    fps, rate_note, rate_problems = interpret_rate(options.fps, [(configured, note)], DEFAULT_FPS)
+    calibration = find_calibration(
+        project or source.parent, names, unit=options.unit, up_axis=options.up_axis,
+        names=calibrated_names(options.camera),
+    )  # fmt: skip
     columns = slice(0, chosen.num_keypoints)
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
     cameras, scaled = scale_world(calibration.cameras, keypoints, options)
@@ -130,18 +137,16 @@ def _project(source: Path) -> Path | None:
     return next((p for p in above if (p / "config.toml").is_file() or (p / "camera_array.toml").is_file()), None)
 
 
-def _rate(options: ReadOptions, project: Path | None) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the frame rate, a note on where it is from, and a problem where it is assumed."""
-    if options.fps is not None:
-        return options.fps, (diagnostic("frame_rate_read", source="given", rate=options.fps),), ()
-    stated = (
-        read_toml(project / "config.toml").get("fps_recording")
-        if project and (project / "config.toml").is_file()
-        else None
-    )
-    if isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5:
-        return float(stated), (diagnostic("frame_rate_read", source="file", rate=stated, file="config.toml"),), ()
-    return DEFAULT_FPS, (), (diagnostic("frame_rate_assumed", rate=DEFAULT_FPS),)
+def _stated_rate(project: Path | None) -> float | None:
+    """Return the frame rate that a project's config.toml states."""
+    if project is None or not (project / "config.toml").is_file():
+        return None
+    stated = read_toml(project / "config.toml").get("fps_recording")
+    good = isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5
+    return float(stated) if good else None
 
 
-READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read)
+_TAKES = frozenset(
+    {"fps", "joint_set", "unit", "up_axis", "trim", "offset", "by_order", "camera", "stature", "scale", "level"}
+)
+READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read, _TAKES)

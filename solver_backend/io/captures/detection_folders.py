@@ -18,6 +18,7 @@ from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.reading_settings import DEFAULTS
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
@@ -27,6 +28,7 @@ from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources, listed_paths
 from solver_backend.io.footage import VideoHeader, find_footage, headers, with_sizes_of
+from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels
@@ -171,20 +173,13 @@ def _frame_rate(
     if len(set(rates)) > 1:
         problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))
     video = float(np.median(rates)) if rates else None
-    if given is not None:
-        return given, (diagnostic("frame_rate_read", source="given", rate=given),), tuple(problems)
-    if config.fps is not None:
-        if video is not None and abs(video - config.fps) > 0.02 * config.fps:
-            problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
-        return (
-            config.fps,
-            (diagnostic("frame_rate_read", source="file", rate=config.fps, file=CONFIG),),
-            tuple(problems),
-        )
-    if video is not None:
-        return video, (diagnostic("frame_rate_read", source="videos", rate=video),), tuple(problems)
-    problems.append(diagnostic("frame_rate_assumed", rate=DEFAULT_FPS))
-    return DEFAULT_FPS, (), tuple(problems)
+    known = config.fps if given is None else None
+    if known is not None and video is not None and abs(video - known) > 0.02 * known:
+        problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
+    configured = diagnostic("frame_rate_read", source="file", rate=config.fps or 0.0, file=CONFIG)
+    of_videos = diagnostic("frame_rate_read", source="videos", rate=video or 0.0)
+    rate, notes, assumed = interpret_rate(given, [(config.fps, configured), (video, of_videos)], DEFAULT_FPS)
+    return rate, notes, (*problems, *assumed)
 
 
 def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple[Diagnostic, ...]:
@@ -194,4 +189,5 @@ def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple
     return ()
 
 
-READER = Reader(_KIND, _recognises, _read)
+_TAKES = frozenset(DEFAULTS) - {"subject_prefix", "frames"}
+READER = Reader(_KIND, _recognises, _read, _TAKES)

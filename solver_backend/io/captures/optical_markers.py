@@ -83,8 +83,6 @@ def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> Ma
         take.report,
         subjects=names,
         unlabelled=tuple(label for label in take.report.unlabelled if prefix_of(label) in names),
-        gaps=tuple(take.report.gaps[i] for i in kept),
-        missing=tuple(take.report.missing[i] for i in kept),
     )
     beside = [i for i, label in enumerate(labels) if prefix_of(label) in things]
     others = joined_columns(take.others, take.cloud.columns(beside, tuple(labels[i] for i in beside)))
@@ -133,7 +131,7 @@ def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
     def read(path: Path, options: ReadOptions) -> Capture:
         return _capture(path, reader.read(path, options), options)
 
-    return Reader(reader.kind, reader.recognises, read)
+    return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:

@@ -28,7 +28,7 @@ from solver_backend.io.markers.c3d_parameters import (
     read_header,
     read_parameters,
 )
-from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, as_take, left_out_note
+from solver_backend.io.markers.source import MarkerSource, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output
 
 _WORDS = 17
@@ -114,24 +114,14 @@ class _Layout:
     """What is wrong with the file's counts."""
 
 
-def read_c3d(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_c3d(path: Path) -> MarkerSource:
     """Read the markers of a C3D file.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
-        up_axis: its axis that points up; None takes POINT:Y_SCREEN, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is truncated, is not C3D, or states no frame rate.
+        FileDamaged: it is truncated, is not C3D.
         NoDetections: it holds no markers (but forces, perhaps), or none is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = read_parameters(data, path)
     header = read_header(data, parameters.processor)
@@ -140,12 +130,11 @@ def read_c3d(
     labels += ("",) * (layout.points - len(labels))
     kept, notes = _positions_only(labels, parameters)
     if not len(kept) and (origins := read_origins(data, parameters)) is not None:
-        return as_take(_segments(origins, path, parameters), fps=fps, unit=unit, up_axis=up_axis)
+        return _segments(origins, path, parameters)
     positions, residual, problems = _points(data, layout, kept, _scale(header, parameters, path), parameters)
     kind = "float" if layout.word == 4 else "integer"
     rate = header.rate if header.rate > 0 else (parameters.number("POINT:RATE") or header.rate)
-    contradicted = _contradicted(rate, header, parameters) if fps is None else ()
-    source = MarkerSource(
+    return MarkerSource(
         path=path,
         format=f"C3D ({parameters.processor.name}, {kind})",
         positions=positions,
@@ -157,12 +146,11 @@ def read_c3d(
         up_axis=_screen_up(parameters),
         residual=residual,
         first_frame=layout.first_frame,
-        events=_events(header, parameters),
         analog_channels=_analog_channels(header, parameters),
         notes=notes,
-        problems=(*layout.problems, *problems, *contradicted),
+        problems=(*layout.problems, *problems),
+        rate_doubts=_contradicted(rate, header, parameters),
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
@@ -311,22 +299,3 @@ def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
     count = min(max(count, 0), header.analog)
     labels = parameters.continued_texts("ANALOG:LABELS")[:count]
     return tuple(label or f"channel {i}" for i, label in enumerate(labels + ("",) * (count - len(labels)), 1))
-
-
-def _events(header: Header, parameters: Parameters) -> tuple[MarkerEvent, ...]:
-    """Return the events of the EVENT group, whose times are minutes and seconds, or else those of the header."""
-    times = parameters.numbers("EVENT:TIMES")
-    used = parameters.number("EVENT:USED")
-    times = times[: len(times) // 2 * 2].reshape(-1, 2)[: int(used) if used is not None else None]
-    if not len(times):
-        pairs = zip(header.event_labels, header.event_times.tolist(), strict=True)
-        return tuple(MarkerEvent(label, time) for label, time in pairs if math.isfinite(time))
-    columns = [
-        (parameters.continued_texts(f"EVENT:{name}") + ("",) * len(times))[: len(times)]
-        for name in ("LABELS", "CONTEXTS", "SUBJECTS")
-    ]
-    return tuple(
-        MarkerEvent(label, 60.0 * minutes + seconds, context, subject)
-        for label, context, subject, (minutes, seconds) in zip(*columns, times.tolist(), strict=True)
-        if math.isfinite(minutes) and math.isfinite(seconds)
-    )

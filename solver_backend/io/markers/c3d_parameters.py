@@ -97,10 +97,6 @@ class Header:
     """Block at which the frames start."""
     rate: float
     """Frames per second."""
-    event_times: np.ndarray
-    """(n,) seconds."""
-    event_labels: tuple[str, ...]
-    """Four characters each."""
 
 
 @dataclass(frozen=True)
@@ -236,10 +232,6 @@ def read_header(data: np.ndarray, processor: Processor) -> Header:
     def real(number: int) -> float:
         return float(floats(data[2 * number - 2 : 2 * number + 2], processor)[0])
 
-    # Words 151 on: how many events, 18 times, 18 display flags, 18 labels of four characters.
-    events = int(integers(data[300:302], processor)[0])
-    events = events if 0 < events <= 18 else 0
-    labels = data[396 : 396 + 4 * events].reshape(events, 4)
     return Header(
         points=word(2),
         analog=word(3),
@@ -249,8 +241,6 @@ def read_header(data: np.ndarray, processor: Processor) -> Header:
         data_block=word(9),
         analog_per_channel=word(10),
         rate=real(11),
-        event_times=floats(data[304 : 304 + 4 * events], processor),
-        event_labels=tuple(_text(label) for label in labels),
     )
 
 

@@ -17,7 +17,6 @@ import numpy as np
 from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS, Processor
-from solver_backend.io.markers.source import MarkerEvent
 from solver_backend.types import MarkerCloud
 
 PER_PARAMETER = 255
@@ -33,8 +32,6 @@ def write_c3d(
     path: Path | str,
     cloud: MarkerCloud,
     *,
-    events: Sequence[MarkerEvent] = (),
-    first_frame: int = 1,
     overwrite: bool = False,
 ) -> Path:
     """Write markers to a C3D file, whole or not at all; a missing one is 0 0 0 with the residual -1.
@@ -42,8 +39,6 @@ def write_c3d(
     Args:
         path: the file.
         cloud: markers, Z up, in metres.
-        events: what happened during the take.
-        first_frame: number of the first frame.
         overwrite: replace a file that is there.
 
     Raises:
@@ -59,7 +54,7 @@ def write_c3d(
     if len(labels) != markers:
         raise ShapeMismatch(f"{len(labels)} labels do not fit {markers} markers.", where=str(path))
     parts = [(positions, cloud.residual)]
-    return write_c3d_parts(path, size, parts, events=events, first_frame=first_frame, overwrite=overwrite)
+    return write_c3d_parts(path, size, parts, overwrite=overwrite)
 
 
 @dataclass(frozen=True)
@@ -86,8 +81,6 @@ def write_c3d_parts(
     size: C3dSize,
     parts: Iterable[tuple[np.ndarray, np.ndarray | None]],
     *,
-    events: Sequence[MarkerEvent] = (),
-    first_frame: int = 1,
     overwrite: bool = False,
 ) -> Path:
     """Write a C3D file whose frames come in parts, which together are never in memory.
@@ -96,8 +89,6 @@ def write_c3d_parts(
         path: the file.
         size: what all parts together are.
         parts: (F, M, 3) positions in metres and (F, M) residuals, in the order of time.
-        events: what happened during the take.
-        first_frame: number of the first frame.
         overwrite: replace a file that is there.
 
     Raises:
@@ -117,9 +108,9 @@ def write_c3d_parts(
         raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST_POINTS}.", where=str(path))
     # Half of a 16-bit integer's range, should a program store the points as such.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
-    section, data_block = _parameter_section(size.fps, size.frames, size.labels, events, first_frame, scale)
+    section, data_block = _parameter_section(size.fps, size.frames, size.labels, scale)
     with atomic_output(path, overwrite=overwrite) as temporary, open(temporary, "wb") as stream:
-        stream.write(_header(size.fps, size.frames, markers, first_frame, scale, data_block))
+        stream.write(_header(size.fps, size.frames, markers, scale, data_block))
         stream.write(section)
         for positions, residual in parts:
             stream.write(_frames(np.asarray(positions, np.float64) * _MM, residual, scale).tobytes())
@@ -138,17 +129,12 @@ def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) ->
     return values
 
 
-def _header(fps: float, frames: int, markers: int, first: int, scale: float, data_block: int) -> bytes:
-    last = first + frames - 1
-    words = struct.pack(
-        "<BBHHHHHfHHf", 2, KEY, markers, 0, min(first, 65535), min(last, 65535), 10, -scale, data_block, 0, fps
-    )
-    return _padded(words)
+def _header(fps: float, frames: int, markers: int, scale: float, data_block: int) -> bytes:
+    last = min(frames, 65535)
+    return _padded(struct.pack("<BBHHHHHfHHf", 2, KEY, markers, 0, 1, last, 10, -scale, data_block, 0, fps))
 
 
-def _parameter_section(
-    fps: float, frames: int, labels: Sequence[str], events: Sequence[MarkerEvent], first: int, scale: float
-) -> tuple[bytes, int]:
+def _parameter_section(fps: float, frames: int, labels: Sequence[str], scale: float) -> tuple[bytes, int]:
     """Return the section, filled up to blocks, and the block after it.
 
     Raises:
@@ -162,10 +148,9 @@ def _parameter_section(
             "X_SCREEN": _texts(["+X"]), "Y_SCREEN": _texts(["+Z"]), **_long("LABELS", labels),
             **_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _floats(frames),
         }  # fmt: skip
-        last = first + frames - 1
         trial = {
-            "ACTUAL_START_FIELD": _integers(first % 65536, first // 65536),
-            "ACTUAL_END_FIELD": _integers(last % 65536, last // 65536),
+            "ACTUAL_START_FIELD": _integers(1, 0),
+            "ACTUAL_END_FIELD": _integers(frames % 65536, frames // 65536),
             "CAMERA_RATE": _floats(fps),
         }
         analog = {
@@ -173,18 +158,12 @@ def _parameter_section(
             "DESCRIPTIONS": _texts([]), "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": _texts([]),
         }  # fmt: skip
         force = {"USED": _integers(0), "TYPE": (2, (0,), b""), "ZERO": _integers(1, 0)}
-        event = {
-            "USED": _integers(len(events)), "LABELS": _texts([e.label for e in events]),
-            "CONTEXTS": _texts([e.context for e in events]), "SUBJECTS": _texts([e.subject for e in events]),
-            "TIMES": (4, (2, len(events)), b"".join(struct.pack("<ff", e.time // 60, e.time % 60) for e in events)),
-        }  # fmt: skip
-        groups = {"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force}
-        return _records(groups | ({"EVENT": event} if events else {}))
+        return _records({"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force})
 
     size = len(records(0)) + 4
     blocks = -(-size // BLOCK)
     if blocks > MOST_BLOCKS:
-        raise ShapeMismatch(f"{len(labels)} labels and {len(events)} events are too long for the head of a C3D file.")
+        raise ShapeMismatch(f"{len(labels)} labels are too long for the head of a C3D file.")
     head = bytes([1, KEY, blocks, Processor.INTEL])
     return _padded(head + records(2 + blocks)), 2 + blocks
 

@@ -23,7 +23,7 @@ from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.exchange.regular_file import open_regular
-from solver_backend.io.markers.source import MarkerSource, MarkerTake, as_take
+from solver_backend.io.markers.source import MarkerSource
 
 SUFFIX = ".recording"
 """Added to the name of the file that the recording becomes."""
@@ -169,22 +169,13 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
         yield part[:filled]
 
 
-def read_live_recording(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_live_recording(path: Path) -> MarkerSource:
     """Read a live recording that was not finished, up to where it ends.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the recording states, or its times.
-        unit: the points' unit; None takes the one that the live run found.
-        up_axis: their axis that points up; None takes the one that the live run found.
 
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is larger than a take is, or holds no whole frame.
         NoDetections: no frame has points.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = require_file(path)
     try:
@@ -195,18 +186,13 @@ def read_live_recording(
             [positions] = read_parts(stream, extent.most, extent.frames)
     except OSError as error:
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
-    known = extent.to_metres is not None and unit is None and up_axis is None
-    if known:
-        positions = positions @ np.asarray(extent.to_metres, np.float32).T
     problems = [diagnostic("live_recording_incomplete", kind="unfinished", count=extent.frames, time=extent.last)]
     if extent.damaged:
         problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))
-    source = MarkerSource(
+    return MarkerSource(
         path, "live recording", positions.astype(np.float64), ("",) * extent.most, extent.rate, "m", "z",
-        unit="m" if known else "", up_axis="z" if known else "",
-        problems=tuple(problems),
+        to_metres=extent.to_metres, problems=tuple(problems),
     )  # fmt: skip
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _require_frames(extent: LiveExtent, path: Path) -> None:

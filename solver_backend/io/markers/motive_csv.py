@@ -20,15 +20,15 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.so3 import matrix_from_quat
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerSource, MarkerTake, RigidBodies, as_take
+from solver_backend.io.markers.source import MarkerSource, RigidBodies
 from solver_backend.io.markers.text_table import (
-    frame_problems,
+    delimiter_of,
+    frame_facts,
     header_cells,
     number_in,
-    number_table,
-    stated_rate,
+    read_numbers,
+    split_rows,
     triples,
-    with_whole_decimals,
 )
 from solver_backend.io.recognition.marker_labels import prefix_of
 
@@ -105,26 +105,16 @@ MEASURED = "marker"
 _KNOWN_TYPES = (MEASURED, "rigid body", "bone", "skeleton")
 
 
-def read_motive_csv(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_motive_csv(path: Path) -> MarkerSource:
     """Read the markers of a CSV file of Motive, and the poses of rigid bodies whose markers it does not hold.
 
     Bones, which Motive computes from markers, are left out.
 
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes what the file states.
-        up_axis: its axis that points up; None takes Y, or how the body stands.
-
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is truncated, has no header, or states no frame rate.
+        FileDamaged: it is truncated, has no header.
         NoDetections: it holds no markers but rigid bodies, or none is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:30]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:30])):
@@ -140,49 +130,40 @@ def read_motive_csv(
             hint="Export it again.",
         )
     # Spreadsheets of many countries save with semicolons and decimal commas.
-    delimiter = max(",;\t", key=lines[at].count)
+    delimiter = delimiter_of(lines[at])
     whole = lines[0].lstrip('" ').lower().startswith(_FIRST_LINE)
     cells = header_cells(lines[0], delimiter) if whole else []
     meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
     header = [header_cells(line, delimiter) for line in lines[whole : at + 1] if line.strip(f'{delimiter} "')]
     columns, labels, notes = _markers(header, path)
     bodies, of_bodies = motive_bodies(header, labels, meta.get("rotation type", ""))
-    data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
-    quoted = bool(data) and '"' in data[0]
-    rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
-    rows = with_whole_decimals(rows, len(header[-1]), 1, path)
-    values = _table(rows, at + 2, path, comma=delimiter != "," or quoted)
+    rows = split_rows((line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')), delimiter)
+    for row in rows:
+        if len(row) > 2 and ":" in row[2]:  # a time code
+            row[2] = ""
+    values = read_numbers(rows, at + 2, path, width=len(header[-1]))
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
-    rate, contradicted = stated_rate(rate, values[:, 1:2].ravel())
-    numbers = values[:, 0] if values.size else np.zeros(0)
-    source = MarkerSource(
+    length = number_in(meta.get("total exported frames"))
+    frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length, first=0)
+    return MarkerSource(
         path=path,
         format=f"Motive CSV {meta.get('format version', '')}".strip(),
         positions=triples(values, columns),
         labels=labels,
-        rate=rate,
+        rate=frames.rate,
         default_unit="m",
         default_up_axis="y",
         unit=meta.get("length units", ""),
-        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
+        first_frame=frames.first,
         bodies=None if bodies is None else bodies.poses(values),
         notes=(*notes, *of_bodies),
-        problems=(*frame_problems(numbers, number_in(meta.get("total exported frames"))), *contradicted),
+        problems=frames.problems,
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def begins_as_motive(head: str) -> bool:
     """Return whether a file begins as Motive's do, or with their row of types where the first line was cut away."""
     return head.lstrip('" ').lower().startswith(_FIRST_LINE) or bool(_TYPES.search(head))
-
-
-def _table(rows: list[list[str]], first_line: int, path: Path, *, comma: bool) -> np.ndarray:
-    """Return the rows' numbers; a time code, the one cell that is none, is blanked."""
-    for row in rows:
-        if len(row) > 2 and ":" in row[2]:
-            row[2] = ""
-    return number_table(rows, first_line, path, comma=comma)
 
 
 def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str, ...], tuple[Diagnostic, ...]]:

@@ -18,16 +18,14 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, as_take, left_out_note
+from solver_backend.io.markers.source import MarkerSource, left_out_note
 from solver_backend.io.markers.text_table import (
-    ROWS_LOOKED_AT,
-    decimal_comma,
-    frame_problems,
+    delimiter_of,
+    frame_facts,
     header_cells,
     number_in,
-    number_table,
+    read_numbers,
     triples,
-    with_whole_decimals,
 )
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import is_model_output
@@ -36,24 +34,14 @@ SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "e
 """What a file may hold; markers are in the first."""
 
 
-def read_nexus_csv(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_nexus_csv(path: Path) -> MarkerSource:
     """Read the trajectories of a CSV or text file of Nexus.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes what the file states.
-        up_axis: its axis that points up; None takes Z, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is truncated, is none of Nexus, or states no frame rate.
+        FileDamaged: it is truncated, is none of Nexus.
         NoDetections: it holds no trajectories but other sections, or no marker is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if "trajectories" not in sections:
@@ -62,30 +50,25 @@ def read_nexus_csv(
     for start in _starts(lines, "trajectories"):
         delimiter, block = _block(lines, start, path)
         blocks.append(block)
-    # Nexus writes one block; scripts that join exports write one a subject.
+    # Nexus writes one block; scripts that join exports write one per subject.
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
-    problems = frame_problems(blocks[0].numbers, None)
-    if len(same) < len(blocks):
-        problems += (
-            diagnostic("parts_not_read", kind="blocks", severity=Severity.WARNING, count=len(blocks) - len(same)),
-        )
-    numbers = blocks[0].numbers
-    source = MarkerSource(
+    frames = frame_facts(blocks[0].numbers, rate=_rate(lines[sections["trajectories"] + 1], delimiter))
+    count = len(blocks) - len(same)
+    left = [diagnostic("parts_not_read", kind="blocks", severity=Severity.WARNING, count=count)] if count else []
+    return MarkerSource(
         path=path,
         format="Nexus CSV",
         positions=np.concatenate([block.positions for block in same], axis=1),
         labels=tuple(label for block in same for label in block.labels),
-        rate=_rate(lines[sections["trajectories"] + 1], delimiter),
+        rate=frames.rate,
         default_unit="mm",
         default_up_axis="z",
         unit=blocks[0].unit,
-        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
-        events=_events(lines, sections, delimiter),
+        first_frame=frames.first,
         analog_channels=_devices(lines, sections, delimiter),
         notes=left_out_note(sum(block.outputs for block in same)),
-        problems=problems,
+        problems=(*frames.problems, *left),
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 @dataclass(frozen=True)
@@ -112,16 +95,14 @@ def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _Trajecto
             where=str(path),
             hint="Export it again.",
         )
-    delimiter = max(",;\t", key=lines[at].count)
+    delimiter = delimiter_of(lines[at])
     axes, names = header_cells(lines[at], delimiter), header_cells(lines[at - 1], delimiter)
     points = {i: _cell(names, i) for i in range(len(axes) - 2) if axes[i : i + 3] == ["X", "Y", "Z"]}
     markers = {i: label for i, label in points.items() if not is_model_output(label)}
     units = header_cells(lines[at + 1], delimiter) if at + 1 < len(lines) else []
     has_units = bool(units) and not units[0]
     first = at + (2 if has_units else 1)
-    rows = with_whole_decimals(_rows(lines[first:], delimiter), len(axes), 2, path)
-    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
-    values = number_table(rows, first + 1, path, comma=comma)
+    values = read_numbers(_rows(lines[first:], delimiter), first + 1, path, width=len(axes), leading=2)
     return delimiter, _TrajectoryBlock(
         numbers=values[:, 0] if len(values) else np.zeros(0),
         positions=triples(values, tuple(markers)),
@@ -185,18 +166,6 @@ def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
             break
         rows.append(cells)
     return rows
-
-
-def _events(lines: Sequence[str], sections: dict[str, int], delimiter: str) -> tuple[MarkerEvent, ...]:
-    """Return the section 'Events': rows of subject, context, name and time in seconds."""
-    if "events" not in sections:
-        return ()
-    start = sections["events"] + 1
-    at = next((i for i in range(start, min(start + 4, len(lines))) if lines[i].lower().startswith("subject")), None)
-    rows = _rows(lines[at + 1 :], delimiter) if at is not None else []
-    cells = [[cell.strip() for cell in row] for row in rows if len(row) >= 4]
-    timed = [(row, number_in(row[3])) for row in cells]
-    return tuple(MarkerEvent(row[2], time, row[1], row[0]) for row, time in timed if time is not None)
 
 
 def _devices(lines: Sequence[str], sections: dict[str, int], delimiter: str) -> tuple[str, ...]:

@@ -18,14 +18,12 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.json_file import read_json_file
 from solver_backend.io.files import LONGEST_HEADING, read_text
-from solver_backend.io.markers.source import MarkerSource, MarkerTake, as_take
+from solver_backend.io.markers.source import MarkerSource
 from solver_backend.io.markers.text_table import (
-    ROWS_LOOKED_AT,
-    decimal_comma,
-    frame_problems,
+    delimiter_of,
+    frame_facts,
     header_cells,
-    number_table,
-    rate_of,
+    read_numbers,
     triples,
     with_whole_decimals,
 )
@@ -62,24 +60,14 @@ def begins_as_points(head: str) -> bool:
     return bool(lines) and _layout(lines) is not None
 
 
-def read_point_table(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_point_table(path: Path) -> MarkerSource:
     """Read the points of a table.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes them from a column of seconds.
-        unit: its length unit; None takes it from the headings, or estimates it from the points' spread.
-        up_axis: its axis that points up; None takes how the body stands.
 
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is no such table, a cell is no number, or the frame rate is neither given nor in it.
         NoDetections: no point is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     found = _layout(lines[:_HEADING_LINES])
     if found is None:
@@ -88,28 +76,25 @@ def read_point_table(
             where=str(path), hint="Export it again with its headings.",
         )  # fmt: skip
     first, headings, columns, stated = found
-    delimiter = _delimiter(lines[first - 1])
+    delimiter = delimiter_of(lines[first - 1])
     try:
         rows = list(csv.reader(lines[first:], delimiter=delimiter))
     except csv.Error as error:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
     leading = sum(heading in (*_FRAMES, *_NAMES) for heading in headings[:2])
     rows = with_whole_decimals(rows, len(headings), leading, path)
-    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     if columns:
         kept = {x + k for x in columns.values() for k in range(3)}
-        values = number_table(_numbers_alone(rows, headings, kept), first + 1, path, comma=comma)
+        values = read_numbers(_numbers_alone(rows, headings, kept), first + 1, path)
         positions, labels = triples(values, list(columns.values())), tuple(columns)
     else:
-        values, positions, labels = _from_long(rows, headings, first, path, comma=comma)
-    numbers, times = (_column(values, headings, names) for names in (_FRAMES, _TIMES))
-    source = MarkerSource(
+        values, positions, labels = _from_long(rows, headings, first, path)
+    frames = frame_facts(*(_column(values, headings, names) for names in (_FRAMES, _TIMES)), first=0)
+    return MarkerSource(
         path=path, format="Table of points", positions=positions, labels=labels,
-        rate=None if times is None else rate_of(times), default_unit="mm", default_up_axis="z", unit=stated,
-        first_frame=0 if numbers is None or not np.isfinite(numbers[:1]).all() else int(numbers[0]),
-        problems=() if numbers is None else frame_problems(numbers, None),
+        rate=frames.rate, default_unit="mm", default_up_axis="z", unit=stated, first_frame=frames.first,
+        problems=frames.problems,
     )  # fmt: skip
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
@@ -118,11 +103,11 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
     Points have no columns in long tables; None where the lines are no headings of a table of points.
     """
     for at, line in enumerate(lines):
-        cells = header_cells(line, _delimiter(line))
+        cells = header_cells(line, delimiter_of(line))
         plain = [cell.lower() for cell in cells]
         if {"x", "y", "z"} <= set(plain) and set(plain) & set(_NAMES) and set(plain) & {*_FRAMES[:-1], *_TIMES}:
             return at + 1, plain, {}, ""
-        above = header_cells(lines[at - 1], _delimiter(lines[at - 1])) if at else []
+        above = header_cells(lines[at - 1], delimiter_of(lines[at - 1])) if at else []
         for names in (cells, _spread(above, plain)):
             columns, unit = _points(names)
             if len(columns) >= LEAST_POINTS:
@@ -153,10 +138,6 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
     return columns, unit
 
 
-def _delimiter(line: str) -> str:
-    return max(",;\t", key=line.count)
-
-
 def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], points: set[int]) -> list[list[str]]:
     """Return the rows with blanks where neither a point nor the frame's number or time stands: there may be words."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
@@ -170,13 +151,13 @@ def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -
 
 
 def _from_long(
-    rows: Sequence[list[str]], headings: Sequence[str], first: int, path: Path, *, comma: bool
+    rows: Sequence[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the numbers of each frame's first row, (F, M, 3) positions and their labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]
-    values = number_table(_numbers_alone(rows, headings, set(axes)), first + 1, path, comma=comma)
+    values = read_numbers(_numbers_alone(rows, headings, set(axes)), first + 1, path)
     values = np.pad(values, ((0, 0), (0, max(0, len(headings) - values.shape[1]))), constant_values=np.nan)
     moment = _column(values, headings, _FRAMES[:-1])
     moment = _column(values, headings, _TIMES) if moment is None else moment
@@ -214,26 +195,17 @@ def is_point_array(path: Path) -> bool:
     return array.ndim == 3 and array.shape[-1] == 3
 
 
-def read_point_array(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_point_array(path: Path) -> MarkerSource:
     """Read (F, N, 3) points, NaN where missing, and their N names.
 
     Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` beside the array ``NAME.npy``: one a line,
     or a list of texts. Without such a file they are those of the only joint set that has N points.
 
-    Args:
-        path: the array.
-        fps: frames per second, which no array states.
-        unit: its length unit; None estimates it.
-        up_axis: its axis that points up; None takes how the body stands.
-
     Raises:
-        FileDamaged: it is no array of numbers, it has another number of names, or no frame rate is given.
+        FileDamaged: it is no array of numbers, it has another number of names.
         FileMissing: there are no names.
         NoDetections, JobInvalid: see ``as_take``.
     """
-    path = Path(path)
     try:
         array = np.load(path, allow_pickle=False)
     except (ValueError, OSError, EOFError) as error:
@@ -244,11 +216,10 @@ def read_point_array(
             where=str(path), hint="Save the points of one person.",
         )  # fmt: skip
     names, notes = _names(path, array.shape[1])
-    source = MarkerSource(
+    return MarkerSource(
         path=path, format="NumPy array", positions=array.astype(np.float64), labels=names, rate=None,
         default_unit="mm", default_up_axis="z", first_frame=0, notes=notes,
     )  # fmt: skip
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:

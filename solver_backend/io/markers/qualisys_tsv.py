@@ -19,17 +19,13 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BackendMissing, CaptureNotRecognised, FileDamaged, FileMissing
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, RigidBodies, as_take
+from solver_backend.io.markers.source import MarkerSource, RigidBodies
 from solver_backend.io.markers.text_table import (
-    ROWS_LOOKED_AT,
     between_tabs,
-    decimal_comma,
-    frame_problems,
+    frame_facts,
     number_in,
-    number_table,
-    stated_rate,
+    read_numbers,
     triples,
-    with_whole_decimals,
 )
 
 WORDS = 16
@@ -80,30 +76,20 @@ FIRST_LINE = "NO_OF_FRAMES"
 """How the files begin."""
 
 
-def read_qualisys_tsv(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_qualisys_tsv(path: Path) -> MarkerSource:
     """Read the markers of a TSV file of QTM.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes mm, or estimates it from the markers' spread.
-        up_axis: its axis that points up; None takes Z, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is truncated, is none of QTM, or states no frame rate.
+        FileDamaged: it is truncated, is none of QTM.
         CaptureNotRecognised: it holds 2D or 6D data.
         NoDetections: it holds no markers, or none is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     lines = _lines(path)
     if not lines or not lines[0].strip().upper().startswith(FIRST_LINE):
         raise FileDamaged(f"The file is not one of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
     first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
-    header, events = _header(lines[:first])
+    header = _header(lines[:first])
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
     if included.strip() and "3D" not in included.upper():
         beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{ENDING}.tsv."
@@ -113,31 +99,28 @@ def read_qualisys_tsv(
         )  # fmt: skip
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     timed = 2 if "FRAME" in header else 0
-    values = _numbers(lines, first, path, timed + 3 * len(labels), timed // 2)
+    values = _numbers(lines, first, path, width=timed + 3 * len(labels), leading=timed // 2)
     stated = number_in(" ".join(header.get("NO_OF_MARKERS", [])))
     count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
     before = 2 if "FRAME" in header or _has_frame_columns(values, count) else 0
+    rate, length = (number_in(" ".join(header.get(name, []))) for name in ("FREQUENCY", FIRST_LINE))
     numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
-    times = values[:, 1] if before else np.zeros(0)
-    rate, contradicted = stated_rate(number_in(" ".join(header.get("FREQUENCY", []))), times)
+    frames = frame_facts(numbers, values[:, 1] if before else np.zeros(0), rate, length)
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
         problems = (diagnostic("count_not_as_stated", items="names", stated=stated, count=count),)
-    frames = number_in(" ".join(header.get(FIRST_LINE, [])))
-    source = MarkerSource(
+    return MarkerSource(
         path=path,
         format="Qualisys TSV",
         positions=triples(values, range(before, before + 3 * count, 3)),
         labels=(*labels, *[""] * (count - len(labels))),
-        rate=rate,
+        rate=frames.rate,
         default_unit="mm",
         default_up_axis="z",
-        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
-        events=events,
+        first_frame=frames.first,
         bodies=_bodies_beside(path, len(values)),
-        problems=(*problems, *frame_problems(numbers, frames), *contradicted),
+        problems=(*problems, *frames.problems),
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
@@ -147,7 +130,7 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
         return None
     lines = _lines(beside)
     first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
-    return qualisys_bodies(_header(lines[:first])[0], _numbers(lines, first, beside), frames)
+    return qualisys_bodies(_header(lines[:first]), _numbers(lines, first, beside), frames)
 
 
 def _lines(path: Path) -> list[str]:
@@ -157,19 +140,9 @@ def _lines(path: Path) -> list[str]:
 
 
 def _numbers(lines: list[str], first: int, path: Path, width: int = 0, leading: int = 0) -> np.ndarray:
-    """Return the numbers of the frames, which begin at a line.
-
-    Args:
-        lines: of the file.
-        first: line of the first frame.
-        path: the file.
-        width: cells that a row should have, 0 where nobody knows.
-        leading: of these, first ones without decimals.
-    """
+    """Return the numbers of the frames, which begin at a line; see ``read_numbers``."""
     rows = [line.split("\t") for line in lines[first:] if line.strip()]
-    rows = with_whole_decimals(rows, width, leading, path) if width else rows
-    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
-    return number_table(rows, first + 1, path, comma=comma)
+    return read_numbers(rows, first + 1, path, width=width, leading=leading)
 
 
 def _starts_with_number(line: str) -> bool:
@@ -178,17 +151,13 @@ def _starts_with_number(line: str) -> bool:
     return bool(cells) and number_in(cells[0]) is not None
 
 
-def _header(lines: list[str]) -> tuple[dict[str, list[str]], tuple[MarkerEvent, ...]]:
-    """Return the values of every name, and the events: EVENT, label, frame, time."""
+def _header(lines: list[str]) -> dict[str, list[str]]:
+    """Return the values of every name in capitals."""
     header: dict[str, list[str]] = {}
-    events: list[MarkerEvent] = []
     for line in lines:
         name, *cells = (cell.strip() for cell in line.split("\t"))
-        if name.upper() == "EVENT" and len(cells) >= 3 and (time := number_in(cells[2])) is not None:
-            events.append(MarkerEvent(cells[0], time))
-        else:
-            header.setdefault(name.upper(), cells)
-    return header, tuple(events)
+        header.setdefault(name.upper(), cells)
+    return header
 
 
 def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
@@ -205,16 +174,8 @@ KINDS = ("Labeled", "Unidentified")
 """Groups of trajectories that are read; those that somebody discarded are not."""
 
 
-def read_qualisys_mat(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_qualisys_mat(path: Path) -> MarkerSource:
     """Read the trajectories of a MATLAB file of QTM.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes mm, or estimates it from the markers' spread.
-        up_axis: its axis that points up; None takes Z, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
@@ -222,9 +183,7 @@ def read_qualisys_mat(
         FileDamaged: it is truncated, or no MATLAB file of version 5 to 7.2.
         CaptureNotRecognised: it is none of QTM, or of MATLAB 7.3.
         NoDetections: it holds no markers, or none is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     record = _record(path)
     parts, labels = [], []
     for kind in KINDS:
@@ -240,12 +199,11 @@ def read_qualisys_mat(
     if len({part.shape[-1] for part in parts}) > 1 or any(part.shape[1] != 3 for part in parts):
         raise FileDamaged("The file's trajectories are of different lengths, or no points.", where=str(path))
     positions = np.concatenate(parts) if parts else np.zeros((0, 3, frames))
-    source = MarkerSource(
+    return MarkerSource(
         path=path, format="Qualisys MAT", positions=np.moveaxis(positions, 2, 0), labels=tuple(labels),
         rate=None if rate is None else float(rate), default_unit="mm", default_up_axis="z",
         first_frame=int(start) if np.isfinite(start) else 1,
     )  # fmt: skip
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _record(path: Path) -> Any:

@@ -10,6 +10,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised
 from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.files import as_text
+from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
@@ -17,7 +18,7 @@ from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_c
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.point_table import begins_as_points, is_point_array, read_point_array, read_point_table
 from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_mat, read_qualisys_tsv
-from solver_backend.io.markers.source import MarkerTake
+from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
@@ -27,20 +28,21 @@ _HEAD_BYTES = 65536
 
 
 def _row(
-    kind: str,
-    suffixes: tuple[str, ...],
-    read: Callable[..., MarkerTake],
+    kind: str, suffixes: tuple[str, ...], read: Callable[[Path], MarkerSource],
     begins: Callable[[str], bool] | None = None,
-) -> Reader[MarkerTake]:
+) -> Reader[MarkerTake]:  # fmt: skip
     """Return the reader of files with these endings, where several formats share one that begin as this one does."""
 
     def recognises(path: Path) -> bool:
         return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
 
-    def with_options(path: Path, options: ReadOptions) -> MarkerTake:
-        return read(path, fps=options.fps, unit=options.unit, up_axis=options.up_axis)
+    return _interpreted(f"{kind} ({', '.join(suffixes)})", recognises, read)
 
-    return Reader(f"{kind} ({', '.join(suffixes)})", recognises, with_options)
+
+def _interpreted(
+    kind: str, recognises: Callable[[Path], bool], read: Callable[[Path], MarkerSource]
+) -> Reader[MarkerTake]:
+    return Reader(kind, recognises, lambda path, options: interpret_markers(read(path), options), MARKER_OPTIONS)
 
 
 def _head(path: Path) -> str:
@@ -52,17 +54,13 @@ def _head(path: Path) -> str:
         return ""
 
 
-def _read_array(path: Path, options: ReadOptions) -> MarkerTake:
-    return read_point_array(path, fps=options.fps, unit=options.unit, up_axis=options.up_axis)
-
-
 MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("C3D", (".c3d",), read_c3d),
     _row("TRC", (".trc",), read_trc),
     _row("TRC", (".csv", ".txt", ".tsv"), read_trc, lambda head: head.lower().startswith(FILE_TYPE)),
     _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, begins_as_motive),
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
-    Reader("array of 3D points (.npy)", is_point_array, _read_array),
+    _interpreted("array of 3D points (.npy)", is_point_array, read_point_array),
     _row("Qualisys TSV", (".tsv", ".txt", ".csv"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
     _row("Qualisys MATLAB file", (".mat",), read_qualisys_mat),
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
@@ -77,12 +75,12 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
     Args:
         path: the file.
         readers: asked in this order.
-        options: fields of ``ReadOptions``: fps, unit and up_axis count.
+        options: fps, unit and up_axis of ``ReadOptions``.
 
     Raises:
         FileMissing: there is no such file.
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: the frame rate, unit or axis is impossible.
+        JobInvalid: the frame rate, unit or axis is impossible, or another option is given.
         MocapError: whatever else the reader raises.
     """
     path, chosen = require_file(path), ReadOptions(**options)
@@ -92,7 +90,7 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
         raise CaptureNotRecognised(
             "The file is not a recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
         )
-    return reader.read(path, chosen)
+    return reader.open(path, chosen)
 
 
 WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}

@@ -1,10 +1,14 @@
-"""Tables of numbers in text, as recording programs export them: blanks, words for missing, rows of unequal length."""
+"""The core of all readers of text tables: separators, decimal commas, blanks, words for missing, frames and rates.
+
+A format describes where its header, rows and columns are. What is the same in all of them is here.
+"""
 
 from __future__ import annotations
 
 import csv
 import re
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +36,16 @@ LARGEST = 1e30
 """Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
 
 
+def delimiter_of(line: str) -> str:
+    """Return what separates a line's cells: a comma, a semicolon or a tab."""
+    return max(",;\t", key=line.count)
+
+
+def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of lines, quotes around them removed."""
+    return [header_cells(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
+
+
 def header_cells(line: str, delimiter: str) -> list[str]:
     """Return a header line's cells without blanks and quotes around them."""
     try:
@@ -48,6 +62,24 @@ def is_number(cell: str) -> bool:
     except ValueError:
         return False
     return True
+
+
+def read_numbers(
+    rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
+) -> np.ndarray:
+    """Return the numbers of a table whose decimals are written with points or commas, see ``number_table``.
+
+    Args:
+        rows: the cells of each row.
+        first_line: the line of the first row, from 1, for messages.
+        path: the file, for messages.
+        width: cells that a row should have, 0 where that is not known.
+        leading: first cells without decimals, such as the frame's number.
+        sure: see ``with_whole_decimals``.
+    """
+    rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
+    return number_table(rows, first_line, path, comma=comma)
 
 
 def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, comma: bool = False) -> np.ndarray:
@@ -233,6 +265,41 @@ def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnosti
         before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
         problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
     return tuple(problems)
+
+
+@dataclass(frozen=True)
+class FrameFacts:
+    """What a table states about its frames."""
+
+    first: int
+    """The file's number of the first frame."""
+    rate: float | None
+    """Frames per second, None where neither header nor times give it."""
+    problems: tuple[Diagnostic, ...]
+    """Frame numbers, counts or times that contradict each other."""
+
+
+def frame_facts(
+    numbers: np.ndarray | None,
+    times: np.ndarray | None = None,
+    rate: float | None = None,
+    count: float | None = None,
+    first: int = 1,
+) -> FrameFacts:
+    """Return first frame and rate of a table.
+
+    Args:
+        numbers: (F,) column of frame numbers, None without one.
+        times: (F,) column of seconds, None without one.
+        rate: frames per second that the header states.
+        count: number of frames that the header states.
+        first: number of the first frame where the column does not give it.
+    """
+    rate, contradicted = (rate, ()) if times is None else stated_rate(rate, times)
+    if numbers is None:
+        return FrameFacts(first, rate, contradicted)
+    known = len(numbers) > 0 and bool(np.isfinite(numbers[0]))
+    return FrameFacts(int(numbers[0]) if known else first, rate, (*frame_problems(numbers, count), *contradicted))
 
 
 def number_in(cell: str | None) -> float | None:

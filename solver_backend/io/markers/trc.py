@@ -16,18 +16,15 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.exchange.outputs import write_text
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerSource, MarkerTake, as_take
+from solver_backend.io.markers.source import MarkerSource
 from solver_backend.io.markers.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,
-    decimal_comma,
-    frame_problems,
+    frame_facts,
     is_number,
     number_in,
-    number_table,
-    stated_rate,
+    read_numbers,
     triples,
-    with_whole_decimals,
 )
 from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
@@ -39,24 +36,14 @@ _HEADER_LINES = 20
 """Lines in which the labels must come."""
 
 
-def read_trc(
-    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
-) -> MarkerTake:
+def read_trc(path: Path) -> MarkerSource:
     """Read the markers of a TRC file.
-
-    Args:
-        path: the file.
-        fps: frames per second; None takes what the file states.
-        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
-        up_axis: its axis that points up, which no TRC file states; None infers it from how the body stands.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is truncated, is not TRC, or states no frame rate.
+        FileDamaged: it is truncated, is not TRC.
         NoDetections: it holds no markers, or none is ever seen.
-        JobInvalid: the rate, unit or axis that is given is impossible.
     """
-    path = Path(path)
     lines = read_text(path).splitlines()
     heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
     lines = between_tabs(lines, heading)
@@ -66,30 +53,28 @@ def read_trc(
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
-    if labels:  # other numbers may be of points without labels, or of a header whose decimal commas shifted it
-        rows = with_whole_decimals(rows, 2 + 3 * len(labels), 1, path, sure=stated == len(labels))
-    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
-    values = number_table(rows, first + 1, path, comma=comma)
+    # Other numbers may be of points without labels, or of a header whose decimal commas shifted it.
+    width = 2 + 3 * len(labels) if labels else 0
+    values = read_numbers(rows, first + 1, path, width=width, sure=stated == len(labels))
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
         problems = (diagnostic("count_not_as_stated", items="markers", stated=stated, count=count),)
-    rate, rate_problems = stated_rate(number_in(header.get("datarate")), values[:, 1:2].ravel())
-    numbers = values[:, 0] if len(values) else np.zeros(0)
-    source = MarkerSource(
+    rate, length = number_in(header.get("datarate")), number_in(header.get("numframes"))
+    frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
+    return MarkerSource(
         path=path,
         format="TRC",
         positions=triples(values, range(2, 2 + 3 * count, 3)),
         labels=(*labels, *[""] * (count - len(labels))),
-        rate=rate,
+        rate=frames.rate,
         default_unit="mm",
         default_up_axis="y",
         unit=header.get("units", ""),
-        first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
-        problems=(*problems, *rate_problems, *frame_problems(numbers, number_in(header.get("numframes")))),
+        first_frame=frames.first,
+        problems=(*problems, *frames.problems),
     )
-    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
 def _line_of(start: str, lines: list[str], path: Path) -> int:

@@ -159,4 +159,4 @@ def is_amass(path: Path) -> bool:
     return "format" not in names and ("poses" in names or "pose_body" in names)
 
 
-READER = Reader("AMASS .npz", is_amass, lambda path, options: read_amass(path, fps=options.fps))
+READER = Reader("AMASS .npz", is_amass, lambda path, options: read_amass(path, fps=options.fps), frozenset({"fps"}))

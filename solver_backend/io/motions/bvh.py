@@ -258,7 +258,7 @@ def _read(path: Path, options: ReadOptions) -> BvhClip:
     return read_bvh(path, metres_per_unit=scale, up_axis=options.up_axis or "y")
 
 
-READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read)
+READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, frozenset({"unit", "up_axis"}))
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:

@@ -13,7 +13,7 @@ from solver_backend.camera_calibration.adjustment.lens import Lens, lens_of
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid, FileDamaged, FileMissing
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.files import read_text
 from solver_backend.io.recognition.camera_names import natural_key
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings

@@ -14,7 +14,7 @@ from solver_backend.cameras.refinement import rotated_back
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import in_video_pixels
 from solver_backend.videos.files.video import probe, read_pictures

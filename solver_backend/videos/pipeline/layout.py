@@ -9,7 +9,7 @@ from itertools import product
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, MocapError
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import find_calibration, is_calibration_folder
 from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of, is_picture, is_video, join_chapters
 from solver_backend.io.recognition.camera_names import name_key, natural_key

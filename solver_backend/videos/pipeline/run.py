@@ -21,7 +21,7 @@ from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.world_settings import world_values
 from solver_backend.fitters.pipeline import solve
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.native.capture_file import read_capture, write_capture

@@ -11,6 +11,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.markers.c3d import read_c3d
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
+from tests.support.marker_reading import missing, taken
 from tests.support.words import codes, facts, words
 
 
@@ -32,7 +33,7 @@ def test_every_processor_and_number_gives_the_same_markers(tmp_path: Path, proce
     assert (found.cloud.labels, found.cloud.fps) == (LABELS, 100.0)
     report = found.report
     assert (report.unit, report.up_axis, report.frames, report.first_frame) == ("mm", "z", 12, 1)
-    assert (report.gaps, report.missing, report.analog_channels) == ((0, 1, 1, 0), (0, 1, 1, 0), channels)
+    assert (missing(found), report.analog_channels) == ((0, 1, 1, 0), channels)
     assert any("2 analog channels (forces, muscles) are not read: Fx1, Fy1." in note for note in words(report.notes))
     assert report.problems == ()
 
@@ -64,7 +65,7 @@ def test_infinite_and_nan_are_missing(tmp_path: Path) -> None:
     points = standing()
     points[1, 1, 0], points[2, 2, 1] = np.inf, np.nan
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS))
-    assert found.report.missing == (0, 1, 1, 0)
+    assert missing(found) == (0, 1, 1, 0)
 
 
 def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ def test_a_header_that_states_channels_instead_of_samples(tmp_path: Path) -> Non
     data = bytearray(C3dBytes(points, LABELS, channels=("Fx", "Fy"), samples=10).to_bytes())
     data[4:6] = (2).to_bytes(2, "little")
     (tmp_path / "take.c3d").write_bytes(data)
-    np.testing.assert_allclose(read_c3d(tmp_path / "take.c3d").cloud.positions, points / 1000, atol=1e-7)
+    np.testing.assert_allclose(taken(read_c3d, tmp_path / "take.c3d").cloud.positions, points / 1000, atol=1e-7)
 
 
 @pytest.mark.parametrize(
@@ -192,7 +193,7 @@ def test_entries_that_state_another_frame_rate_are_named(
     assert (
         f"several frame rates: 100 is read, but {named}" in words(take(tmp_path / "take.c3d", file).report.problems)[0]
     )
-    assert read_c3d(tmp_path / "take.c3d", fps=50.0).report.problems == ()
+    assert taken(read_c3d, tmp_path / "take.c3d", fps=50.0).report.problems == ()
 
 
 def test_the_first_frame_and_one_frame(tmp_path: Path) -> None:
@@ -200,24 +201,6 @@ def test_the_first_frame_and_one_frame(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, first=479))
     assert (found.report.frames, found.report.first_frame) == (1, 479)
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-
-
-def test_events_of_the_header_and_of_the_group(tmp_path: Path) -> None:
-    file = C3dBytes(standing(), LABELS, MIPS, header_events=(("RHS", 0.25), ("LTO", 1.5)))
-    events = take(tmp_path / "take.c3d", file).report.events
-    assert [(event.label, event.time, event.context) for event in events] == [("RHS", 0.25, ""), ("LTO", 1.5, "")]
-    file.more = {
-        "EVENT": {
-            "USED": file.ints(2), "LABELS": file.text(["Foot Strike", "Foot Off"]),
-            "CONTEXTS": file.text(["Left", "Right"]), "TIMES": (4, (2, 2), file.real(0.0, 2.5, 1.0, 3.0)),
-            "SUBJECTS": file.text(["Ann", "Ann"]),
-        }
-    }  # fmt: skip
-    events = take(tmp_path / "take.c3d", file).report.events
-    assert [(e.label, e.time, e.context, e.subject) for e in events] == [
-        ("Foot Strike", 2.5, "Left", "Ann"),
-        ("Foot Off", 63.0, "Right", "Ann"),
-    ]
 
 
 def test_computed_points_are_left_out(tmp_path: Path) -> None:

@@ -12,6 +12,7 @@ from solver_backend.io.captures.optical_markers import of_subject
 from solver_backend.io.markers.c3d import read_c3d
 from tests.support.c3d_bytes import C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
+from tests.support.marker_reading import taken
 from tests.support.words import codes, facts, words
 
 
@@ -91,7 +92,7 @@ def test_locked_parameters_are_read(tmp_path: Path) -> None:
 
 def test_files_that_are_none(tmp_path: Path) -> None:
     with pytest.raises(FileMissing):
-        read_c3d(tmp_path / "none.c3d")
+        taken(read_c3d, tmp_path / "none.c3d")
     path, whole = tmp_path / "take.c3d", C3dBytes(standing(), LABELS).to_bytes()
     for data, message in [
         (b"", "is empty"),
@@ -103,8 +104,8 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     ]:
         path.write_bytes(data)
         with pytest.raises(FileDamaged, match=message):
-            read_c3d(path)
+            taken(read_c3d, path)
     path.write_bytes(whole[:-65])
-    found = read_c3d(path)
+    found = taken(read_c3d, path)
     assert found.report.frames == 10
     assert facts(found.report.problems) == ("The file states 12 frames but holds 10: it is truncated.",)

@@ -10,6 +10,7 @@ import pytest
 
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.io.markers.c3d import read_c3d
+from tests.support.marker_reading import taken
 from tests.support.words import words
 
 SEGMENTS = ("worldbody_4X4", "pelvis_4X4", "l_thigh_4X4", "r_uarm_4X4")
@@ -50,7 +51,7 @@ def test_origins_are_joint_centres(tmp_path: Path) -> None:
     seen[2, 1] = False
     path = tmp_path / "theia.c3d"
     path.write_bytes(file_of(origins, seen))
-    take = read_c3d(path, up_axis="z")
+    take = taken(read_c3d, path, up_axis="z")
     assert take.cloud.labels == ("pelvis", "left_thigh", "right_upper_arm") and take.cloud.fps == 85.0
     expected = np.where(seen[:, 1:, None], 0.001 * origins[:, 1:], np.nan)
     np.testing.assert_allclose(take.cloud.positions, expected, atol=1e-6)
@@ -63,12 +64,12 @@ def test_a_file_without_either_holds_no_markers(tmp_path: Path) -> None:
     path = tmp_path / "none.c3d"
     path.write_bytes(file_of(np.zeros((2, 4, 3)), np.ones((2, 4), dtype=bool), used=0))
     with pytest.raises(NoDetections, match="holds no markers"):
-        read_c3d(path)
+        taken(read_c3d, path)
 
 
 @pytest.mark.shared
 def test_theias_example_has_rigid_bones(shared_data: Path) -> None:
-    take = read_c3d(shared_data / "cases/markers/c3d_rotations/C3DRotationExample.c3d")
+    take = taken(read_c3d, shared_data / "cases/markers/c3d_rotations/C3DRotationExample.c3d")
     labels = take.cloud.labels or ()
     assert take.cloud.positions.shape == (340, 20, 3)
     hip, knee = (take.cloud.positions[:, labels.index(name)] for name in ("left_thigh", "left_shank"))

@@ -21,6 +21,7 @@ from solver_backend.io.markers.live_recording import (
     read_blocks,
     read_live_recording,
 )
+from tests.support.marker_reading import taken
 from tests.support.words import codes
 
 TO_METRES = 1e-3 * np.eye(3)[[0, 2, 1]] * [[1], [-1], [1]]
@@ -93,10 +94,10 @@ def test_recordings_without_frames_or_points_are_named(tmp_path: Path) -> None:
     for data, error in ((b"", FileDamaged), (MARK, FileDamaged), (b"text", FileDamaged)):
         path.write_bytes(data)
         with pytest.raises(error, match="no whole frame"):
-            read_live_recording(path)
+            taken(read_live_recording, path)
     path.write_bytes(pack_block(LiveBlock(0.0, np.zeros((0, 3)))))
     with pytest.raises(NoDetections, match="has points"):
-        read_live_recording(path)
+        taken(read_live_recording, path)
 
 
 @pytest.mark.slow
@@ -108,7 +109,7 @@ def test_a_few_bytes_cannot_ask_for_much_memory(tmp_path: Path) -> None:
         for _ in range(40):
             stream.write(empty * 10_000)
     with pytest.raises(FileDamaged, match="too many to be read at once"):
-        read_live_recording(path)
+        taken(read_live_recording, path)
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.io.markers.missing import without_sentinels
+from solver_backend.io.interpretation import without_sentinels
 from tests.support.words import facts
 from tests.support.worn_markers import worn_markers
 

@@ -11,11 +11,17 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
+from solver_backend.io.markers.source import MarkerTake
+from tests.support.marker_reading import missing, taken
 from tests.support.words import facts, words
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
 FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
 """Metres, Y up."""
+
+
+def read(path: Path, **options: object) -> MarkerTake:
+    return taken(read_motive_csv, path, **options)
 
 
 def columns(kind: str, name: str, quantity: str, axes: str, number: int = 0) -> list[tuple[str, ...]]:
@@ -74,7 +80,7 @@ def test_versions(tmp_path: Path, version: str) -> None:
     text = csv_text(
         measured(), rows(numbers(FIRST)), version=version, named_rows=new, parents=new, ids=version != "1.2"
     )
-    found = read_motive_csv(write(tmp_path / "take.csv", text))
+    found = read(write(tmp_path / "take.csv", text))
     expected = FIRST[:, [0, 2, 1]] * [1, -1, 1]
     np.testing.assert_allclose(found.cloud.positions, np.tile(expected, (3, 1, 1)), atol=1e-9)
     assert (found.cloud.labels, found.cloud.fps, found.report.format) == (MARKERS, 120.0, f"Motive CSV {version}")
@@ -84,7 +90,9 @@ def test_versions(tmp_path: Path, version: str) -> None:
 
 @pytest.mark.parametrize(("unit", "metres"), [("Millimeters", 1e-3), ("Centimeters", 1e-2), ("Inches", 0.0254)])
 def test_units(tmp_path: Path, unit: str, metres: float) -> None:
-    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(measured(), rows(numbers(FIRST / metres)), unit=unit)))
+    found = taken(
+        read_motive_csv, write(tmp_path / "t.csv", csv_text(measured(), rows(numbers(FIRST / metres)), unit=unit))
+    )
     np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-7)
 
 
@@ -105,7 +113,9 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
             + ","
             + numbers(FIRST)
         )
-    found = read_motive_csv(write(tmp_path / "t.csv", csv_text([*body, *measured()], rows(cells), rotation=rotation)))
+    found = taken(
+        read_motive_csv, write(tmp_path / "t.csv", csv_text([*body, *measured()], rows(cells), rotation=rotation))
+    )
     assert found.cloud.labels == MARKERS
     np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
     notes = " ".join(words(found.report.notes))
@@ -122,7 +132,9 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
 
 def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
     group = columns("Rigid Body Marker", "Wand:Marker1", "Position", "XYZ")
-    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"])))
+    found = taken(
+        read_motive_csv, write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"]))
+    )
     assert found.cloud.labels == ("Wand:Marker1",)
     assert any("not as measured" in note for note in words(found.report.notes))
 
@@ -131,68 +143,72 @@ def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
     lines = rows(numbers(FIRST), middle="15:26:46:12.02,")
     lines[1] = "1,0.008333,15:26:46:13.02,,,," + numbers(FIRST[1])
     lines[2] = "2,0.016667,15:26:46:14.02,0.1,1.6,-0.2"
-    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(measured(), lines, time_code=True, version="1.24")))
-    assert found.report.missing == (1, 1)
+    found = taken(
+        read_motive_csv, write(tmp_path / "t.csv", csv_text(measured(), lines, time_code=True, version="1.24"))
+    )
+    assert missing(found) == (1, 1)
     np.testing.assert_allclose(found.cloud.positions[1, 1], [0.12, -0.25, 0.03], atol=1e-9)
 
 
 def test_unlabelled_markers(tmp_path: Path) -> None:
     group = [*columns("Marker", "Unlabeled 1189", "Position", "XYZ"), *measured()]
-    found = read_motive_csv(write(tmp_path / "t.csv", csv_text(group, rows("1,1,1," + numbers(FIRST)))))
+    found = read(write(tmp_path / "t.csv", csv_text(group, rows("1,1,1," + numbers(FIRST)))))
     assert (found.report.unlabelled, found.report.subjects) == (("Unlabeled 1189",), ("Ann",))
 
 
 def test_rates(tmp_path: Path) -> None:
     for rates, fps in (("Capture Frame Rate,120.0", 120.0), ("Other,1", pytest.approx(120.0, rel=1e-3))):
         text = csv_text(measured(), rows(numbers(FIRST)), rates=rates)
-        assert read_motive_csv(write(tmp_path / "t.csv", text)).cloud.fps == fps
+        assert read(write(tmp_path / "t.csv", text)).cloud.fps == fps
     thinned = csv_text(measured(), rows(numbers(FIRST)), rates="Export Frame Rate,240.0")
-    found = read_motive_csv(write(tmp_path / "t.csv", thinned))
+    found = read(write(tmp_path / "t.csv", thinned))
     assert found.cloud.fps == 120.0
     assert facts(found.report.problems) == ("The header states 240 Hz, the times 120; 120 is used.",)
     untimed = [f"{i},,{numbers(FIRST)}" for i in range(3)]
     path = write(tmp_path / "t.csv", csv_text(measured(), untimed, rates="Capture Frame Rate,0"))
     with pytest.raises(FileDamaged, match="frame rate of 0"):
-        read_motive_csv(path)
+        read(path)
 
 
 def test_no_markers_and_no_header(tmp_path: Path) -> None:
     path = tmp_path / "t.csv"
     body = columns("Rigid Body", "Wand", "Position", "XYZ")
     with pytest.raises(NoDetections, match="no markers but 1 rigid bodies and 0 bones.*'Markers' switched on"):
-        read_motive_csv(write(path, csv_text(body, ["0,0,1,2,3"])))
+        read(write(path, csv_text(body, ["0,0,1,2,3"])))
     with pytest.raises(FileDamaged, match="'Format Version' is expected"):
-        read_motive_csv(write(path, "0,0.0,1,2,3\n"))
+        read(write(path, "0,0.0,1,2,3\n"))
     whole = csv_text(measured(), rows(numbers(FIRST)))
     with pytest.raises(FileDamaged, match="a row 'Frame, Time .* is expected"):
-        read_motive_csv(write(path, whole.split("Frame,Time")[0]))
+        read(write(path, whole.split("Frame,Time")[0]))
     with pytest.raises(FileDamaged, match="no row of types"):
-        read_motive_csv(write(path, whole.replace("Marker", "Thing")))
+        read(write(path, whole.replace("Marker", "Thing")))
     with pytest.raises(FileDamaged, match="'abc' is not a number"):
-        read_motive_csv(write(path, whole.replace("0.120000", "abc")))
+        read(write(path, whole.replace("0.120000", "abc")))
     with pytest.raises(NoDetections, match="holds no frames"):
-        read_motive_csv(write(path, csv_text(measured(), [])))
+        read(write(path, csv_text(measured(), [])))
     with pytest.raises(NoDetections, match="holds no frames"):
-        read_motive_csv(write(path, csv_text(measured(), [","])))
+        read(write(path, csv_text(measured(), [","])))
     (tmp_path / "one_line.csv").write_text("Format Version,1.23,X,Y,Z\n0,0.0,1,2,3\n")
     with pytest.raises(FileDamaged, match="no row of types"):
-        read_motive_csv(tmp_path / "one_line.csv")
+        read(tmp_path / "one_line.csv")
 
 
 def test_words_of_another_language_and_a_first_line_that_was_cut(tmp_path: Path) -> None:
     whole = csv_text(measured(), rows(numbers(FIRST)), named_rows=True)
-    found = read_motive_csv(write(tmp_path / "t.csv", whole.replace("Frame,Time (Seconds)", "Bild,Zeit (Sekunden)")))
+    found = taken(
+        read_motive_csv, write(tmp_path / "t.csv", whole.replace("Frame,Time (Seconds)", "Bild,Zeit (Sekunden)"))
+    )
     assert found.cloud.labels == MARKERS and found.cloud.fps == 120.0
     cut = write(tmp_path / "t.csv", whole.split("\n", 2)[2])
     assert begins_as_motive(cut.read_text()) and not begins_as_motive("type,name,x,y,z\n1,a,2,3,4\n")
-    found = read_motive_csv(cut, unit="m")
+    found = read(cut, unit="m")
     np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-9)
     assert found.cloud.fps == 120.0 and found.report.format == "Motive CSV"
 
 
 def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_path: Path) -> None:
     whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
-    found = read_motive_csv(write(tmp_path / "t.csv", whole))
+    found = read(write(tmp_path / "t.csv", whole))
     assert found.cloud.labels == MARKERS
     assert any("where their assets expect them" in note for note in words(found.report.notes))
 
@@ -206,6 +222,6 @@ def test_a_spreadsheet_of_another_country_saved_it(tmp_path: Path, quotes: str) 
         encoding="utf-8",
     )
     (tmp_path / "en.csv").write_text(text, encoding="utf-8")
-    found, expected = (read_motive_csv(tmp_path / name) for name in ("de.csv", "en.csv"))
+    found, expected = (read(tmp_path / name) for name in ("de.csv", "en.csv"))
     assert found.cloud.labels == expected.cloud.labels and found.report.fps == expected.report.fps == 120.0
     np.testing.assert_array_equal(found.cloud.positions, expected.cloud.positions)

@@ -10,6 +10,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.markers.point_table import begins_as_points, read_point_table
 from solver_backend.io.markers.read import read_markers
+from tests.support.marker_reading import taken
 
 NAMES = ("LASI", "RASI", "C7", "left ankle", "R.Heel")
 POINTS = np.random.default_rng(3).uniform(-1.0, 1.9, (4, len(NAMES), 3)).round(4)
@@ -59,7 +60,7 @@ def test_a_row_a_point(tmp_path: Path) -> None:
     ]  # fmt: skip
     path = tmp_path / "long.csv"
     path.write_text(table([["frame", "keypoint", "x", "y", "z", "quality"]], rows))
-    found = read_point_table(path, fps=30.0, unit="m", up_axis="z").cloud
+    found = taken(read_point_table, path, fps=30.0, unit="m", up_axis="z").cloud
     expected = POINTS.copy()
     expected[2, 1] = np.nan
     assert found.fps == 30.0 and found.labels == NAMES
@@ -75,7 +76,7 @@ def test_other_quantities_and_words_are_left_out(tmp_path: Path) -> None:
     ]
     path = tmp_path / "pose-3d.csv"
     path.write_text(table([headings], rows))
-    found = read_point_table(path, fps=30.0, unit="m", up_axis="z")
+    found = taken(read_point_table, path, fps=30.0, unit="m", up_axis="z")
     assert found.cloud.labels == NAMES and found.report.first_frame == 0
     np.testing.assert_allclose(found.cloud.positions, POINTS)
 
@@ -86,7 +87,7 @@ def test_a_missing_point_is_blank(tmp_path: Path) -> None:
     rows[1][4:7] = ["", "nan", "NaN"]
     path = tmp_path / "points.csv"
     path.write_text(table([headings], rows))
-    found = read_point_table(path, unit="m", up_axis="z").cloud.positions
+    found = taken(read_point_table, path, unit="m", up_axis="z").cloud.positions
     assert np.isnan(found[1, 1]).all() and np.isfinite(found).sum() == POINTS.size - 3
 
 
@@ -107,25 +108,25 @@ def test_damage_is_named(tmp_path: Path) -> None:
     headings = [[f"{name}_{a}" for name in NAMES for a in "xyz"]]
     path.write_text(table(headings, wide(())))
     with pytest.raises(FileDamaged, match="states no frame rate"):
-        read_point_table(path)
+        taken(read_point_table, path)
     path.write_text(table(headings, wide(())).replace(f"{POINTS[2, 0, 0]:g}", "abc"))
     with pytest.raises(FileDamaged, match="'abc' is not a number.*line 4"):
-        read_point_table(path, fps=30.0)
+        taken(read_point_table, path, fps=30.0)
     path.write_text("1,2,3\n")
     with pytest.raises(FileDamaged, match="names no points"):
-        read_point_table(path)
+        taken(read_point_table, path)
     long = [["time", "marker", "x", "y", "z"]]
     path.write_text(table(long, [["", "LASI", "1", "2", "3"]]))
     with pytest.raises(FileDamaged, match="names the frame of no row"):
-        read_point_table(path, fps=30.0)
+        taken(read_point_table, path, fps=30.0)
     path.write_text(table(long, [["0", "LASI", "1", "abc", "3"]]))
     with pytest.raises(FileDamaged, match="'abc' is not a number.*line 2"):
-        read_point_table(path, fps=30.0)
+        taken(read_point_table, path, fps=30.0)
     path.write_text(
         table(long, [["0", "LASI", "1", "2", "3"], ["0", "C7", "1", "2", "3"], ["0", "LASI", "4", "5", "6"]])
     )
     with pytest.raises(FileDamaged, match="'LASI' stands twice in one frame.*line 4.*one table for each person"):
-        read_point_table(path, fps=30.0)
+        taken(read_point_table, path, fps=30.0)
 
 
 def test_decimal_commas_between_commas_are_quoted(tmp_path: Path) -> None:
@@ -133,4 +134,4 @@ def test_decimal_commas_between_commas_are_quoted(tmp_path: Path) -> None:
     rows = [[f'"{cell.replace(".", ",")}"' for cell in row] for row in wide(("time",))]
     path = tmp_path / "points.csv"
     path.write_text(table(headings, rows))
-    np.testing.assert_allclose(read_point_table(path, unit="m", up_axis="z").cloud.positions, POINTS)
+    np.testing.assert_allclose(taken(read_point_table, path, unit="m", up_axis="z").cloud.positions, POINTS)

@@ -32,6 +32,6 @@ def test_changed_text(tmp_path: Path, name: str) -> None:
         except MocapError:
             continue
         read += 1
-        assert found.cloud.positions.shape[:2] == (found.report.frames, len(found.report.gaps))
+        assert found.cloud.positions.shape[0] == found.report.frames
         assert not np.isinf(found.cloud.positions).any()
     assert read > 100

@@ -11,13 +11,19 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.read import read_markers
+from solver_backend.io.markers.source import MarkerTake
 from solver_backend.io.markers.text_table import decimal_comma
 from solver_backend.io.markers.trc import read_trc
+from tests.support.marker_reading import missing, taken
 from tests.support.words import codes, facts, words
 
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
 LABELS = "Frame#\tTime\tC7\t\t\tL.Toe\t\t"
 AXES = "\t\tX1\tY1\tZ1\tX2\tY2\tZ2"
+
+
+def read(path: Path, **options: object) -> MarkerTake:
+    return taken(read_trc, path, **options)
 
 
 def write(
@@ -45,7 +51,7 @@ EXPECTED = np.array([[0.1005, 0.02, 1.5], [0.09, -0.015, 0.03]])
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 @pytest.mark.parametrize("blank", ["", "\t\t\t", None])
 def test_y_up_by_the_body(tmp_path: Path, ending: str, blank: str | None) -> None:
-    found = read_trc(write(tmp_path / "t.trc", rows(), ending=ending, blank=blank))
+    found = read(write(tmp_path / "t.trc", rows(), ending=ending, blank=blank))
     np.testing.assert_allclose(found.cloud.positions, np.tile(EXPECTED, (4, 1, 1)), atol=1e-12)
     assert (found.cloud.labels, found.cloud.fps) == (("C7", "L.Toe"), 100.0)
     report = found.report
@@ -55,7 +61,7 @@ def test_y_up_by_the_body(tmp_path: Path, ending: str, blank: str | None) -> Non
 
 
 def test_z_up_by_the_body(tmp_path: Path) -> None:
-    found = read_trc(write(tmp_path / "t.trc", rows(cells="100\t20\t1500\t90\t10\t30")))
+    found = read(write(tmp_path / "t.trc", rows(cells="100\t20\t1500\t90\t10\t30")))
     np.testing.assert_allclose(found.cloud.positions[0], [[0.1, 0.02, 1.5], [0.09, 0.01, 0.03]])
     assert found.report.up_axis == "z" and "up_axis_read" in codes(found.report.notes)
 
@@ -70,14 +76,14 @@ def test_z_up_by_the_body(tmp_path: Path) -> None:
 def test_missing_markers(tmp_path: Path, cells: str) -> None:
     lines = rows()
     lines[2] = f"3\t0.02\t{cells}"
-    found = read_trc(write(tmp_path / "t.trc", lines))
+    found = read(write(tmp_path / "t.trc", lines))
     assert np.isnan(found.cloud.positions[2, 1]).all()
     assert np.isnan(found.cloud.positions).sum() == 3
-    assert (found.report.gaps, found.report.missing) == ((0, 1), (0, 1))
+    assert missing(found) == (0, 1)
 
 
 def test_wrong_counts_are_said(tmp_path: Path) -> None:
-    found = read_trc(write(tmp_path / "t.trc", rows(), values="100\t100\t9\t7\tmm\t100\t1\t9"))
+    found = read(write(tmp_path / "t.trc", rows(), values="100\t100\t9\t7\tmm\t100\t1\t9"))
     assert found.cloud.positions.shape == (4, 2, 3)
     assert facts(found.report.problems) == (
         "The file states 7 markers but holds 2.",
@@ -86,60 +92,62 @@ def test_wrong_counts_are_said(tmp_path: Path) -> None:
 
 
 def test_more_columns_than_labels_and_less(tmp_path: Path) -> None:
-    more = read_trc(write(tmp_path / "m.trc", rows(cells="100\t1500\t20\t90\t30\t10\t5\t6\t7")))
+    more = read(write(tmp_path / "m.trc", rows(cells="100\t1500\t20\t90\t30\t10\t5\t6\t7")))
     assert more.cloud.labels == ("C7", "L.Toe", "*3")
     assert more.report.unlabelled == ("*3",)
-    less = read_trc(write(tmp_path / "l.trc", rows(cells="100\t1500\t20")))
-    assert less.report.missing == (0, 4)
+    less = read(write(tmp_path / "l.trc", rows(cells="100\t1500\t20")))
+    assert missing(less) == (0, 4)
 
 
 def test_unlabelled_rows_of_unequal_length(tmp_path: Path) -> None:
     lines = ["1\t0\t1\t2\t3\t4\t5\t6", "2\t0.01", "3\t0.02\t1\t2\t3"]
-    found = read_trc(write(tmp_path / "t.trc", lines, labels="Frame#\tTime\t", values="100\t100\t3\t0\tm\t100\t1\t3"))
+    found = taken(
+        read_trc, write(tmp_path / "t.trc", lines, labels="Frame#\tTime\t", values="100\t100\t3\t0\tm\t100\t1\t3")
+    )
     assert found.cloud.labels is None
-    assert found.report.missing == (1, 2)
+    assert missing(found) == (1, 2)
     assert any("None of the 2 points is named" in note for note in words(found.report.notes))
 
 
 def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
     for labels in ("Frame#\tTime\t\tC7\t\tL.Toe\t", "Frame#\tTime\tC7\tL.Toe", "Frame#\tTime\t C7 \t\t\tL.Toe"):
-        assert read_trc(write(tmp_path / "t.trc", rows(), labels=labels)).cloud.labels == ("C7", "L.Toe")
-    named = read_trc(write(tmp_path / "t.trc", rows(), labels="Frame#\tTime\t\t\t\tL.Toe"))
+        assert read(write(tmp_path / "t.trc", rows(), labels=labels)).cloud.labels == ("C7", "L.Toe")
+    named = read(write(tmp_path / "t.trc", rows(), labels="Frame#\tTime\t\t\t\tL.Toe"))
     assert named.cloud.labels == ("*1", "L.Toe")
 
 
 def test_doubled_tabs_between_numbers(tmp_path: Path) -> None:
     lines = [row.replace("\t", "\t\t") for row in rows()]
-    found = read_trc(write(tmp_path / "t.trc", lines))
+    found = read(write(tmp_path / "t.trc", lines))
     np.testing.assert_allclose(found.cloud.positions[0], EXPECTED, atol=1e-12)
 
 
 def test_spaces_instead_of_tabs(tmp_path: Path) -> None:
     lines = [row.replace("\t", "  ") for row in rows()]
-    found = read_trc(write(tmp_path / "t.trc", lines, labels="Frame# Time C7 LTOE"))
+    found = read(write(tmp_path / "t.trc", lines, labels="Frame# Time C7 LTOE"))
     np.testing.assert_allclose(found.cloud.positions[0], EXPECTED, atol=1e-12)
 
 
 def test_rates(tmp_path: Path) -> None:
-    none = read_trc(write(tmp_path / "t.trc", rows(), values="\t\t4\t2\tmm\t\t1\t4"), unit="mm")
+    none = read(write(tmp_path / "t.trc", rows(), values="\t\t4\t2\tmm\t\t1\t4"), unit="mm")
     assert none.cloud.fps == pytest.approx(100.0)
-    zero = read_trc(write(tmp_path / "t.trc", rows(), values="0\t0\t4\t2\tmm\t0\t1\t4"))
+    zero = read(write(tmp_path / "t.trc", rows(), values="0\t0\t4\t2\tmm\t0\t1\t4"))
     assert zero.cloud.fps == pytest.approx(100.0)
-    other = read_trc(write(tmp_path / "t.trc", rows(), values="250\t250\t4\t2\tmm\t250\t1\t4"))
+    other = read(write(tmp_path / "t.trc", rows(), values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert other.cloud.fps == pytest.approx(100.0)  # thinned out: the header stayed
     assert facts(other.report.problems) == ("The header states 250 Hz, the times 100; 100 is used.",)
     milliseconds = [f"{i}\t{10 * i}\t" + row.split("\t", 2)[2] for i, row in enumerate(rows())]
-    slow = read_trc(write(tmp_path / "t.trc", milliseconds, values="250\t250\t4\t2\tmm\t250\t1\t4"))
+    slow = read(write(tmp_path / "t.trc", milliseconds, values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert slow.cloud.fps == 250.0
     assert facts(slow.report.problems) == ("The header states 250 Hz, the times 0.1; 250 is used.",)
     with pytest.raises(FileDamaged, match="states a frame rate of 0"):
-        read_trc(write(tmp_path / "t.trc", rows(1), values="0\t0\t1\t2\tmm\t0\t1\t1"))
+        read(write(tmp_path / "t.trc", rows(1), values="0\t0\t1\t2\tmm\t0\t1\t1"))
 
 
 def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     lines = rows(9)
     del lines[1]
-    found = read_trc(write(tmp_path / "t.trc", lines))
+    found = read(write(tmp_path / "t.trc", lines))
     assert facts(found.report.problems) == ("Frame 1 is followed by 3; frames are read as following each other.",)
 
 
@@ -148,15 +156,15 @@ def test_damage(tmp_path: Path) -> None:
     for text in ("", "PathFileType\t4\n", "\0\1\2", "a,b,c\n1,2,3\n"):
         path.write_text(text)
         with pytest.raises(FileDamaged, match="is truncated or is not TRC"):
-            read_trc(path)
+            read(path)
     with pytest.raises(FileDamaged, match=r"'12,5' is not a number. \(.*line 8\)"):
-        read_trc(write(path, rows()[:1] + ["2\t0.01\t12,5\t1\t1"]))
+        read(write(path, rows()[:1] + ["2\t0.01\t12,5\t1\t1"]))
     with pytest.raises(NoDetections, match="holds no frames"):
-        read_trc(write(path, []))
+        read(write(path, []))
     with pytest.raises(NoDetections, match="holds no markers"):
-        read_trc(write(path, ["1\t0", "2\t0.01"], labels="Frame#\tTime"))
+        read(write(path, ["1\t0", "2\t0.01"], labels="Frame#\tTime"))
     with pytest.raises(FileDamaged, match="no table"):
-        read_trc(write(path, ["1\t0" + "\t1" * 5000, *(f"{i}\t0" for i in range(2, 3000))]))
+        read(write(path, ["1\t0" + "\t1" * 5000, *(f"{i}\t0" for i in range(2, 3000))]))
 
 
 @pytest.mark.shared
@@ -176,7 +184,7 @@ def test_damage(tmp_path: Path) -> None:
     ],
 )
 def test_real_files(shared_data: Path, name: str, frames: int, markers: int, fps: float, unit: str, up: str) -> None:
-    found = read_trc(shared_data / "markers" / name)
+    found = read(shared_data / "markers" / name)
     assert found.cloud.positions.shape == (frames, markers, 3)
     assert (found.cloud.fps, found.report.unit, found.report.up_axis) == (fps, unit, up)
     assert found.cloud.labels is not None
@@ -190,7 +198,7 @@ def test_every_real_file_is_read_or_refused_by_name(shared_data: Path) -> None:
     refused = []
     for path in files:
         try:
-            read_trc(path)
+            read(path)
         except FileDamaged:
             refused.append(path.name)
     assert refused == ["Empty.trc", "Truncated.trc"]
@@ -199,8 +207,8 @@ def test_every_real_file_is_read_or_refused_by_name(shared_data: Path) -> None:
 @pytest.mark.shared
 def test_the_same_trial_as_c3d(shared_data: Path) -> None:
     folder = shared_data / "markers/btkdata/Input"
-    text = read_trc(folder / "TRCSamples/Res16bits.trc")
-    binary = read_c3d(folder / "C3DSamples/others/Res16bits.c3d")
+    text = read(folder / "TRCSamples/Res16bits.trc")
+    binary = taken(read_c3d, folder / "C3DSamples/others/Res16bits.c3d")
     np.testing.assert_allclose(text.cloud.positions, binary.cloud.positions, atol=2e-8)
     assert text.cloud.fps == binary.cloud.fps
 
@@ -217,7 +225,7 @@ def test_a_file_that_a_spreadsheet_saved(tmp_path: Path, separator: str, comma: 
     quoted = [[f'"{cell}"' if separator in cell else cell for cell in line] for line in cells]
     path = tmp_path / "a.trc"
     path.write_text("\n".join(separator.join(line) for line in quoted))
-    take = read_trc(path, unit="mm", up_axis="z")
+    take = read(path, unit="mm", up_axis="z")
     assert take.cloud.labels == ("LASI", "RASI") and take.cloud.fps == 50
     np.testing.assert_allclose(take.cloud.positions[0], [[0.0105, 0.90025, 0.0035], [-0.0105, 0.901, 0.004]])
 

@@ -216,7 +216,7 @@ def test_our_own_capture_changes_only_where_it_is_asked_for(short: Capture, tmp_
 
 
 def test_a_recording_of_markers_has_no_world_to_level() -> None:
-    with pytest.raises(JobInvalid, match="for captures with cameras") as caught:
+    with pytest.raises(JobInvalid, match="--stature.* does not apply to C3D") as caught:
         load_capture(DEMO_TAKE, stature=1.8)
     assert "--unit" in caught.value.hint
 

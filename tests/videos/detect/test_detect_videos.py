@@ -12,7 +12,7 @@ from research.simulation.filming import around
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Where
 from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, CaptureInvalid, NoDetections
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.assemble import assembled, in_video_pixels

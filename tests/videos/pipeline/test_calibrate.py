@@ -14,7 +14,7 @@ from solver_backend.exchange.diagnostics import sentence, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import read_calibration
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.pipeline import calibrate

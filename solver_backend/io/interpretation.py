@@ -1,0 +1,297 @@
+"""From what files state to metres, Z up and frames per second: the one place that applies units, axes and rates.
+
+Readers return the numbers of a file with what it says about them. Options of the user win, then what the file states,
+then what the numbers themselves show.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.marker_names import is_unnamed
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, sentence
+from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged, NoDetections
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.io.calibration.entry import Calibration, CameraEntry, StatedCameras, build_cameras, meant_entries
+from solver_backend.io.markers.source import MarkerReport, MarkerSource, MarkerTake
+from solver_backend.io.markers.text_table import LARGEST
+from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.length_unit import metres_in
+from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
+from solver_backend.io.recognition.marker_unit import find_unit
+from solver_backend.io.recognition.marker_up_axis import find_up_axis
+from solver_backend.io.recognition.subject_labels import by_subject
+from solver_backend.io.recognition.up_axis import rotation_to_z_up, with_up_axis
+from solver_backend.types import MarkerCloud
+
+MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})
+"""Reading options that ``interpret_markers`` applies."""
+STILL_FRAMES = 10
+"""A marker that is exactly where it was over this many frames was not measured in them."""
+WIDEST_ARRAY_M = 60.0
+"""Cameras further apart than this many units are not measured in metres."""
+OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
+"""Times the distance of the others that one of so many cameras is off where it is written in another unit than they."""
+
+
+def interpret_rate(
+    given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
+) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """Return the frame rate of detections, a note on its origin, and a problem where it is assumed.
+
+    Args:
+        given: by the user.
+        stated: rates that files state, the most trusted first, and the note on each.
+        default: assumed where nothing states one.
+    """
+    if given is not None:
+        return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
+    for rate, note in stated:
+        if rate is not None:
+            return float(rate), (note,), ()
+    return default, (), (diagnostic("frame_rate_assumed", rate=default),)
+
+
+def interpret_cameras(
+    stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
+) -> Calibration | None:
+    """Return the cameras of a calibration in metres, Z up; None where the file holds none.
+
+    Without a unit, an array wider than ``WIDEST_ARRAY_M`` cannot be in metres and is read as millimetres.
+
+    Args:
+        stated: by the file.
+        path: of the file or folder.
+        kind: of format, for the notes.
+        unit: given length unit, a key of ``METRES``.
+        up_axis: given axis of the file's world that points up.
+
+    Raises:
+        CalibrationInvalid: two cameras have one name, or a value is impossible.
+        JobInvalid: unit or axis is unknown.
+    """
+    if not stated.entries:
+        return None
+    names = [entry.name for entry in stated.entries]
+    if len(set(names)) < len(names):
+        raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
+    entries, corrected = meant_entries(stated.entries)
+    guessed = ""
+    if unit:
+        unit_note = diagnostic("unit_read", source="given", unit=unit)
+    elif stated.unit:
+        unit, unit_note = stated.unit, diagnostic("unit_read", source=stated.source, unit=stated.unit)
+    else:
+        width = _array_width(entries)
+        unit = guessed = "mm" if width > WIDEST_ARRAY_M else "m"
+        unit_note = diagnostic("unit_read", source="width", unit=unit, width=width)
+    scale = metres_in(unit)
+    try:
+        cameras = build_cameras([replace(e, t=np.asarray(e.t) * scale) for e in entries], where=str(path))
+    except CalibrationInvalid as error:
+        where = error.where if str(path) in error.where else f"{path}, {error.where}"
+        raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
+    axis = up_axis or "z"
+    axis_note = diagnostic("up_axis_read", source="given" if up_axis else stated.source, axis=axis.upper())
+    return Calibration(
+        cameras=with_up_axis(cameras, axis),
+        source=path,
+        guessed_unit=guessed,
+        size_known=tuple(e.image_size is not None for e in entries),
+        notes=(diagnostic("calibration_read", file=path.name, count=len(entries), kind=kind), unit_note, axis_note),
+        problems=(*stated.problems, *corrected),
+    )
+
+
+def _array_width(entries: list[CameraEntry]) -> float:
+    centres = np.stack([-np.nan_to_num(e.R).T @ np.nan_to_num(e.t, posinf=0.0, neginf=0.0) for e in entries])
+    if len(centres) == 1:
+        return float(np.linalg.norm(centres[0]))
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    if len(centres) >= LEAST_FOR_OTHER_UNIT:
+        far = int(np.argmax(np.median(apart, axis=1)))
+        others = np.delete(np.delete(apart, far, axis=0), far, axis=1)
+        if apart.max() > OTHER_UNIT * others.max() > 0:
+            return float(others.max())
+    return float(apart.max())
+
+
+def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
+    """Return the markers in metres with Z up, and what was recognised.
+
+    Raises:
+        NoDetections: the file holds no markers, or none is ever seen.
+        FileDamaged: the file states no frame rate, and none is given.
+        JobInvalid: the given unit or axis is unknown.
+    """
+    if source.to_metres is not None and options.unit is None and options.up_axis is None:
+        turned = (source.positions.astype(np.float32) @ np.asarray(source.to_metres, np.float32).T).astype(np.float64)
+        source = replace(source, positions=turned, unit="m", up_axis="z")
+    _require_markers(source)
+    labels, problems = _labels(source)
+    positions, zeros, sentinels = without_sentinels(source.positions, labels)
+    if not np.isfinite(positions).any():
+        raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
+    unit = find_unit(positions, source.unit, options.unit, source.default_unit, labels)
+    positions *= unit.metres
+    axis = find_up_axis(positions, labels, source.up_axis, options.up_axis, source.default_up_axis)
+    to_world = rotation_to_z_up(axis.name)
+    positions = (positions.reshape(-1, 3) @ to_world.T).reshape(positions.shape)
+    rate = _rate(source, options.fps)
+    frames, count = positions.shape[:2]
+    notes = [diagnostic("markers_read", format=source.format, count=count, length=frames, fps=rate)]
+    notes += [unit.note, axis.note]
+    if channels := source.analog_channels:
+        notes.append(diagnostic("parts_not_read", kind="analog", count=len(channels), channels=channels))
+    unlabelled = tuple(label for label in labels if is_unnamed(label))
+    named = len(unlabelled) < len(labels)
+    if not named:
+        notes.append(diagnostic("points_without_label", total=0, severity=Severity.NOTE, count=len(labels)))
+    doubts = source.rate_doubts if options.fps is None else ()
+    found = tuple(problem for problem in (unit.problem, axis.problem) if problem is not None)
+    report = MarkerReport(
+        format=source.format,
+        frames=frames,
+        first_frame=source.first_frame,
+        fps=rate,
+        unit=unit.name,
+        up_axis=axis.name,
+        subjects=subjects_of(labels),
+        unlabelled=unlabelled,
+        analog_channels=source.analog_channels,
+        notes=(*notes, *zeros, *source.notes),
+        problems=(*source.problems, *doubts, *found, *sentinels, *problems, *_still(positions, labels)),
+    )
+    residual = source.residual * unit.metres if source.residual is not None else None
+    others = None if source.bodies is None else source.bodies.points(unit.metres, to_world, rate)
+    return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report, others)
+
+
+def _require_markers(source: MarkerSource) -> None:
+    frames, markers = source.positions.shape[:2]
+    if not markers:
+        channels = len(source.analog_channels)
+        what = f" but {channels} analog channels (forces, muscles)" if channels else ""
+        raise NoDetections(
+            " ".join((f"The file holds no markers{what}.", *map(sentence, source.notes))),
+            where=str(source.path),
+            hint="Choose the recording's file of markers, or export it with trajectories.",
+        )
+    if not frames:
+        raise NoDetections("The file holds no frames.", where=str(source.path), hint="Export it again.")
+
+
+def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
+    """Return labels that are unique, and what was wrong with the file's."""
+    labels, doubled = unique_labels(by_subject(source.labels))
+    problems: list[Diagnostic] = []
+    if doubled:
+        problems.append(diagnostic("labels_doubled", markers=doubled))
+    empty = sum(not label for label in source.labels)
+    if empty and not all(is_unnamed(label) for label in source.labels):
+        problems.append(diagnostic("points_without_label", count=empty, total=len(labels)))
+    return labels, tuple(problems)
+
+
+def _rate(source: MarkerSource, fps: float | None) -> float:
+    if fps is not None:
+        return float(fps)
+    if source.rate is None or not (np.isfinite(source.rate) and source.rate > 0):
+        found = "states no frame rate" if source.rate is None else f"states a frame rate of {source.rate:g}"
+        raise FileDamaged(
+            f"The file {found}; a positive number is expected.", where=str(source.path), hint="Give the frame rate."
+        )
+    return float(source.rate)
+
+
+def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic of the markers that never move, if there are any."""
+    if len(positions) < STILL_FRAMES:
+        return ()
+    seen = np.isfinite(positions[..., 0])
+    first = positions[np.argmax(seen, axis=0), np.arange(positions.shape[1])]
+    moved = np.any([(seen & (positions[..., k] != first[:, k])).any(axis=0) for k in range(3)], axis=0)
+    still = [labels[int(i)] for i in np.flatnonzero(~moved & (seen.sum(axis=0) >= STILL_FRAMES))]
+    return (diagnostic("marker_never_moves", markers=still),) if still else ()
+
+
+OUTSIDE = 1.0
+"""A sentinel is outside the box of most positions by so many of its longest sides: -9999 mm is by two and more."""
+FAR = 100.0
+"""What is so many sides away is no position, whatever its digits: the box holds the way that somebody goes."""
+OFTEN = 3
+"""One number on all three axes that comes back so often was not measured, wherever it is."""
+SHARE = 0.05
+"""Share of the positions at either end that the box leaves out ..."""
+SHARE_WIDE = 0.3
+"""... or this one, where more is missing."""
+_NINES = 9999.0
+"""Least number of nines only that programs write for what is missing."""
+
+
+def without_sentinels(
+    positions: np.ndarray, labels: Sequence[str]
+) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """Return positions that are NaN wherever a marker was not seen, notes on zeros and problems on other sentinels.
+
+    Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there. Others write one number
+    for all three axes (-9999, 1e6) or nines.
+
+    Args:
+        positions: (F, M, 3) in the file's unit, NaN where missing.
+        labels: one a marker.
+    """
+    # One coordinate after the other: NumPy is slow to reduce an axis of three.
+    x, y, z = np.moveaxis(positions, -1, 0)
+    origin = (x == 0) & (y == 0) & (z == 0)
+    seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
+    found = np.where(seen[..., None], positions, np.nan)
+    sentinel = seen & _sentinels(found)
+    found[sentinel] = np.nan
+    place = f"{positions[sentinel][0].tolist()} or similar" if sentinel.any() else ""
+    return (
+        found,
+        _unseen(Severity.NOTE, "origin", origin, labels),
+        _unseen(Severity.WARNING, place, sentinel, labels),
+    )
+
+
+def _sentinels(positions: np.ndarray) -> np.ndarray:
+    """Return (F, M) bool: outside of where the recording is, with digits no measurement has; or absurdly far."""
+    x, y, z = np.moveaxis(positions, -1, 0)
+    alike = (x == y) & (y == z)
+    values, counts = np.unique(x[alike], return_counts=True)
+    often = alike & np.isin(x, values[counts >= OFTEN])
+    rest = np.where(often[..., None], np.nan, positions)
+    flat = rest[:: max(1, len(rest) // 500)].reshape(-1, 3)
+    odd = alike | _is_nines(x) | _is_nines(y) | _is_nines(z)
+    for share in (SHARE, SHARE_WIDE):
+        low, high = (quantile(flat, q, 0, "nearest") for q in (share, 1.0 - share))
+        side = float(np.max(high - low))
+        out = np.maximum(low - rest, rest - high)
+        out = np.fmax(np.fmax(out[..., 0], out[..., 1]), out[..., 2])
+        found = (odd & (out > OUTSIDE * side)) | (out > FAR * side) if side > 0 else np.zeros_like(often)
+        if found.any():
+            break
+    return often | found
+
+
+def _is_nines(values: np.ndarray) -> np.ndarray:
+    """Return whether numbers are 9999, 99999, ... of either sign, with or without decimals of nines."""
+    whole = np.abs(np.trunc(values))
+    digits = np.floor(np.log10(np.maximum(whole, 1.0))) + 1.0
+    return (whole >= _NINES) & (whole == 10.0**digits - 1.0)
+
+
+def _unseen(severity: Severity, place: str, where: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic of the markers that are read as not seen somewhere, if there are any."""
+    at = [label for label, frames in zip(labels, where.sum(axis=0), strict=True) if frames]
+    if not at:
+        return ()
+    figures: dict[str, Any] = {"count": len(at), "positions": int(where.sum())}
+    return (diagnostic("markers_at_sentinel", severity=severity, place=place, markers=at, **figures),)
