@@ -151,7 +151,7 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
     unlabelled = tuple(label for label in labels if is_unnamed(label))
     named = len(unlabelled) < len(labels)
     if not named:
-        notes.append(diagnostic("points_without_label", total=0, severity=Severity.NOTE, count=len(labels)))
+        notes.append(diagnostic("points_without_label", total=len(labels), severity=Severity.NOTE, count=len(labels)))
     doubts = source.rate_doubts if options.fps is None else ()
     found = tuple(problem for problem in (unit.problem, axis.problem) if problem is not None)
     report = MarkerReport(

@@ -212,7 +212,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
         raise FileDamaged(
             f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."
         )
-    problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=claims, count=frames),)
+    problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=max(claims), count=frames),)
     return _Layout(start, frames, stride, points, word, first, problems)
 
 
