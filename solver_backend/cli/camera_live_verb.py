@@ -23,12 +23,8 @@ from solver_backend.exchange.vmc.address import read_address
 from solver_backend.exchange.world_settings import WorldSettings
 
 if TYPE_CHECKING:
-<<<<<<< HEAD
     from solver_backend.io.calibration.entry import Calibration
     from solver_backend.live.recorder import Recorder
-=======
-    from solver_backend.io.calibration.entry import Calibration
->>>>>>> cfe189db (Let readers state and one place interpret units, axes and rates)
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.streaming.moments import LiveMoments
     from solver_backend.videos.streaming.picture_sources import PictureSource
