@@ -109,7 +109,7 @@ def _read_answers(folder: Path) -> object:
     stream = io.BytesIO((folder / "a.bin").read_bytes())
     try:
         return read_arrays(read_head(stream), stream)
-    except ValueError as error:  # the process that sent them is named by whoever reads
+    except (ValueError, EOFError) as error:  # the process that sent them is named by whoever reads
         raise MocapError(str(error)) from error
 
 

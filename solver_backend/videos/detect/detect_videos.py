@@ -17,8 +17,7 @@ from solver_backend.exchange.errors import Cancelled, MocapError
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
-from solver_backend.types import JointSet
-from solver_backend.videos.detect.detector import WORKER, DetectorChoice, DetectorOutputsUnknown, DetectorProcess
+from solver_backend.videos.detect.detector import WORKER, DetectorChoice, DetectorProcess, joint_set_of
 from solver_backend.videos.files.video import (
     PICTURES_FPS,
     VideoInfo,
@@ -326,21 +325,3 @@ def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...])
         used = place[frame] >= 0
         out[frame, used] = listed[place[frame, used]]
     return out
-
-
-def joint_set_of(about: dict) -> JointSet:
-    """Return the joint set of what a detector states about itself.
-
-    Raises:
-        DetectorOutputsUnknown: no joint set has so many keypoints.
-    """
-    if about.get("joint_set") in list(JointSet):
-        return JointSet(about["joint_set"])
-    count = int(about.get("num_keypoints", 0))
-    fitting = [s for s in JointSet.fitting(count) if s is not JointSet.H36M_17]
-    if not fitting:
-        raise DetectorOutputsUnknown(
-            f"The model finds {count} keypoints, which fit no known joint set.", where=str(about.get("name", "")),
-            hint="Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints.",
-        )  # fmt: skip
-    return fitting[0]

@@ -8,18 +8,21 @@ import os
 import subprocess
 import sys
 import tempfile
-from collections.abc import Mapping
-from contextlib import suppress
+import threading
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import IO, Any
 
 import numpy as np
 
 from solver_backend.exchange.detectors import DETECTORS, MEDIAPIPE
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.plain_text import plain
+from solver_backend.exchange.plausible import FARTHEST_PX
+from solver_backend.types import JointSet
 
 
 class DetectorMissing(MocapError):
@@ -40,24 +43,37 @@ class DetectorFailed(MocapError):
     code = "detector_failed"
 
 
-_LARGEST_HEAD, _LARGEST_ANSWER = 1 << 20, 1 << 24
-_MOST_ARRAYS = 32
-"""Arrays that a detector's answer may hold; chosen by hand."""
+_LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
+"""Largest line and array of an answer in bytes, and most arrays of one; chosen by hand."""
+READY_S, ANSWER_S = 300.0, 60.0
+"""Seconds in which a detector must be ready, and answer a picture; large models on slow machines take 10 s."""
+_LOG_BYTES = 1 << 16
+"""Bytes at the end of a detector's log that are read."""
+_POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
+_HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
+_HANDS_WORKER = "litert_hands"
+
+
+class AnswerInvalid(ValueError):
+    """A detector's answer is not of the protocol."""
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
     """Return the object of the next line.
 
     Raises:
-        ValueError: the line is longer than a MiB, cut off, or no JSON object.
+        AnswerInvalid: the line is longer than a MiB, or no JSON object.
+        EOFError: it is cut off.
     """
     line = stream.readline(_LARGEST_HEAD)
+    if not line.endswith(b"\n"):
+        raise AnswerInvalid("a line is too long") if len(line) == _LARGEST_HEAD else EOFError("a line is cut off")
     try:
         head = json.loads(line)
-    except RecursionError as error:
-        raise ValueError("the line is nested too deeply") from error
+    except (ValueError, RecursionError) as error:
+        raise AnswerInvalid("a line is not JSON") from error
     if not isinstance(head, dict):
-        raise ValueError("the line is not an object")
+        raise AnswerInvalid("a line is not an object")
     return head
 
 
@@ -65,20 +81,23 @@ def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray
     """Return the arrays that a line announces in ``arrays``: their shapes by name; the bytes are little-endian float32.
 
     Raises:
-        ValueError: it announces none, too many or too large ones, or their bytes are cut off.
+        AnswerInvalid: it announces none, too many or too large ones.
+        EOFError: their bytes are cut off.
     """
     shapes = head.get("arrays")
     if not isinstance(shapes, dict) or len(shapes) > _MOST_ARRAYS:
-        raise ValueError("the line announces no arrays")
+        raise AnswerInvalid("a line announces no arrays")
     return {name: _array(shape, stream) for name, shape in shapes.items()}
 
 
 def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
     if not isinstance(shape, list) or not all(type(n) is int and 0 <= n < 1 << 24 for n in shape) or len(shape) > 8:
-        raise ValueError(f"{str(shape)[:60]} is not a shape")
+        raise AnswerInvalid(f"{str(shape)[:60]} is not a shape")
     size = 4 * math.prod(shape)
-    if size > _LARGEST_ANSWER or len(data := stream.read(size)) < size:
-        raise ValueError("an array is too large or cut off")
+    if size > _LARGEST_ANSWER:
+        raise AnswerInvalid("an array is too large")
+    if len(data := stream.read(size)) < size:
+        raise EOFError("an array is cut off")
     return np.frombuffer(data, "<f4").reshape(shape).astype(np.float64)
 
 
@@ -93,6 +112,58 @@ _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}
 HINT = (
     "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
 )
+
+
+def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
+    """Return what a detector found: of the right kind and shape, impossible points missing (NaN, confidence 0).
+
+    Args:
+        found: arrays by name, see ``PoseDetector.detect``.
+        about: what the detector states of itself; None for one that looks for a hand in a crop.
+
+    Raises:
+        AnswerInvalid: an array is missing or has another shape.
+    """
+    expected = dict(_HAND if about is None else _POSE)
+    if "hands" in found and about is not None:
+        expected["hands"] = (len(found.get("keypoints", ())), 2, NUM_HAND_POINTS, 3)
+    for name, shape in expected.items():
+        array = found.get(name)
+        if array is None:
+            raise AnswerInvalid(f"it has no '{name}'")
+        if array.ndim != len(shape) or any(n not in (None, m) for n, m in zip(shape, array.shape, strict=True)):
+            raise AnswerInvalid(f"'{name}' has the shape {array.shape}")
+    if about is not None and found["keypoints"].shape[1] < (count := joint_set_of(about).num_keypoints):
+        raise AnswerInvalid(f"it has {found['keypoints'].shape[1]} keypoints instead of {count}")
+    if about is None:
+        good = all(bool((np.abs(found[name]) < FARTHEST_PX).all()) for name in expected)
+        return {name: found[name] if good else np.zeros_like(found[name]) for name in expected}
+    return {name: _without_impossible(found[name]) for name in expected}
+
+
+def _without_impossible(points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) with those beyond any picture, and those that are not numbers, missing."""
+    possible = (np.abs(points) < FARTHEST_PX).all(-1, keepdims=True)
+    return np.where(possible, points, np.array([np.nan, np.nan, 0.0]))
+
+
+def joint_set_of(about: dict[str, Any]) -> JointSet:
+    """Return the joint set of what a detector states about itself.
+
+    Raises:
+        DetectorOutputsUnknown: no joint set has so many keypoints.
+    """
+    if about.get("joint_set") in list(JointSet):
+        return JointSet(about["joint_set"])
+    count = about.get("num_keypoints", 0)
+    fitting = [s for s in JointSet.fitting(count) if s is not JointSet.H36M_17] if type(count) is int else []
+    if not fitting:
+        raise DetectorOutputsUnknown(
+            f"The model finds {str(count)[:20]} keypoints, which fit no known joint set.",
+            where=plain(str(about.get("name", "")))[:200],
+            hint="Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints.",
+        )
+    return fitting[0]
 
 
 @dataclass(frozen=True)
@@ -197,31 +268,33 @@ _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMis
 class DetectorProcess:
     """A detector in a process of its own, as a context manager.
 
+    A detector that does not answer in time is started again, once per picture.
+
     Raises:
         DetectorMissing: its Python does not start, or lacks the detector.
         DetectorOutputsUnknown: the model is of no kind we can read.
-        DetectorFailed: it broke; the message ends with the last line it wrote.
+        DetectorFailed: it broke, fell silent, or its answers cannot be used.
     """
 
     def __init__(self, choice: DetectorChoice) -> None:
         self._choice = choice
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
+        self._late = self._ended = False
+        self._start()
+
+    def _start(self) -> None:
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONSTARTUP")}
         environment |= {"PYTHONPATH": str(CHILD), "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [str(choice.python), *choice.program, json.dumps(choice.options)]
+        python, pipe = self._choice.python, subprocess.PIPE
+        command = [str(python), *self._choice.program, json.dumps(self._choice.options)]
         try:
-            self._process = subprocess.Popen(
-                command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment
-            )
+            self._process = subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._log, env=environment)
         except OSError as error:
             self._log.close()
-            raise DetectorMissing(
-                f"The detector's Python does not start: {error.strerror}.", where=str(choice.python),
-                hint="Check the path of --python.",
-            ) from error  # fmt: skip
+            message = f"The detector's Python does not start: {error.strerror}."
+            raise DetectorMissing(message, where=str(python), hint="Check the path of --python.") from error
         assert self._process.stdin is not None and self._process.stdout is not None
-        self._pictures: IO[bytes] = self._process.stdin
-        self._answers: IO[bytes] = self._process.stdout
+        self._pictures, self._answers = self._process.stdin, self._process.stdout
 
     def __enter__(self) -> DetectorProcess:
         try:
@@ -231,63 +304,97 @@ class DetectorProcess:
             raise
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._close()
 
     def end(self) -> None:
         """End the process, whatever it is doing; may be called from another thread and several times."""
+        self._ended = True
+        self._kill()
+
+    def _kill(self) -> None:
         if self._process.poll() is None:
             self._process.kill()
         self._process.wait()
 
     def _close(self) -> None:
-        """End the process and close what led to it; for the thread that talks to it alone."""
+        """End the process and close its streams; only for the thread that talks to it."""
         self.end()
         for stream in (self._pictures, self._answers, self._log):
             with suppress(OSError):
                 stream.close()
 
+    @contextmanager
+    def _within(self, seconds: float) -> Iterator[None]:
+        """Kill the process if what is done here takes longer: reading and writing then end with an error."""
+        self._late = False
+        timer = threading.Timer(seconds, self._time_out)
+        timer.daemon = True
+        timer.start()
+        try:
+            yield
+        finally:
+            timer.cancel()
+
+    def _time_out(self) -> None:
+        self._late = True
+        self._kill()
+
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return what the detector finds in a picture, see ``PoseDetector.detect``.
+        """Return what the detector finds in a picture, see ``check_answer``.
 
         Args:
             rgb: (H, W, 3) uint8.
             time_s: when it was filmed.
         """
-        try:
-            self._pictures.write(json.dumps({"shape": rgb.shape, "time_s": time_s}).encode() + b"\n")
-            self._pictures.write(np.ascontiguousarray(rgb).data)
-            self._pictures.flush()
-        except OSError as error:
-            raise self._broken() from error
-        try:
-            return read_arrays(read_head(self._answers), self._answers)
-        except ValueError as error:
-            raise self._broken() from error
+        for again in (True, False):
+            try:
+                with self._within(ANSWER_S):
+                    self._pictures.write(json.dumps({"shape": rgb.shape, "time_s": time_s}).encode() + b"\n")
+                    self._pictures.write(np.ascontiguousarray(rgb).data)
+                    self._pictures.flush()
+                    found = read_arrays(read_head(self._answers), self._answers)
+                return check_answer(found, None if self._choice.module == _HANDS_WORKER else self.about)
+            except (OSError, EOFError, AnswerInvalid) as error:
+                if not (self._late and again) or self._ended:
+                    raise self._broken(error, ANSWER_S) from error
+                for stream in (self._pictures, self._answers):
+                    with suppress(OSError):
+                        stream.close()
+                self._start()
+                self.about = self._hello()
+        raise AssertionError
 
     def _hello(self) -> dict[str, Any]:
         """Return what the process states of itself, once its detector is ready."""
         try:
-            head = read_head(self._answers)
+            with self._within(READY_S):
+                head = read_head(self._answers)
             if "error" in head:
                 code, message, hint = (str(head["error"][key]) for key in ("code", "message", "hint"))
                 where = str(self._choice.options.get("model", self._choice.python))
                 raise _ERRORS.get(code, DetectorFailed)(plain(message), where=where, hint=plain(hint))
-            if not isinstance(head["ready"], dict):
-                raise TypeError("the detector does not describe itself")
-            return head["ready"]
-        except (ValueError, KeyError, TypeError) as error:
-            raise self._broken() from error
+            about = head["ready"]
+            if not isinstance(about, dict) or not isinstance(about.get("name"), str):
+                raise AnswerInvalid("the detector does not describe itself")
+        except (OSError, EOFError, AnswerInvalid, KeyError, TypeError) as error:
+            raise self._broken(error, READY_S) from error
+        if self._choice.module != _HANDS_WORKER:
+            joint_set_of(about)
+        return {**about, "name": plain(about["name"])[:200]}
 
-    def _broken(self) -> DetectorFailed:
+    def _broken(self, error: Exception, seconds: float) -> DetectorFailed:
+        """Return the named error of a detector that was late, ended, or gave an answer that cannot be used."""
+        late = self._late
         self.end()
-        self._log.seek(0)
+        self._log.seek(max(self._log.seek(0, os.SEEK_END) - _LOG_BYTES, 0))
         lines = self._log.read().decode(errors="replace").strip().splitlines()
-        message = plain(lines[-1])[:300] if lines else "it wrote nothing"
-        return DetectorFailed(
-            f"The detector's process ended (exit code {self._process.returncode}): {message}",
-            where=str(self._choice.python),
-            hint="Run again; finished videos are kept. If it ends again, try another detector or Python.",
-        )
+        last = plain(lines[-1])[:300] if lines else "it wrote nothing"
+        if late:
+            message = f"The detector did not answer for {seconds:g} s: {last}"
+        elif isinstance(error, OSError | EOFError):
+            message = f"The detector's process ended (exit code {self._process.returncode}): {last}"
+        else:
+            message = f"The detector's answer cannot be used: {plain(str(error))[:200]} ({last})"
+        hint = "Run again; finished videos are kept. If it ends again, try another detector or Python."
+        return DetectorFailed(message, where=str(self._choice.python), hint=hint)
