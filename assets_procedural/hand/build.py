@@ -12,8 +12,7 @@ from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PARENTS, WRIST
 from assets_procedural.hand.weights import hand_weights
 from assets_procedural.skeleton.regressor import fit_regressor
 from solver_backend.body.hand_angles import ANGLES
-from solver_backend.body.hand_on_body import COLUMNS
-from solver_backend.body.hands import hand_size_directions
+from solver_backend.body.hands import COLUMNS, hand_size_directions
 
 HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")
 """Beside the body file."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from research.baselines.base import Baseline, BaselineResult
-from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.evaluation.evaluate import triangulate_and_filter
 from solver_backend.types import Capture
 
 

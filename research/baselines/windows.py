@@ -20,7 +20,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import PointTerm
+from solver_backend.residuals.terms import PointTerm
 
 SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
 """Where the free keys of a window live: SPoser's."""

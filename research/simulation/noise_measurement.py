@@ -14,9 +14,9 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
-from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.evaluation.evaluate import triangulate_and_filter
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.metrics.rank_correlation import spearman
+from solver_backend.metrics.generation import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 REFERENCE_CUTOFF_HZ = 12.0

@@ -19,7 +19,7 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
-from solver_backend.geometry.short_axis import dot, squared_length, sum_of_rows
+from solver_backend.geometry.small_matrices import dot, squared_length, sum_of_rows
 from solver_backend.types import Cameras, Keypoints2D
 
 FACTOR_SPREAD = 0.3

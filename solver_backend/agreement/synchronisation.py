@@ -12,7 +12,7 @@ from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
 LAG_SIGMAS = 3.0

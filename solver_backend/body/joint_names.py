@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import cache
 from itertools import product
 
-from solver_backend.body.label_affixes import Affixes, bare_label, prefixes, suffixes
+from solver_backend.body.label_words import Affixes, bare_label, prefixes, suffixes
 from solver_backend.body.marker_layouts import label_key
 
 JOINT, KEYPOINT = "=", "~"

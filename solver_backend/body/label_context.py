@@ -7,9 +7,7 @@ from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from solver_backend.body.label_affixes import Affixes, bare_label, prefixes, suffixes
-from solver_backend.body.label_sides import Letters
-from solver_backend.body.label_words import spelt
+from solver_backend.body.label_words import Affixes, Letters, bare_label, prefixes, spelt, suffixes
 from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key
 
 _AXES = ("OALP", "OXYZ", "OAPL")

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from solver_backend.body.label_affixes import bare_label
-from solver_backend.body.label_words import LabelWords
+from solver_backend.body.label_words import LabelWords, bare_label
 from solver_backend.body.marker_layouts import load_layouts
 
 _LIMBS = {

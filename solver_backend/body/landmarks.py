@@ -13,12 +13,195 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics, pose_feature, with_resting_hands
+from solver_backend.body.kinematics import (
+    PosedSkeleton,
+    forward_kinematics,
+    pose_feature,
+    subtree_matrix,
+    with_resting_hands,
+)
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.tangents import rotation_jacobian
-from solver_backend.geometry.arrays import Array, array_namespace, constant, unset
-from solver_backend.geometry.short_axis import dot
+from solver_backend.geometry.arrays import Array, array_namespace, constant, index, unset
+from solver_backend.geometry.small_matrices import dot
 from solver_backend.types.shapes import Float
+
+_CHUNK = 128
+"""Frames at a time: their intermediate arrays stay in a core's cache."""
+_CROSS = np.zeros((3, 3, 3))
+"""The Levi-Civita symbol: (a x b)_i = _CROSS[i, j, k] a_j b_k."""
+for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
+    _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
+_ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)
+"""A point's part of its 3 x 6 Jacobian by a rigid motion, flattened; that of rotations."""
+_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)
+"""The rest of that Jacobian: translations."""
+
+
+@dataclass(frozen=True)
+class _LandmarkPairs:
+    """Pairs (landmark, joint): whole ones, where all of the landmark hangs below the joint, and N others.
+
+    At the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
+    """
+
+    whole: np.ndarray
+    """(3 L, 3 K) 1 at whole pairs."""
+    slots: np.ndarray
+    """(9 N,) where the others stand in the flat (3 L · 3 K) Jacobian, in the order (axis, tangent, pair)."""
+    landmark: np.ndarray
+    """(N,) landmark of each of the others; the Q that have pose correctives come first, by joint."""
+    below: np.ndarray
+    """(N, J) 1 at the bones that each one's joint turns."""
+    shares: np.ndarray
+    """(J, 2 N + Q) how global rotations mix: at the parent of each joint; below it; all of a corrected landmark's."""
+    corrected: tuple[int, ...]
+    """Joints with pose correctives."""
+    corrective: np.ndarray
+    """(joints, 9, 9 M) correctives by ``vec(R_k)``, padded to M landmarks a joint, columns (skin axis, tangent, M)."""
+    unpadded: np.ndarray
+    """(Q,) which of the (joints · M) columns are real."""
+
+
+def rotation_jacobian(
+    body: Body,
+    landmarks: Landmarks,
+    skeleton: PosedSkeleton,
+    points: Float[Array, "frames landmarks 3"],
+    local: Float[Array, "frames n 3 3"],
+    levers: Float[Array, "landmarks joints 3"],
+    correction: Float[Array, "frames landmarks 3"] | None,
+    count: int,
+) -> Float[Array, "frames landmarks 3 tangents"]:
+    """Return (F, L, 3, 3·count): the landmarks by left tangents of the root and of joints 1..count-1.
+
+    A left tangent d of joint k turns everything below k about p_k, so ``dy_l/dd_k = -[r_lk]x G_parent(k)`` with
+    ``r_lk = sum_{c below k} G_c h_lc``, which is ``y_l - p_k`` where the whole landmark is below k; a pose corrective D
+    moves the rest point by ``D_k vec([d]x R_k)``.
+
+    Args:
+        body: the body model.
+        landmarks: L landmarks.
+        skeleton: the posed tree.
+        points: (F, L, 3) the posed landmarks.
+        local: (F, n, 3, 3) local rotations of joints 1..n.
+        levers: (L, J, 3) of the shape, see ``landmarks``.
+        correction: (F, L, 3) pose correctives in the rest frame, or None.
+        count: K, rotations to differentiate by.
+    """
+    xp = array_namespace(points)
+    pairs = _pairs(body.parents, landmarks, count)
+    whole, slots = constant(pairs.whole, points), index(pairs.slots, points)
+    lever_map = levers[index(pairs.landmark, points)] * constant(pairs.below, points)[:, :, None]
+    lever_map = xp.reshape(lever_map, (len(pairs.landmark), 3 * len(body.parents))).T
+    dense = unset((points.shape[0], *whole.shape), points)
+    for start in range(0, points.shape[0], _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        part, G, joints = dense[chunk], skeleton.G[chunk], skeleton.joints[chunk, :count]
+        root = joints[:, :1]
+        xp.matmul(_arms(xp, points[chunk] - root), _screws(xp, body, G, joints - root), out=part)
+        part *= whole
+        if len(slots):
+            moved = None if correction is None else correction[chunk]
+            columns = _others(xp, pairs, G, local[chunk], lever_map, moved)
+            xp.reshape(part, (part.shape[0], -1))[:, slots] = xp.reshape(columns, (part.shape[0], -1))
+    return xp.reshape(dense, (points.shape[0], len(landmarks), 3, 3 * count))
+
+
+def _arms(xp: Any, points: Array) -> Array:
+    """Return (F, 3 L, 6): ``[-[y]x | I]``, which makes a screw the velocity of the point y."""
+    arms = xp.matmul(points, constant(_ARM_BY_POINT, points)) + constant(_ARM_AT_ORIGIN, points)
+    return xp.reshape(arms, (points.shape[0], -1, 6))
+
+
+def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
+    """Return (F, 6, 3 K): the axes a in which tangents are written, root's world or joint's parent, and ``p x a``."""
+    frames, count = joints.shape[:2]
+    eye = xp.broadcast_to(constant(np.eye(3), G), (frames, 1, 3, 3))
+    parents = [body.parents[k] for k in range(1, count)]
+    axes = xp.concat([eye, G[:, parents]], axis=1) if parents else eye
+    axes = xp.permute_dims(axes, (0, 2, 1, 3))
+    moments = _cross(xp, xp.permute_dims(joints, (0, 2, 1))[..., None], axes)
+    return xp.reshape(xp.concat([axes, moments], axis=1), (frames, 6, -1))
+
+
+def _others(
+    xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
+) -> Array:
+    """Return (F, 3, 3, N): the columns (axis, tangent) of the pairs that are not whole."""
+    frames, num_pairs = G.shape[0], len(pairs.landmark)
+    lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
+    lever = xp.reshape(lever, (frames, 3, num_pairs))
+    rows = xp.reshape(xp.permute_dims(G, (0, 2, 3, 1)), (9 * frames, -1))
+    mixed = xp.reshape(xp.matmul(rows, constant(pairs.shares, G)), (frames, 3, 3, -1))
+    if correction is not None:
+        moved = xp.permute_dims(correction, (0, 2, 1))[:, :, index(pairs.landmark, G)]
+        lever = lever + _applied(mixed[..., num_pairs : 2 * num_pairs], moved)
+    columns = _cross(xp, mixed[..., :num_pairs], lever[:, :, None])
+    if pairs.corrected:
+        moved = _corrected_by_tangents(xp, pairs, local)
+        columns[..., : moved.shape[-1]] += _applied(mixed[:, :, :, None, 2 * num_pairs :], moved)
+    return columns
+
+
+def _cross(xp: Any, a: Array, b: Array) -> Array:
+    """Return the cross products; the three components lie along dimension 1."""
+    (ax, ay, az), (bx, by, bz) = ([v[:, i] for i in range(3)] for v in (a, b))
+    return xp.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
+
+
+def _applied(matrices: Array, vectors: Array) -> Array:
+    """Return (F, 3, ..., N): (F, 3, 3, ..., N) matrices times (F, 3, ..., N) vectors, pair by pair."""
+    x, y, z = (matrices[:, :, j] * vectors[:, None, j] for j in range(3))
+    x += y
+    x += z
+    return x
+
+
+def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
+    """Return (F, 3, 3, Q): ``D_k vec([e_a]x R_k)``, rest axis and tangent, of the pairs with correctives."""
+    frames = local.shape[0]
+    R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
+    moved = xp.reshape(xp.matmul(R, constant(pairs.corrective, R)), (len(pairs.corrected), frames, 9, -1))
+    moved = xp.reshape(xp.permute_dims(moved, (1, 2, 0, 3)), (frames, 9, -1))[:, :, index(pairs.unpadded, R)]
+    return xp.reshape(moved, (frames, 3, 3, -1))
+
+
+@lru_cache(maxsize=16)
+def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _LandmarkPairs:
+    below = subtree_matrix(parents)[:count]
+    touched = (landmarks.weights != 0).astype(float) @ below.T
+    whole = touched == touched[:, :1]
+    blocks = np.zeros((len(landmarks), 3, count - 1, 9))
+    if landmarks.posedirs is not None:
+        blocks = landmarks.posedirs.reshape(len(landmarks), 3, -1, 9)[:, :, : count - 1]
+    corrected = np.concatenate([np.zeros((len(landmarks), 1), bool), (blocks != 0).any((1, 3))], axis=1)
+    others = (touched > 0) & ~whole & ~corrected
+    joint, landmark = np.concatenate([np.argwhere(corrected.T), np.argwhere(others.T)]).T
+    axis, tangent = np.arange(3)[:, None, None], np.arange(3)[:, None]
+    slots = (3 * landmark + axis) * 3 * count + 3 * joint + tangent
+    weights, num_corrected = landmarks.weights[landmark], int(corrected.sum())
+    parent = np.eye(len(parents))[[parents[k] for k in joint]]
+    shares = np.concatenate([parent, weights * below[joint], weights[:num_corrected]])
+    joints, corrective, unpadded = _padded(blocks, corrected)
+    return _LandmarkPairs(
+        np.kron(whole & ~corrected, np.ones((3, 3))), slots.reshape(-1), landmark, below[joint],
+        np.ascontiguousarray(shares.T), joints, corrective, unpadded,
+    )  # fmt: skip
+
+
+def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...], np.ndarray, np.ndarray]:
+    """Return the corrected joints, their correctives padded to M landmarks a joint, and which columns are real."""
+    joints = tuple(int(k) for k in np.flatnonzero(corrected.any(0)))
+    width = int(corrected.sum(0).max(initial=0))
+    # D_k vec([e_a]x R) = D' vec(R): fold the cross product into the constant.
+    folded = np.tensordot(blocks.reshape(*blocks.shape[:3], 3, 3), _CROSS, axes=(3, 1))  # (L, j, k, s, a, m)
+    folded = folded.transpose(2, 5, 3, 1, 4, 0).reshape(blocks.shape[2], 9, 9, -1)
+    corrective, unpadded = np.zeros((len(joints), 9, 9, width)), [np.zeros(0, int)]
+    for row, k in enumerate(joints):
+        chosen = np.flatnonzero(corrected[:, k])
+        corrective[row, :, :, : len(chosen)] = folded[k - 1][..., chosen]
+        unpadded.append(row * width + np.arange(len(chosen)))
+    return joints, corrective.reshape(len(joints), 9, 9 * width), np.concatenate(unpadded)
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
-from solver_backend.body.label_sides import Letters
-from solver_backend.body.label_words import LabelWords, words_of_file
+from solver_backend.body.label_words import LabelWords, Letters, words_of_file
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.json_file import read_json_file
 

@@ -9,9 +9,9 @@ from functools import lru_cache
 from types import MappingProxyType
 
 from solver_backend.body.joint_names import joint_centre_places
-from solver_backend.body.label_affixes import Affixes
 from solver_backend.body.label_choice import chosen_places, of_one_limb
 from solver_backend.body.label_context import context_of
+from solver_backend.body.label_words import Affixes
 from solver_backend.body.marker_layouts import load_layouts
 
 # Vicon writes *0, *1, ...; Motive 'Unlabeled 1189', 'Unlabeled:2012' or 'Unlabeled_7'; Cortex U_1; Qualisys unnames;

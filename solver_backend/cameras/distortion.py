@@ -16,7 +16,7 @@ from array_api_compat import device
 from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS, require_models
 from solver_backend.exchange.lens_model import LensModel
 from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.geometry.short_axis import squared_length
+from solver_backend.geometry.small_matrices import squared_length
 from solver_backend.types.shapes import Float
 
 ImagePoints = Float[Array, "cameras *batch 2"]

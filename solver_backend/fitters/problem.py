@@ -12,7 +12,7 @@ from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
-from solver_backend.residuals.pose_term import PoseTerm
+from solver_backend.residuals.terms import PoseTerm
 
 REFERENCE_FPS = 60.0
 """Windows of the settings are counted in frames of this rate: how fast people move does not depend on the camera."""

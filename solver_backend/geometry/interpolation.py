@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
-from solver_backend.geometry.short_axis import sum_of_rows
+from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.geometry.sphere import Vectors, geodesic_weights, is_antipodal, orthogonal_axis
 from solver_backend.types.shapes import Float
 

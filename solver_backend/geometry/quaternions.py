@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.geometry.short_axis import squared_length
+from solver_backend.geometry.small_matrices import squared_length
 from solver_backend.types.shapes import Float
 
 _SMALL_SQUARE = 1e-8

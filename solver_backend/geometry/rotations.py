@@ -15,7 +15,7 @@ from solver_backend.geometry.quaternions import (
     quat_multiply,
     rotvec_from_quat,
 )
-from solver_backend.geometry.short_axis import dot, squared_length
+from solver_backend.geometry.small_matrices import dot, squared_length
 from solver_backend.types.shapes import Float
 
 __all__ = [

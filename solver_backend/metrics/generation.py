@@ -64,3 +64,12 @@ def _features(values: np.ndarray) -> np.ndarray:
             hint="(samples, features) are expected: two samples or more, and no NaN.",
         )  # fmt: skip
     return values
+
+
+def spearman(a: np.ndarray, b: np.ndarray) -> float:
+    """Return Spearman's ρ of two (N,) lists without ties, the correlation of their ranks, -1 to 1.
+
+    Reference: Spearman 1904.
+    """
+    ranks = [np.argsort(np.argsort(values)) for values in (a, b)]
+    return float(np.corrcoef(ranks[0], ranks[1])[0, 1])

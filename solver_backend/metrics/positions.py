@@ -2,11 +2,62 @@
 
 from __future__ import annotations
 
+from types import EllipsisType
+
 import numpy as np
 
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.metrics.shapes import mean_or_nan, same_shape
+from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.shapes import Float
+
+Expected = tuple["int | str | EllipsisType", ...]
+"""Numbers, names that stand for any number, and as the first entry '...' for any leading dimensions."""
+
+
+def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
+    """Return both arrays as float64 after checking that they have one shape, and that it is the expected one.
+
+    Raises:
+        ShapeMismatch: the shapes differ from each other or from what is expected.
+    """
+    found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
+    if found.shape != truth.shape:
+        raise ShapeMismatch(
+            f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared.",
+            where="metrics",
+            hint=f"Both must be {describe(expected)}.",
+        )
+    return has_shape(found, expected), truth
+
+
+def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
+    """Return the array as float64 after checking its shape.
+
+    Raises:
+        ShapeMismatch: it has another shape.
+    """
+    values = np.asarray(values, dtype=np.float64)
+    free = bool(expected) and expected[0] is ...
+    fixed = expected[1:] if free else expected
+    fits = values.ndim >= len(fixed) if free else values.ndim == len(fixed)
+    sizes = values.shape[values.ndim - len(fixed) :]
+    if not fits or any(isinstance(want, int) and want != got for want, got in zip(fixed, sizes, strict=True)):
+        raise ShapeMismatch(f"{name} has shape {values.shape}; {describe(expected)} is expected.", where="metrics")
+    return values
+
+
+def describe(expected: Expected) -> str:
+    """Return the shape as text, for example '(..., points, 3)'."""
+    return "(" + ", ".join("..." if size is ... else str(size) for size in expected) + ")"
+
+
+def mean_or_nan(values: np.ndarray) -> float:
+    """Return the mean of the finite values, NaN if there is none (without NumPy's warning)."""
+    finite = values[np.isfinite(values)]
+    return float(finite.mean()) if finite.size else float("nan")
+
 
 POINTS = (..., "points", 3)
 """Shape of what is compared, metres."""
@@ -119,3 +170,146 @@ def pck_percent(
     distance = distances_m(found, truth)
     known = np.isfinite(truth).all(-1)
     return 100.0 * float((distance[known] <= threshold_m).mean()) if known.any() else float("nan")
+
+
+def geodesic_deg(
+    found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
+) -> Float[np.ndarray, " *batch"]:
+    """Return the angle of the rotation that leads from one to the other, in degrees.
+
+    ``2 asin(|A - B|_F / (2 √2))``, which keeps its digits for small angles, where the arc cosine of the trace does not.
+
+    Args:
+        found: (..., 3, 3) rotations.
+        truth: (..., 3, 3) rotations.
+
+    Returns:
+        (...) degrees in 0..180, NaN where either is missing.
+
+    Raises:
+        ShapeMismatch: the shapes differ.
+
+    Reference: Hartley et al. 2013, "Rotation averaging", sec. 4.
+    """
+    found, truth = same_shape(found, truth, (..., 3, 3))
+    chord = np.linalg.norm(found - truth, axis=(-2, -1)) / np.sqrt(8.0)
+    return np.degrees(2.0 * np.arcsin(np.clip(chord, 0.0, 1.0)))
+
+
+def angle_mae_deg(
+    found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
+) -> float:
+    """Return the mean angular error of the kinematic chain (thesis 6.3.4), in degrees.
+
+    Args:
+        found: (..., J, 3, 3) rotations of the joints against their parents.
+        truth: (..., J, 3, 3) rotations.
+
+    Raises:
+        ShapeMismatch: the shapes differ.
+    """
+    same_shape(found, truth, (..., "joints", 3, 3))
+    return mean_or_nan(geodesic_deg(found, truth))
+
+
+SKATING_HEIGHT_M = 0.025
+"""Height below which a toe counts as standing (thesis 6.3.4, H_thr)."""
+
+
+def accelerations_m_s2(
+    points: Float[np.ndarray, "frames points 3"], fps: float
+) -> Float[np.ndarray, "accelerations points 3"]:
+    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` (thesis 6.3.4).
+
+    Args:
+        points: (F, N, 3) metres.
+        fps: frames per second.
+
+    Returns:
+        (F - 2, N, 3) m/s², NaN where one of the three frames is missing; empty for fewer than three frames.
+
+    Raises:
+        ShapeMismatch: the array is not (F, N, 3).
+    """
+    points = has_shape(points, ("frames", "points", 3))
+    return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2
+
+
+def accel_error_m_s2(
+    found: Float[np.ndarray, "frames points 3"], truth: Float[np.ndarray, "frames points 3"], fps: float
+) -> float:
+    """Return the mean length of the difference between found and true accelerations, in m/s².
+
+    Args:
+        found: (F, N, 3) metres.
+        truth: (F, N, 3) metres.
+        fps: frames per second.
+
+    Returns:
+        m/s²; NaN for fewer than three frames.
+
+    Raises:
+        ShapeMismatch: the shapes differ.
+
+    Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
+    """
+    found, truth = same_shape(found, truth, ("frames", "points", 3))
+    difference = accelerations_m_s2(found, fps) - accelerations_m_s2(truth, fps)
+    return mean_or_nan(np.linalg.norm(difference, axis=-1))
+
+
+def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
+    """Return how far toes slide along the floor while they stand on it, in centimetres per frame.
+
+    ``FS = 1/N Σ v (2 - 2^(h/H))`` over the frames with ``h ≤ H``, where ``v`` is the horizontal way to the next frame,
+    ``h`` the height and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number of frames, which is
+    what its unit (cm/frame) states; a toe below the floor counts as on it.
+
+    Args:
+        toes: (F, N, 3) metres, Z up.
+        floor_m: height of the floor.
+
+    Returns:
+        cm/frame, averaged over the toes; NaN for fewer than two frames.
+
+    Raises:
+        ShapeMismatch: the array is not (F, N, 3).
+
+    Reference: Mir et al. 2023, "Generating continual human motion in diverse 3D scenes" (thesis, reference 204).
+    """
+    toes = has_shape(toes, ("frames", "points", 3))
+    way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)
+    height = np.maximum(toes[:-1, :, 2] - floor_m, 0.0)
+    weight = np.where(height <= SKATING_HEIGHT_M, 2.0 - 2.0 ** np.minimum(height / SKATING_HEIGHT_M, 1.0), 0.0)
+    return mean_or_nan(np.where(np.isfinite(height), way_cm * weight, np.nan))
+
+
+_FRAMES = 2000
+"""Frames projected at a time."""
+
+
+def reprojection_px(
+    cameras: Cameras, points: Float[np.ndarray, "frames points 3"], keypoints: Keypoints2D
+) -> Float[np.ndarray, "views frames points"]:
+    """Return the distance between each detection and the projection of its point.
+
+    Args:
+        cameras: C cameras, in the order of the views.
+        points: (F, K, 3) world metres.
+        keypoints: C views of F frames with K keypoints.
+
+    Returns:
+        (C, F, K) pixels, NaN where there is no detection or no visible point.
+
+    Raises:
+        ShapeMismatch: the points do not fit the detections, or the cameras the views.
+    """
+    views, frames, count = keypoints.confidence.shape
+    points = has_shape(points, (frames, count, 3), "The array of points")
+    has_shape(cameras.t, (views, 3), "The cameras' translation")
+    error = np.empty((views, frames, count))
+    for start in range(0, frames, _FRAMES):
+        part = slice(start, start + _FRAMES)
+        px = project(cameras, points[part])
+        error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
+    return error

@@ -14,7 +14,7 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.one_view.depth import LIMB_ENDS
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.report.markup import facts, figure, heat_table, number, section, text
 from solver_backend.report.plots import WIDTH, strip_plot

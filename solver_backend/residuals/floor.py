@@ -8,7 +8,7 @@ from typing import Any
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.residuals.point_term import PointEvidence
+from solver_backend.residuals.terms import PointEvidence
 
 SIGMA_M = 0.01
 """How far a point may sink in: what skin, shoe and mat give, and the floor is off level. Chosen

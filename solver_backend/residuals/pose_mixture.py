@@ -13,7 +13,7 @@ from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.weights import BODY_JOINTS
-from solver_backend.residuals.pose_term import PoseEvidence
+from solver_backend.residuals.terms import PoseEvidence
 
 WIDENING_RAD = 0.12
 """Standard deviation added to every direction of the mixture: people differ more than those it was fitted to."""

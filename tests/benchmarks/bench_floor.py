@@ -20,7 +20,7 @@ import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend import solve
-from solver_backend.evaluation.butterworth import butterworth
+from solver_backend.evaluation.evaluate import butterworth
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults

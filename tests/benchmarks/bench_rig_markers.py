@@ -22,7 +22,7 @@ from research.baselines.marker_fits import MoSh
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.devices.recorded import SensorFolder, open_folder

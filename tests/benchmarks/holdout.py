@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.evaluation.evaluate import triangulate_and_filter
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
 from solver_backend.types import Cameras, Capture

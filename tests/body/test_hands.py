@@ -6,15 +6,18 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import DEFAULT_BODY, load_body
-from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.body.hand_angles import ANGLES, measure_angles
-from solver_backend.body.hand_on_body import (
+from solver_backend.body.hands import (
+    FIRST_FINGER,
     finger_rotations,
     hand_points,
+    load_body_with_hands,
     rest_angles,
     tip_vertices,
+    with_fingers,
+    with_hand_size,
 )
-from solver_backend.body.hands import FIRST_FINGER, load_body_with_hands, with_fingers, with_hand_size
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmarks import pose_landmarks

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.rotations import exp_so3

@@ -5,8 +5,9 @@ import dataclasses
 import numpy as np
 import pytest
 
+from solver_backend.body.anatomy import cast_ray
 from solver_backend.body.body import load_body
-from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
@@ -14,7 +15,6 @@ from solver_backend.body.markers import (
     MARKER_OFFSET_M,
     marker_landmarks,
 )
-from solver_backend.body.raycast import cast_ray
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.types import SMPL_JOINTS, JointSet
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.evaluation.butterworth import bridged, butterworth
+from solver_backend.evaluation.evaluate import bridged, butterworth
 
 
 def test_filter_equals_scipy():

@@ -10,8 +10,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.hand_angles import ANGLES
-from solver_backend.body.hand_on_body import by_finger, hand_skeletons
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import by_finger, hand_skeletons, with_fingers
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.errors import MotionInvalid

@@ -11,8 +11,7 @@ import pytest
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.hand_angles import ANGLES
-from solver_backend.body.hand_on_body import finger_rotations
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import finger_rotations, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL

@@ -12,7 +12,7 @@ import numpy as np
 from blender_addon.body.body_file import read_body
 from blender_addon.headless.batch.record import NAME as RECORD
 from blender_addon.headless.batch.record import is_step_done, read_record
-from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import read_npz

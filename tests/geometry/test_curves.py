@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.geometry import curves
 from solver_backend.geometry.rotations import exp_so3, quat_from_matrix
+from training.data import balance
 
 
 def path(count: int, d: int, step: float = 0.4) -> np.ndarray:
@@ -34,11 +34,11 @@ def one_sided_derivatives(left, right, h: float = 1e-3) -> list[float]:
 @pytest.mark.parametrize("d", [3, 4, 8])
 def test_squad_is_c1_and_not_c2(d):
     keys = path(6, d)
-    controls = curves.squad_controls(keys)
+    controls = balance.squad_controls(keys)
     np.testing.assert_array_equal(controls[[0, -1]], keys[[0, -1]])
 
     def span(i):
-        return lambda t: curves.squad(keys[i], keys[i + 1], controls[i], controls[i + 1], t)
+        return lambda t: balance.squad(keys[i], keys[i + 1], controls[i], controls[i + 1], t)
 
     for i in range(1, 4):
         position, velocity, acceleration = one_sided_derivatives(span(i), span(i + 1))
@@ -48,8 +48,8 @@ def test_squad_is_c1_and_not_c2(d):
 
 def test_squad_of_evenly_spaced_rotations_is_slerp():
     q = quat_from_matrix(exp_so3(np.linspace(0, 2, 6)[:, None] * np.array([0.6, 0.0, 0.8])))
-    controls = curves.squad_controls(q)
-    x = curves.squad(q[2], q[3], controls[2], controls[3], np.linspace(0, 1, 5))
+    controls = balance.squad_controls(q)
+    x = balance.squad(q[2], q[3], controls[2], controls[3], np.linspace(0, 1, 5))
     expected = quat_from_matrix(exp_so3(np.linspace(0.8, 1.2, 5)[:, None] * np.array([0.6, 0.0, 0.8])))
     np.testing.assert_allclose(x, expected, atol=1e-14)
 
@@ -57,25 +57,25 @@ def test_squad_of_evenly_spaced_rotations_is_slerp():
 def test_bspline_is_c2_and_not_c3_and_sums_to_one():
     p = path(6, 5)
     position, velocity, acceleration = one_sided_derivatives(
-        lambda t: curves.bspline(*p[0:4], t), lambda t: curves.bspline(*p[1:5], t)
+        lambda t: balance.bspline(*p[0:4], t), lambda t: balance.bspline(*p[1:5], t)
     )
     assert position < 1e-15 and velocity < 1e-9 and acceleration < 1e-6
-    np.testing.assert_allclose(curves.bspline(*([p[0]] * 4), np.linspace(0, 1, 4)), np.tile(p[0], (4, 1)), atol=1e-15)
+    np.testing.assert_allclose(balance.bspline(*([p[0]] * 4), np.linspace(0, 1, 4)), np.tile(p[0], (4, 1)), atol=1e-15)
 
 
 def test_lerp_and_bezier():
     p, t = path(4, 5), np.linspace(0, 1, 7)
-    np.testing.assert_allclose(curves.lerp(p[0], p[1], t), p[0] + t[:, None] * (p[1] - p[0]), atol=1e-15)
+    np.testing.assert_allclose(balance.lerp(p[0], p[1], t), p[0] + t[:, None] * (p[1] - p[0]), atol=1e-15)
     points = list(p)
     while len(points) > 1:
-        points = [curves.lerp(a, b, t) for a, b in itertools.pairwise(points)]
-    np.testing.assert_allclose(curves.bezier(*p, t), points[0], atol=1e-15)
+        points = [balance.lerp(a, b, t) for a, b in itertools.pairwise(points)]
+    np.testing.assert_allclose(balance.bezier(*p, t), points[0], atol=1e-15)
 
 
 def test_torch_equals_numpy():
     p, t = path(4, 6), np.linspace(0, 1, 5)
     tensors, times = [torch.as_tensor(k) for k in p], torch.as_tensor(t)
-    for function in (curves.squad, curves.bezier, curves.bspline):
+    for function in (balance.squad, balance.bezier, balance.bspline):
         np.testing.assert_allclose(function(*tensors, times).numpy(), function(*p, t), atol=1e-14)
     stacked = torch.as_tensor(p)
-    np.testing.assert_allclose(curves.squad_controls(stacked).numpy(), curves.squad_controls(p), atol=1e-14)
+    np.testing.assert_allclose(balance.squad_controls(stacked).numpy(), balance.squad_controls(p), atol=1e-14)

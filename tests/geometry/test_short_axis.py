@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.arrays import replaced
-from solver_backend.geometry.short_axis import (
-    all_coordinates,
-    any_coordinate,
-    dot,
-    squared_length,
-    sum_of_rows,
-)
+from solver_backend.geometry.small_matrices import all_coordinates, any_coordinate, dot, squared_length, sum_of_rows
 
 
 @pytest.mark.parametrize("precision", [np.float32, np.float64])

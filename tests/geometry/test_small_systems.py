@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.small_systems import solved_3x3
+from solver_backend.geometry.small_matrices import solved_3x3
 
 
 def test_blended_rotations_are_solved_as_lapack_does():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.geometry.symmetric import inverse_symmetric_3x3, mean_sigma, packed, unpacked
+from solver_backend.geometry.small_matrices import inverse_symmetric_3x3, mean_sigma, packed, unpacked
 
 
 @pytest.mark.parametrize("kind", [np.asarray, torch.as_tensor])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
-from solver_backend.priors import balance
+from training.data import balance
 
 
 def test_mahalanobis_of_gaussian_codes_is_chi() -> None:

@@ -10,8 +10,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.hand_angles import ANGLES
-from solver_backend.body.hand_on_body import by_joint, hand_skeletons
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import by_joint, hand_skeletons, with_fingers
 from solver_backend.fitters.output.finger_turns import with_finger_turns
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.report.body_sections import hands_section

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.geometry.symmetric import packed
+from solver_backend.geometry.small_matrices import packed
 from solver_backend.report.body_sections import MOMENTS, one_view_section, open_limbs, sight_sigma_m
 from solver_backend.report.page import report_html
 from solver_backend.types import Capture, Motion

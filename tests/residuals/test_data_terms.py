@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.residuals.point_term import DataTerm
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.terms import DataTerm
 from tests.support.filmed_points import POINTS, reprojection
 
 PLAIN = 1e6

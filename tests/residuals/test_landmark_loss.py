@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss, LearnedVariances
-from solver_backend.residuals.learned_positions import LearnedPositionTerm
+from solver_backend.residuals.landmark_loss import (
+    AdaptiveLoss,
+    FixedVariances,
+    LandmarkLoss,
+    LearnedPositionTerm,
+    LearnedVariances,
+)
 
 LOSSES = (
     FixedVariances(), LearnedVariances(0.0), LearnedVariances(0.3),

@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.types import Motion
 

@@ -14,14 +14,14 @@ from solver_backend.exchange.errors import NonFiniteData
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.balance import (
+from solver_backend.priors.base import AutoencodingPrior
+from training.data.balance import (
     CodeStatistics,
     exponential_relevance,
     reconstruction_error,
     sample_tail,
     sigmoid_relevance,
 )
-from solver_backend.priors.base import AutoencodingPrior
 from training.data.corpus import HELD_OUT, NEAR_REPEAT_M, absent_subjects, check_sides, distinct_poses
 from training.data.points import rotation_points
 from training.data.sources.clips import FAR, Clip

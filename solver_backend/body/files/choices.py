@@ -3,13 +3,80 @@
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from solver_backend.body.body import DEFAULT_BODY, Body, load_body
-from solver_backend.body.files.smpl_files import load_smpl_file
+import numpy as np
+
+from solver_backend.body.body import DEFAULT_BODY, REQUIRED_KEYS, Body, body_from_arrays, load_body
+from solver_backend.body.files.restricted_pickle import read_pickle
 from solver_backend.exchange.body_choice import SHIPPED, SUFFIXES, bodies_folder, is_path
-from solver_backend.exchange.errors import BodyUnknown
+from solver_backend.exchange.errors import BodyInvalid, BodyUnknown, FileDamaged, FileMissing
+from solver_backend.exchange.npz import read_npz
+
+_HANDS = ("hands_meanl", "hands_meanr")
+
+
+def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: bool = True) -> Body:
+    """Read a licensed body model that the user owns; nothing of it is copied or kept.
+
+    Args:
+        path: ``.npz``, or the older ``.pkl`` (read without running anything it holds).
+        family: 'SMPL', 'SMPL-H' or 'SMPL-X' if only that one will do.
+        flat_hands: False adds the file's relaxed hands (``hands_meanl``, ``hands_meanr``) to every finger pose.
+
+    Raises:
+        UnsafePickle: the pickle asks for code.
+        BodyInvalid: keys are missing, shapes or joint counts are wrong, values are not finite, or it is another family.
+    """
+    path = Path(path)
+    arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
+    missing = [key for key in REQUIRED_KEYS if key not in arrays]
+    if missing:
+        raise BodyInvalid(
+            f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}.",
+            where=str(path),
+            hint=f"An SMPL-family file holds {', '.join(REQUIRED_KEYS)}.",
+        )
+    body = body_from_arrays(arrays, where=str(path), default_id=path.stem)
+    if family is not None and body.layout.name != family:
+        raise BodyInvalid(
+            f"This is a {body.layout.name} file ({len(body.parents)} joints); {family} is expected.",
+            where=str(path),
+            hint=f"Choose {body.layout.name} as the body's family, or another file.",
+        )
+    return body if flat_hands else replace(body, hands_mean=_hands_mean(arrays, body, str(path)))
+
+
+def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | None:
+    """Return the (r, 3) mean axis-angles of the joints that rest in solves; jaw and eyes have none."""
+    if body.layout.name == "SMPL":
+        return None
+    if not set(_HANDS) <= set(arrays):
+        raise BodyInvalid(
+            f"The body file lacks its relaxed hands; {', '.join(_HANDS)} are expected.",
+            where=where,
+            hint="Read the file with flat hands.",
+        )
+    mean = np.zeros((body.layout.num_joints, 3))
+    for key, group in zip(_HANDS, ("left_hand", "right_hand"), strict=True):
+        own, joints = np.asarray(arrays[key]), list(body.layout.group(group))
+        if own.dtype.kind not in "fiu" or own.size != 3 * len(joints) or not np.isfinite(own).all():
+            found = f"{own.dtype} of shape {own.shape}"
+            raise BodyInvalid(f"{key} is {found}; {3 * len(joints)} finite numbers are expected.", where=where)
+        mean[joints] = own.reshape(-1, 3)
+    return mean[1 + body.layout.num_solved :]
+
+
+def _read_npz(path: Path) -> dict[str, Any]:
+    wanted = {*REQUIRED_KEYS, "posedirs", *_HANDS}
+    try:
+        return dict(read_npz(path, wanted.__contains__))
+    except (FileMissing, FileDamaged) as error:
+        raise BodyInvalid(
+            f"The file cannot be read: {error.message}", where=str(path), hint="The file may be truncated."
+        ) from error
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from solver_backend.cameras.projection import project_with_jacobian
 from solver_backend.cameras.triangulation.point_refinement import CameraArrays
 from solver_backend.cameras.triangulation.triangulate import Triangulation
 from solver_backend.geometry.parallel import map_blocks
-from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import Cameras
 
 DEPTH_SIGMA_M = 0.5

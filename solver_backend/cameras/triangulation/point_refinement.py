@@ -8,8 +8,12 @@ from itertools import combinations
 
 from solver_backend.cameras.projection import CameraArrays, project_with_jacobian, undistort
 from solver_backend.geometry.arrays import Array, array_namespace
-from solver_backend.geometry.short_axis import all_coordinates, any_coordinate, squared_length
-from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.geometry.small_matrices import (
+    all_coordinates,
+    any_coordinate,
+    inverse_symmetric_3x3,
+    squared_length,
+)
 
 MOST_VIEWS = 6
 """Subsets are made of this many views of a point, its most confident ones."""

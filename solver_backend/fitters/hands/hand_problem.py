@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.finger_overlap import BONES, PAIRS, finger_gaps
 from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.body.hand_skeleton import BONES, PAIRS, HandSites, HandSkeleton, finger_gaps
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
 from solver_backend.priors.hand_prior import HandPrior
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.terms import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types.shapes import Bool, Float
 

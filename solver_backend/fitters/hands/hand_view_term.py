@@ -13,9 +13,9 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.geometry.runs import true_runs
-from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.residuals.terms import PointEvidence, Residuals
 from solver_backend.types.shapes import Bool, Float
 
 ROUNDS = 3

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.hands import hand_of_shape
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
@@ -28,7 +28,7 @@ from solver_backend.fitters.hands.layer import HandClouds, HandViews
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types.shapes import Float
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, KNUCKLES, SPREAD, measure_angles
-from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.hand_problem import (
     DOF,

@@ -9,10 +9,8 @@ from functools import partial
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.finger_overlap import finger_overlap
-from solver_backend.body.hand_on_body import by_finger
-from solver_backend.body.hand_skeleton import HandSkeleton
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
+from solver_backend.body.hands import by_finger, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic

@@ -31,8 +31,8 @@ from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
-from solver_backend.residuals.point_term import PointTerm
 from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.residuals.terms import PointTerm
 
 FADING_S = 0.15
 """Where nobody is seen, speeds fade within this time; chosen by hand."""

@@ -15,8 +15,8 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, lagrang
 from solver_backend.fitters.model.states import BLOCK_POSES, Keyframes, PosedFrames
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
-from solver_backend.geometry.symmetric import packed
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.geometry.small_matrices import packed
+from solver_backend.residuals.terms import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 CALIBRATION = 0.5

@@ -19,7 +19,7 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
 from solver_backend.geometry.arrays import Array, to_numpy
-from solver_backend.geometry.symmetric import mean_sigma
+from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_UNSURE, Motion
 
 MOVED_M = 0.02

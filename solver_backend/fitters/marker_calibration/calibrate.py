@@ -23,10 +23,10 @@ from solver_backend.fitters.single_frame import fit_frames, fit_to_points
 from solver_backend.fitters.subject_calibration.shape import moved
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, to_numpy, zeros
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.priors.base import AutoencodingPrior, PosePrior
-from solver_backend.residuals.point_term import DataTerm, PointEvidence
 from solver_backend.residuals.robust import geman_mcclure, graduated_scales
+from solver_backend.residuals.terms import DataTerm, PointEvidence
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.geometry.runs import true_runs
-from solver_backend.geometry.small_systems import solved_3x3
+from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, LOOKED_AT = 4, 12
 """Nearest markers that are seen from one end of a gap to the other, and of how many."""

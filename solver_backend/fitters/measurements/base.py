@@ -14,7 +14,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import FrameObjective, Subject
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.terms import DataTerm
 from solver_backend.types import Motion
 
 if TYPE_CHECKING:

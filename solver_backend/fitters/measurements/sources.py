@@ -18,8 +18,8 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.fitters.recipes.steps import learn_view_noise, learn_window_noise
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.metrics.image import reprojection_px
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.metrics.positions import reprojection_px
+from solver_backend.residuals.terms import DataTerm
 from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Cameras, Keypoints2D, Motion
 
 if TYPE_CHECKING:

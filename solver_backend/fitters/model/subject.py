@@ -17,10 +17,9 @@ from solver_backend.body.state_layout import PoseLayout
 from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
-from solver_backend.geometry.short_axis import sum_of_rows
-from solver_backend.residuals.point_term import PointEvidence, PointTerm
-from solver_backend.residuals.pose_term import PoseTerm
+from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.residuals.relative_positions import without_shift
+from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import informed_joints
-from solver_backend.body.hand_on_body import JOINTS_OF_A_HAND, by_joint, hand_skeletons
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, fingers_move
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import BodyInvalid

@@ -8,8 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, informed_joints
-from solver_backend.body.hand_on_body import JOINTS_OF_A_HAND, by_joint, hand_skeletons
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.hand_points import SIDES

@@ -16,7 +16,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.geometry.symmetric import mean_sigma
+from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 FAR, FAR_SIGMAS = 3.0, 2.0

@@ -11,7 +11,7 @@ from solver_backend.body.hands import FIRST_FINGER, with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.symmetric import mean_sigma
+from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_RESTING, Motion
 from solver_backend.types.shapes import Bool, Float
 

@@ -11,7 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.geometry.symmetric import packed, unpacked
+from solver_backend.geometry.small_matrices import packed, unpacked
 
 ANCHORS = {
     "trunk": "pelvis", "head": "spine3", "left_upper_arm": "spine3", "right_upper_arm": "spine3",

@@ -12,8 +12,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
-from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf.pose_ndf import TURN_METRIC, PoseNDF
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 

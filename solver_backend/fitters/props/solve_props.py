@@ -32,7 +32,7 @@ from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.runs import true_runs
-from solver_backend.geometry.symmetric import mean_sigma, packed
+from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerCloud

@@ -25,7 +25,7 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.terms import DataTerm
 
 ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
 """Free blocks of poses that the prior decodes."""

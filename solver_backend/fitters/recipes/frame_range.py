@@ -33,7 +33,7 @@ from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_s
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
-from solver_backend.geometry.symmetric import packed
+from solver_backend.geometry.small_matrices import packed
 from solver_backend.types import Motion
 
 STAGE = "Solving the stretch"

@@ -18,9 +18,9 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.labelling.outputs import MARKERS
-from solver_backend.residuals.learned_positions import LearnedPositionTerm
-from solver_backend.residuals.point_term import PointTerm
+from solver_backend.residuals.landmark_loss import LearnedPositionTerm
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
+from solver_backend.residuals.terms import PointTerm
 
 TURN_RAD_S, MOVE_M_S = 4.0, 6.0
 """Standard deviations of how joints and the body leave where the last frames were going, a second."""

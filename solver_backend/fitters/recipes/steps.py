@@ -26,7 +26,7 @@ from solver_backend.fitters.subject_calibration.shape import ShapePrior
 from solver_backend.fitters.subject_calibration.shape import refit_shape as refit
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
 from solver_backend.geometry.arrays import index, to_numpy
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.terms import DataTerm
 
 
 def space_keys(bundle: Bundle) -> Bundle:

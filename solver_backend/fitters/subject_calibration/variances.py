@@ -9,7 +9,7 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, to_numpy
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.terms import DataTerm
 
 PRIOR_FRAMES = 60.0
 """How many frames' worth of evidence there is that all views are alike; errors of neighbouring frames are."""

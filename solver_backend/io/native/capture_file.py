@@ -17,7 +17,7 @@ from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, FARTHEST_M, require_within
 from solver_backend.exchange.schema import Fields, read_fields
-from solver_backend.geometry.symmetric import packed, unpacked
+from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.types import (
     BONES,
     Cameras,

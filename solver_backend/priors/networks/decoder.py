@@ -7,7 +7,7 @@ from collections.abc import Callable
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d, matrix_from_6d_with_jacobian
-from solver_backend.geometry.short_axis import sum_of_rows
+from solver_backend.geometry.small_matrices import sum_of_rows
 from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.types.shapes import Float

@@ -7,10 +7,12 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
 from solver_backend.priors.base import (
@@ -24,10 +26,164 @@ from solver_backend.priors.base import (
     in_own_columns,
 )
 from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.networks.softplus_stack import SoftplusStack
-from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS
-from solver_backend.priors.pose_ndf.pose_field import PoseField
+from solver_backend.priors.networks.softplus_stack import SoftplusStack, softplus
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
+
+
+def _joint_weights() -> np.ndarray:
+    below = subtree_matrix(SMPL_PARENTS).sum(axis=1)[1 : 1 + NUM_BODY_JOINTS]
+    return np.sqrt(below) / np.sqrt(below).mean()
+
+
+JOINT_WEIGHTS: np.ndarray = _joint_weights()
+"""(21,) weights ``w`` of the joints 1..21, mean 1: the root of the number of joints that a joint moves, itself counted.
+The paper states only that joints early in the chain weigh more."""
+
+
+TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0
+"""(21,) factors of the squared distance between a pose and the same turned a little: ``d² = Σ_k w_k/8 |ω_k|²``."""
+
+
+def pose_distance(a: Array, b: Array) -> Array:
+    """Return ``d(a, b) = sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)``, the same for q and -q; rad.
+
+    Args:
+        a: (..., 21, 4) unit quaternions.
+        b: (..., 21, 4) unit quaternions, broadcast against ``a``.
+
+    Returns:
+        (...).
+
+    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 2.
+    """
+    xp = array_namespace(a, b)
+    angle = half_angles(a, b)
+    return xp.sqrt(xp.sum(0.5 * constant(JOINT_WEIGHTS, a) * angle * angle, axis=-1))
+
+
+def half_angles(a: Array, b: Array) -> Array:
+    """Return ``arccos|a · b| = 2 arcsin(min|a ∓ b|/2)``, half the angle between; (..., 4) -> (...) rad."""
+    xp = array_namespace(a, b)
+    near, far = xp.sum((a - b) ** 2, axis=-1), xp.sum((a + b) ** 2, axis=-1)
+    return 2.0 * xp.asin(0.5 * xp.sqrt(xp.where(near < far, near, far)))
+
+
+@dataclass(frozen=True)
+class _FieldLevel:
+    """Joints of one depth in the tree, which are encoded together."""
+
+    joints: tuple[int, ...]
+    """Columns 0..20 of the joints 1..21."""
+    parents: np.ndarray
+    """(n, m) one where a joint's parent is the m-th joint of the level above; no column where that is the pelvis."""
+
+
+def _levels() -> tuple[_FieldLevel, ...]:
+    levels: list[_FieldLevel] = []
+    above: tuple[int, ...] = (-1,)
+    while above:
+        joints = tuple(j for j in range(NUM_BODY_JOINTS) if SMPL_PARENTS[j + 1] - 1 in above)
+        if joints:
+            parents = np.array([[float(SMPL_PARENTS[j + 1] - 1 == p) for p in above if p >= 0] for j in joints])
+            levels.append(_FieldLevel(joints, parents))
+        above = joints
+    return tuple(levels)
+
+
+LEVELS = _levels()
+_ORDER = tuple(joint for level in LEVELS for joint in level.joints)
+
+
+@dataclass(frozen=True)
+class PoseField:
+    """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
+
+    Children of the pelvis, which has no feature, see zeros in its place. ``s`` is the softplus.
+
+    Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
+    """
+
+    w0: Array
+    """(21, H, 4 + l)."""
+    b0: Array
+    """(21, H)."""
+    w1: Array
+    """(21, l, H)."""
+    b1: Array
+    """(21, l)."""
+    distance: SoftplusStack
+    """21 l -> 1, positive; its inputs are the features joint by joint, in the order of the tree's levels."""
+
+    def like(self, x: Array) -> PoseField:
+        """Return the network in the kind, type and device of ``x``."""
+        w0, b0, w1, b1 = (constant(value, x) for value in (self.w0, self.b0, self.w1, self.b1))
+        return PoseField(w0, b0, w1, b1, self.distance.like(x))
+
+    def __call__(self, quats: Array) -> Array:
+        """Return ``f`` (N,) of (N, 21, 4) quaternions."""
+        xp = array_namespace(quats)
+        features, _ = self._encode(xp.permute_dims(quats, (1, 0, 2)))
+        return self.distance.forward(_side_by_side(features))[0][:, 0]
+
+    def with_gradient(self, quats: Array) -> tuple[Array, Array]:
+        """Return ``f`` (N,) and its derivative by (N, 21, 4) quaternions, (N, 21, 4), by reverse accumulation."""
+        xp = array_namespace(quats)
+        count = quats.shape[0]
+        features, slopes = self._encode(xp.permute_dims(quats, (1, 0, 2)))
+        distance, tape = self.distance.forward(_side_by_side(features))
+        by_stacked = self.distance.backward(tape, xp.ones_like(distance))
+        by_feature = xp.permute_dims(xp.reshape(by_stacked, (count, NUM_BODY_JOINTS, -1)), (1, 0, 2))
+        return distance[:, 0], xp.permute_dims(self._by_quats(slopes, by_feature), (1, 0, 2))
+
+    def _encode(self, quats: Array) -> tuple[list[Array], list[Array]]:
+        """Return features (n, N, l) and the slopes (n, N, H) of every level."""
+        xp = array_namespace(quats)
+        features: list[Array] = []
+        slopes: list[Array] = []
+        for level in LEVELS:
+            joints = list(level.joints)
+            own = quats[joints]
+            if features:
+                above = _mixed(constant(level.parents, quats), features[-1])
+            else:
+                above = xp.zeros_like(quats[joints][..., :1]) * self.b1[0]
+            x = xp.concat((own, above), axis=-1)
+            x = xp.matmul(x, xp.matrix_transpose(self.w0[joints])) + self.b0[joints][:, None, :]
+            x, slope = softplus(x)
+            features.append(xp.matmul(x, xp.matrix_transpose(self.w1[joints])) + self.b1[joints][:, None, :])
+            slopes.append(slope)
+        return features, slopes
+
+    def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
+        """Return (21, N, 4) from the derivatives by the features (21, N, l), which are in the order of the levels."""
+        xp = array_namespace(by_feature)
+        parts: list[Array] = []
+        last, from_below = NUM_BODY_JOINTS, None
+        for level, slope in zip(reversed(LEVELS), reversed(slopes), strict=True):
+            joints, first = list(level.joints), last - len(level.joints)
+            own = by_feature[first:last]
+            own = own if from_below is None else own + from_below
+            by_input = xp.matmul(xp.matmul(own, self.w1[joints]) * slope, self.w0[joints])
+            parts.append(by_input[..., :4])
+            if first:
+                from_below = _mixed(constant(level.parents.T, by_input), by_input[..., 4:])
+            last = first
+        by_quats = xp.concat(parts[::-1], axis=0)
+        return by_quats[[_ORDER.index(j) for j in range(NUM_BODY_JOINTS)]]
+
+
+def _side_by_side(features: list[Array]) -> Array:
+    """Return (N, 21 l) from the levels' (n, N, l)."""
+    xp = array_namespace(features[0])
+    return xp.reshape(xp.permute_dims(xp.concat(features, axis=0), (1, 0, 2)), (features[0].shape[1], -1))
+
+
+def _mixed(shares: Array, values: Array) -> Array:
+    """Return ``Σ_m shares[n, m] values[m]``: (n, m) and (m, N, l) -> (n, N, l)."""
+    xp = array_namespace(values)
+    flat = xp.matmul(shares, xp.reshape(values, (values.shape[0], -1)))
+    return xp.reshape(flat, (shares.shape[0], *values.shape[1:]))
+
 
 _DIM = 4 * NUM_BODY_JOINTS
 _UNIT_WITHIN = 1e-3

@@ -9,7 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.metrics import (
     accel_error_m_s2,
     angle_mae_deg,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from research.baselines import BaselineResult
-from solver_backend.geometry.symmetric import packed
+from solver_backend.geometry.small_matrices import packed
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks.bench_bundle import table

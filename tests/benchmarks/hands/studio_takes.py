@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.body.hand_on_body import by_finger, hand_of_shape
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hand_skeleton import finger_overlap
+from solver_backend.body.hands import by_finger, hand_of_shape, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS
@@ -17,7 +16,7 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.hands.hand_view_term import sort_hands
 from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
 from solver_backend.synthesis.studio.hands.hand_sight import hidden_points
 from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands

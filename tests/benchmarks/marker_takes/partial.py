@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Capture, MarkerCloud, Motion
 
 BOUNDS = np.array([2.366, 4.642, 7.815])

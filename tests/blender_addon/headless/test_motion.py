@@ -15,8 +15,7 @@ from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.headless.main import main
 from blender_addon.retarget.motion.figures import actor_of_motion
-from solver_backend.body.hand_on_body import by_finger, hand_skeletons
-from solver_backend.body.hands import load_body_with_hands
+from solver_backend.body.hands import by_finger, hand_skeletons, load_body_with_hands
 from solver_backend.io.native.motion_file import write_motion
 from tests.support.drawn_gloves import GLOVE_FPS, OFFSET_S, drawn_gloves, hands_bvh
 from tests.support.played_character import FPS, FRAMES, known_clip, play_on_character, write_clip

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.body.files import pickle_machine
+from solver_backend.body.files import restricted_pickle
 from solver_backend.body.files.restricted_pickle import read_pickle
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
 from tests.support.pickle_bytes import array, attributes, pickled, sparse, stand_in, text
@@ -118,7 +118,7 @@ def test_one_text_turned_into_arrays_again_and_again_is_refused(tmp_path: Path) 
 
 
 def test_a_flood_of_operations_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pickle_machine, "MAX_OPERATIONS", 1000)
+    monkeypatch.setattr(restricted_pickle, "MAX_OPERATIONS", 1000)
     with pytest.raises(UnsafePickle, match="more than 1,000 operations"):
         read(tmp_path, b"\x80\x02" + b"N0" * 1000 + b"N.")
 
@@ -174,4 +174,4 @@ def mutate() -> None:
 
 
 def test_machine_reads_from_any_stream() -> None:
-    assert pickle_machine.Machine(io.BytesIO(pickle.dumps({"a": 1})), "x", frozenset()).load() == {"a": 1}
+    assert restricted_pickle.Machine(io.BytesIO(pickle.dumps({"a": 1})), "x", frozenset()).load() == {"a": 1}

@@ -8,7 +8,7 @@ import types
 import numpy as np
 import pytest
 
-from solver_backend.body.files.smpl_files import load_smpl_file
+from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
 from solver_backend.types import SMPL_PARENTS

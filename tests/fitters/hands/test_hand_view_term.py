@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_on_body import hand_of_shape
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hands import hand_of_shape, with_fingers
 from solver_backend.cameras.projection import CameraArrays, project
 from solver_backend.fitters.hands.hand_view_term import HandViewTerm, locate_hands
 from solver_backend.fitters.hands.layer import HandViews

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_on_body import by_finger
+from solver_backend.body.hands import by_finger
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.pipeline import solve

@@ -11,7 +11,7 @@ from solver_backend.fitters.model import keyframe_curve, subject
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import points_of, pose
-from solver_backend.geometry.symmetric import mean_sigma, unpacked
+from solver_backend.geometry.small_matrices import mean_sigma, unpacked
 from tests.support.finer_keys import resampled
 from tests.support.stick_scene import FRAMES
 from tests.support.stick_scene import StickScene as Scene

@@ -8,14 +8,13 @@ import numpy as np
 import pytest
 
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.body.hand_on_body import by_finger, hand_of_shape
-from solver_backend.body.hands import load_body_with_hands
+from solver_backend.body.hands import by_finger, hand_of_shape, load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion
 from tests.support.handed_take import HandedTake, handed_take

@@ -15,7 +15,7 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.layer import Hands
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.prepare import prepare
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.report.checks import diagnose
 from solver_backend.types import FLAG_UNSEEN, Capture, Motion
 from tests.support.limb_errors import LIMBS, coverage, limb_errors

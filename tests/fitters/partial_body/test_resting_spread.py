@@ -18,7 +18,7 @@ from solver_backend.fitters.partial_body.resting_spread import (
     with_resting_spread,
 )
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.symmetric import unpacked
+from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.types import SMPL_JOINTS
 
 UPRIGHT = exp_so3(np.array([0.5 * np.pi, 0.0, 0.0]))

@@ -24,8 +24,7 @@ from solver_backend.fitters.pose_ndf.complete import (
 )
 from solver_backend.fitters.pose_ndf.sequence_solver import ManifoldWeights, PoseSequence, solve_sequence
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
+from solver_backend.priors.pose_ndf.pose_ndf import TURN_METRIC, PoseNDF
 from tests.support.layouts import POSE
 from tests.support.pose_ndf_weights import random_prior
 

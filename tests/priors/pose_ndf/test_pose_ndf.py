@@ -14,9 +14,15 @@ from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.geometry.quaternions import quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS, pose_distance
-from solver_backend.priors.pose_ndf.pose_field import LEVELS
-from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, ProjectionSettings, in_metric, load_pose_ndf
+from solver_backend.priors.pose_ndf.pose_ndf import (
+    JOINT_WEIGHTS,
+    LEVELS,
+    PoseNDF,
+    ProjectionSettings,
+    in_metric,
+    load_pose_ndf,
+    pose_distance,
+)
 from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
 from tests.support.pose_ndf_weights import SIZE, arrays, random_prior
 

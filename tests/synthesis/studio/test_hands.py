@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.body.finger_overlap import finger_overlap
-from solver_backend.body.hand_on_body import finger_rotations
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hand_skeleton import finger_overlap
+from solver_backend.body.hands import finger_rotations, with_fingers
 from solver_backend.cameras.projection import project
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands

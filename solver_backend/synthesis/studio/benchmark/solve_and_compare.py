@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.evaluation.evaluate import triangulate_and_filter
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import METHOD_NAMES, SolveSettings

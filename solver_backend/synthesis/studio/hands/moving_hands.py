@@ -6,11 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.body.hand_on_body import by_joint, hand_of_shape
-from solver_backend.body.hand_skeleton import HandSkeleton
-from solver_backend.body.hands import with_fingers
+from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
+from solver_backend.body.hands import by_joint, hand_of_shape, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.priors.hand_prior import HandPrior, load_hand_prior

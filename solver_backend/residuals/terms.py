@@ -6,12 +6,23 @@ All views of one landmark collapse into one 3x3 matrix, so the number of cameras
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, Self
+from typing import Any, Protocol, Self
 
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array
-from solver_backend.residuals.frame_term import FrameTerm
+
+
+class FrameTerm(Protocol):
+    """A term of F frames."""
+
+    def select(self, frames: Any) -> Self:
+        """Return the term of the frames at these indices (or of this slice)."""
+        ...
+
+    def astype(self, precision: Any) -> Self:
+        """Return the term with its arrays in a precision of their own kind."""
+        ...
 
 
 @dataclass(frozen=True)
@@ -84,4 +95,28 @@ class DataTerm(PointTerm, Protocol):
 
     def rescaled(self, variance: Array) -> Self:
         """Return the term with the noise's variance multiplied by a factor, broadcast against (V, F, L)."""
+        ...
+
+
+@dataclass(frozen=True)
+class PoseEvidence:
+    """Model of a term around F poses."""
+
+    cost: Array
+    """(F,)."""
+    gradient: Array
+    """(F, 3 J) by the joints' left tangents, 1/rad."""
+    factors: Array
+    """(F, n) what the term's ``hessian`` is formed from, where it is asked for."""
+
+
+class PoseTerm(FrameTerm, Protocol):
+    """Anything that evaluates poses one by one."""
+
+    def __call__(self, local: Array) -> PoseEvidence:
+        """Return the evidence at (F, J, 3, 3) rotations."""
+        ...
+
+    def hessian(self, factors: Array) -> Array:
+        """Return the (F, 3 J, 3 J) positive semidefinite matrices that these factors stand for, 1/rad²."""
         ...

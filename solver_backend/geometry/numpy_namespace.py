@@ -1,0 +1,96 @@
+"""NumPy under the names of the array API standard, which NumPy has itself from 2.0 on; Blender 4 brings 1.26."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+
+def asarray(value: Any, *, dtype: Any = None, device: Any = None, copy: bool | None = None) -> np.ndarray:
+    """Return an array; NumPy's are on the CPU."""
+    return np.array(value, dtype=dtype) if copy else np.asarray(value, dtype=dtype)
+
+
+def astype(values: np.ndarray, dtype: Any, *, copy: bool = True) -> np.ndarray:
+    """Return the values in another type."""
+    return values.astype(dtype, copy=copy)
+
+
+def zeros(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> np.ndarray:
+    """Return zeros."""
+    return np.zeros(shape, dtype=dtype or np.float64)
+
+
+def ones(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> np.ndarray:
+    """Return ones."""
+    return np.ones(shape, dtype=dtype or np.float64)
+
+
+def empty(shape: int | tuple[int, ...], *, dtype: Any = None, device: Any = None) -> np.ndarray:
+    """Return an array to be filled."""
+    return np.empty(shape, dtype=dtype or np.float64)
+
+
+def full(shape: int | tuple[int, ...], value: Any, *, dtype: Any = None, device: Any = None) -> np.ndarray:
+    """Return an array of one value."""
+    return np.full(shape, value, dtype=dtype)
+
+
+def eye(rows: int, columns: int | None = None, *, dtype: Any = None, device: Any = None) -> np.ndarray:
+    """Return an identity matrix."""
+    return np.eye(rows, columns, dtype=dtype or np.float64)
+
+
+def arange(
+    start: float, stop: float | None = None, step: float = 1, *, dtype: Any = None, device: Any = None
+) -> np.ndarray:
+    """Return evenly spaced values."""
+    return np.arange(start, dtype=dtype) if stop is None else np.arange(start, stop, step, dtype=dtype)
+
+
+def matrix_transpose(values: np.ndarray) -> np.ndarray:
+    """Exchange the last two axes."""
+    return np.swapaxes(values, -1, -2)
+
+
+def argsort(values: np.ndarray, *, axis: int = -1, stable: bool = True) -> np.ndarray:
+    """Return the places of the values in rising order."""
+    return np.argsort(values, axis=axis, kind="stable" if stable else None)
+
+
+def sort(values: np.ndarray, *, axis: int = -1, stable: bool = True) -> np.ndarray:
+    """Return the values in rising order."""
+    return np.sort(values, axis=axis, kind="stable" if stable else None)
+
+
+def isdtype(dtype: Any, kind: str) -> bool:
+    """Return whether a type is of a kind: "bool", "integral" or "real floating"."""
+    return np.dtype(dtype).kind in {"bool": "b", "integral": "iu", "real floating": "f"}[kind]
+
+
+def vector_norm(values: np.ndarray, *, axis: int | None = None, keepdims: bool = False) -> np.ndarray:
+    """Return Euclidean lengths."""
+    return np.linalg.norm(values, axis=axis, keepdims=keepdims)
+
+
+def svd(values: np.ndarray, *, full_matrices: bool = True) -> SimpleNamespace | Sequence[np.ndarray]:
+    """Return the singular value decomposition (U, S, Vh)."""
+    return np.linalg.svd(values, full_matrices=full_matrices)
+
+
+def diagonal(values: np.ndarray) -> np.ndarray:
+    """Return the diagonals of (..., n, n) matrices."""
+    return np.diagonal(values, axis1=-2, axis2=-1)
+
+
+def trace(values: np.ndarray) -> np.ndarray:
+    """Return the traces of (..., n, n) matrices."""
+    return np.trace(values, axis1=-2, axis2=-1)
+
+
+def cross(a: np.ndarray, b: np.ndarray, *, axis: int = -1) -> np.ndarray:
+    """Return cross products of vectors."""
+    return np.cross(a, b, axis=axis)

@@ -1,0 +1,113 @@
+"""Many symmetric 3x3 matrices at once: inverse in closed form, and the six numbers that define each."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from solver_backend.geometry.arrays import Array, array_namespace, replaced
+from solver_backend.types.shapes import Float
+
+_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Row and column of each of a symmetric matrix's six numbers."""
+
+
+def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:
+    """Return the inverse ``adj A / det A`` by cofactors (Cramer 1750); NaN where the matrix is singular.
+
+    Args:
+        A: (..., 3, 3) symmetric positive semi-definite.
+        smallest: a matrix is singular where ``det A <= smallest (tr A / 3)³``.
+
+    Returns:
+        (..., 3, 3).
+    """
+    xp = array_namespace(A)
+    a, b, c = A[..., 0, 0], A[..., 0, 1], A[..., 0, 2]
+    d, e, f = A[..., 1, 1], A[..., 1, 2], A[..., 2, 2]
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    det = a * aa + b * ab + c * ac
+    mean = (a + d + f) / 3.0
+    scale = 1.0 / replaced(det, ~(det > smallest * mean**3), math.nan)
+    entries = [scale * m for m in (aa, ab, ac, ab, bb, bc, ac, bc, cc)]
+    return xp.reshape(xp.stack(entries, axis=-1), tuple(A.shape))
+
+
+def packed(A: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 6"]:
+    """Return (..., 6): the entries xx, xy, xz, yy, yz, zz of (..., 3, 3) symmetric matrices."""
+    xp = array_namespace(A)
+    return xp.stack([A[..., i, j] for i, j in _PACKED], axis=-1)
+
+
+def unpacked(entries: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
+    """Return the (..., 3, 3) symmetric matrices of (..., 6) entries xx, xy, xz, yy, yz, zz."""
+    xp = array_namespace(entries)
+    order = [_PACKED.index((min(i, j), max(i, j))) for i in range(3) for j in range(3)]
+    return xp.reshape(xp.stack([entries[..., k] for k in order], axis=-1), (*entries.shape[:-1], 3, 3))
+
+
+def mean_sigma(entries: Float[Array, "*batch 6"]) -> Float[Array, " *batch"]:
+    """Return (...) standard deviations, the root mean square over the axes, of (..., 6) covariances."""
+    xp = array_namespace(entries)
+    return xp.sqrt((entries[..., 0] + entries[..., 3] + entries[..., 5]) / 3.0)
+
+
+def dot(a: Float[Array, "*#batch d"], b: Float[Array, "*#batch d"]) -> Float[Array, " *batch"]:
+    """Return ``Σ_i a_i b_i`` of (..., d) vectors with few coordinates, broadcast: (...)."""
+    if not isinstance(a, np.ndarray):
+        return array_namespace(a, b).sum(a * b, axis=-1)
+    total = a[..., 0] * b[..., 0]
+    for i in range(1, a.shape[-1]):
+        total = total + a[..., i] * b[..., i]
+    return total
+
+
+def squared_length(v: Float[Array, "*batch d"]) -> Float[Array, " *batch"]:
+    """Return ``|v|²`` of (..., d) vectors with few coordinates: (...)."""
+    return dot(v, v)
+
+
+def sum_of_rows(values: Float[Array, "*batch rows columns"]) -> Float[Array, "*batch columns"]:
+    """Return the sum over rows: (..., r, c) -> (..., c)."""
+    if not isinstance(values, np.ndarray):
+        return array_namespace(values).sum(values, axis=-2)
+    total = values[..., 0, :]
+    for i in range(1, values.shape[-2]):
+        total = total + values[..., i, :]
+    return total
+
+
+def any_coordinate(mask: Array) -> Array:
+    """Return where any of few coordinates is True: (..., d) -> (...)."""
+    some = mask[..., 0]
+    for i in range(1, mask.shape[-1]):
+        some = some | mask[..., i]
+    return some
+
+
+def all_coordinates(mask: Array) -> Array:
+    """Return where all of few coordinates are True: (..., d) -> (...)."""
+    every = mask[..., 0]
+    for i in range(1, mask.shape[-1]):
+        every = every & mask[..., i]
+    return every
+
+
+def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 3"]) -> Float[np.ndarray, "*batch 3"]:
+    """Return ``A⁻¹ b`` by Cramer's rule, good for matrices near rotations; NaN stays where b has it.
+
+    Args:
+        A: (..., 3, 3).
+        b: (..., 3).
+    """
+    rows = [[A[..., i, j] for j in range(3)] for i in range(3)]
+    (a, d, g), (e, h, k), (f, i, m) = ([row[j] for row in rows] for j in range(3))
+    minors = h * m - k * i, k * f - e * m, e * i - h * f
+    determinant = a * minors[0] + d * minors[1] + g * minors[2]
+    x, y, z = b[..., 0], b[..., 1], b[..., 2]
+    first = x * minors[0] + y * minors[1] + z * minors[2]
+    second = a * (y * m - z * i) + d * (z * f - x * m) + g * (x * i - y * f)
+    third = a * (h * z - k * y) + d * (k * x - e * z) + g * (e * y - h * x)
+    return np.stack([first, second, third], axis=-1) / determinant[..., None]
