@@ -1,8 +1,9 @@
-"""The shape of the repository: what may import tests, how long files are, and no rings of imports."""
+"""The shape of the repository: what may import tests, budgets of folders, and no rings of imports."""
 
 from __future__ import annotations
 
 import ast
+import json
 import re
 from collections.abc import Iterator
 from functools import cache
@@ -11,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.budgets import TABLE, measured
+
 ROOT = Path(__file__).resolve().parents[1]
 PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research")
-LONGEST = 300
-"""Lines of a product file."""
 
 
 @cache
@@ -130,10 +131,17 @@ def test_a_class_name_has_one_home() -> None:
     assert not {name: places for name, places in homes.items() if len(places) > 1}
 
 
-def test_no_product_file_is_long() -> None:
-    lengths = {dotted(path): len(path.read_text(encoding="utf-8").splitlines()) for path in product_files()}
-    assert len(lengths) > 300
-    assert not {name: length for name, length in lengths.items() if length > LONGEST}
+def test_every_folder_keeps_its_budget() -> None:
+    """``python -m tests.support.budgets`` writes today's figures; a budget is only ever lowered."""
+    budgets, found = json.loads(TABLE.read_text(encoding="utf-8")), measured()
+    assert found["product"]["lines"] > 50_000 and found["product"]["kind_tests"] and found["product"]["constants"]
+    assert not found.keys() - budgets.keys(), "folders without a budget"
+    assert not {
+        f"{folder}: {figures[name]} {name}, budget {limit}"
+        for folder, figures in found.items()
+        for name, limit in budgets[folder].items()
+        if figures[name] > limit
+    }
 
 
 def test_nothing_asks_whether_a_value_is_of_a_protocol() -> None:
