@@ -109,7 +109,6 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
 
     Args:
-        cameras: the cameras.
         index: which of them.
         size: width and height of the images in pixels.
     """

@@ -66,7 +66,6 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
     """Return the pixels of world points in every camera: ``K distort((R x + t)/z)``.
 
     Args:
-        cameras: C cameras.
         points: (..., 3) world metres.
 
     Returns:

@@ -27,7 +27,6 @@ def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, ro
     The world frame is kept only as far as the given poses agree on it.
 
     Args:
-        cameras: C calibrated cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         rounds: of triangulation and resection.

@@ -64,7 +64,6 @@ class AppendedFile:
             )
 
     def _cut_back(self) -> None:
-        """Remove the part of a piece that was written before the disk failed."""
         if self._size is not None:
             with suppress(OSError):
                 os.ftruncate(self.handle, self._size)

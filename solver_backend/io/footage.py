@@ -332,7 +332,6 @@ def _of_tiff(data: bytes) -> float | None:
 
 
 def _entry(data: bytes, at: int, wanted: int, order: str) -> int | None:
-    """Return the value of a short or long entry of the list at this byte."""
     for n in range(struct.unpack_from(f"{order}H", data, at)[0]):
         tag, kind = struct.unpack_from(f"{order}HH", data, at + 2 + 12 * n)
         if tag == wanted and kind in (3, 4):

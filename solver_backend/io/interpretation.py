@@ -187,7 +187,6 @@ def _require_markers(source: MarkerSource) -> None:
 
 
 def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
-    """Return labels that are unique, and what was wrong with the file's."""
     labels, doubled = unique_labels(by_subject(source.labels))
     problems: list[Diagnostic] = []
     if doubled:
@@ -210,7 +209,6 @@ def _rate(source: MarkerSource, fps: float | None) -> float:
 
 
 def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic of the markers that never move, if there are any."""
     if len(positions) < STILL_FRAMES:
         return ()
     seen = np.isfinite(positions[..., 0])
@@ -282,14 +280,12 @@ def _sentinels(positions: np.ndarray) -> np.ndarray:
 
 
 def _is_nines(values: np.ndarray) -> np.ndarray:
-    """Return whether numbers are 9999, 99999, ... of either sign, with or without decimals of nines."""
     whole = np.abs(np.trunc(values))
     digits = np.floor(np.log10(np.maximum(whole, 1.0))) + 1.0
     return (whole >= _NINES) & (whole == 10.0**digits - 1.0)
 
 
 def _unseen(severity: Severity, place: str, where: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic of the markers that are read as not seen somewhere, if there are any."""
     at = [label for label, frames in zip(labels, where.sum(axis=0), strict=True) if frames]
     if not at:
         return ()

@@ -46,7 +46,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
     reader = _reader_of(path, readers)
     if reader is None:
-        from solver_backend.io.not_recognised import no_capture
+        from solver_backend.io.unsupported import no_capture
 
         raise no_capture(path, readers)
     capture = reader.open(path, chosen, frozenset({"frames"}))
@@ -66,7 +66,6 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
     """Read a motion; a clip of another body or skeleton comes back as the file holds it.
 
     Args:
-        path: file.
         options: fields of ``ReadOptions``.
 
     Raises:

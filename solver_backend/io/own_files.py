@@ -25,7 +25,6 @@ def _is_npz(path: Path) -> bool:
 
 
 def _has_views(path: Path) -> bool:
-    """Return whether a capture file holds detections; what is damaged is named when it is read."""
     try:
         return _is_npz(path) and "xy" in array_names(path)
     except MocapError:
@@ -61,7 +60,6 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
 
 
 def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
-    """Return a capture whose world is scaled and levelled as asked for; the truth of a synthetic one is left out."""
     if capture.cameras is None or capture.keypoints is None:
         return capture
     from solver_backend.io.recognition.world_fit import fit_world, scale_world

@@ -83,7 +83,6 @@ def _decoded(data: bytes) -> np.ndarray:
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:
-    """Return so many bytes; a picture that states more is not unpacked any further."""
     data = zlib.decompressobj().decompress(packed, size)
     if len(data) < size:
         raise ValueError("cut off")
@@ -107,7 +106,6 @@ def _unfiltered(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:
 
 
 def _by_diagonals(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Return the pixels of rows of any filter: those of one diagonal hang on the diagonals before it alone."""
     height, width, step = rows.shape
     out = np.zeros((height + 1, width + 1, step), np.uint8)
     for diagonal in range(height + width - 1):

@@ -22,11 +22,11 @@ from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.partial_body.resting_spread import SPREAD_MM, Stance, growth, stance
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
+from solver_backend.io.motions.recorded_clip import body_rotations
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import ui_prmd
 from tests.support.recordings import recordings_folder
-from training.data.sources.clips import with_shoulder_rhythm
+from training.data.sources.clips import read_clip, with_shoulder_rhythm
 
 EVERY = 9
 """Of CMU's frames, which are 30 a second."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver_backend.cameras.placement import place_before_camera, smoothed_places
+from solver_backend.priors.lifted_take import place_before_camera, smoothed_places
 
 RNG = np.random.default_rng(0)
 

@@ -43,7 +43,6 @@ def predict_views(
     ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹ J_cᵀ``. Only views that agree count as others, unless fewer than two do.
 
     Args:
-        cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.

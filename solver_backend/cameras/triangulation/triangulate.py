@@ -145,7 +145,6 @@ def triangulate(
     one wins: geometry alone does not decide.
 
     Args:
-        cameras: C calibrated cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far

@@ -48,7 +48,6 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
 
 
 def _is_regular(M: np.ndarray) -> bool:
-    """Whether the rows of a matrix point in three directions."""
     length = np.linalg.norm(M, axis=1)
     return bool((length > 0).all()) and abs(np.linalg.det(M / length[:, None])) > _SMALLEST_VOLUME
 
@@ -134,7 +133,6 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
     Args:
         name: used unless the mapping has a name of its own.
         node: values as numbers, nested lists, or ``{rows, cols, data}``.
-        where: the file, for errors.
 
     Raises:
         CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
@@ -174,7 +172,6 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
 
 
 def _distortion(node: Mapping[str, Any], model: LensModel, place: str) -> np.ndarray:
-    """Return the terms in the model's order, listed or by their names; empty where there are none."""
     written = _find(node, "distortion")
     named = written if isinstance(written, Mapping) and "data" not in written else node if written is None else {}
     terms = {plain(str(key)): value for key, value in named.items() if plain(str(key)) in _TERMS}
@@ -238,7 +235,6 @@ def is_transposed(K: np.ndarray) -> bool:
 
 
 def _constant(value: Any, place: str) -> Any:
-    """Return the one value of a list that repeats it for every frame."""
     if not isinstance(value, list):
         return value
     array = np.array(value, dtype=object)
@@ -275,7 +271,6 @@ def _pose(node: Mapping[str, Any], place: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotation and translation of a matrix of three or four rows of four."""
     E = numbers(value, place)
     E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
     if E.shape not in ((3, 4), (4, 4)):

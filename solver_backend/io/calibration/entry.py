@@ -214,5 +214,4 @@ def _of_degrees(vector: np.ndarray) -> np.ndarray:
 
 
 def _is_mirrored(R: np.ndarray) -> bool:
-    """Whether a matrix is a rotation of a mirrored world."""
     return bool(np.isfinite(R).all() and np.abs(R @ R.T - np.eye(3)).max() < ROUNDING and np.linalg.det(R) < 0)

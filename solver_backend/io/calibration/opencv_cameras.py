@@ -119,7 +119,6 @@ def _number(value: Any, place: str) -> float:
 
 
 def _middle(stated: float | None, size: float | None) -> float | None:
-    """Return a coordinate of the principal point: as stated, else the middle of the picture."""
     return 0.5 * size if stated is None and size is not None else stated
 
 
@@ -157,7 +156,6 @@ def _of_arrays(path: Path) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _of_text(path: Path) -> list[tuple[str, Mapping[str, Any]]]:
-    """Return the one camera of three rows of four numbers, or those of eleven rows, a column a camera."""
     rows = [line.replace(",", " ").split() for line in read_text(path).splitlines() if line.strip()]
     if len(rows) not in (3, DLT_NUMBERS) or len({len(row) for row in rows}) != 1:
         return []
@@ -255,7 +253,6 @@ def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
 
 
 def _is_projection(node: Any) -> bool:
-    """Whether a value is a list of three rows of four; long lists are not looked through."""
     return isinstance(node, list) and len(node) == 3 and is_projection(node)
 
 
@@ -273,11 +270,7 @@ def _suffixed_nodes(tree: Any) -> dict[str, dict[str, Any]]:
 
 
 def _human36m_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
-    """Return the cameras of Human3.6M's JSON: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``; None else.
-
-    Raises:
-        CalibrationInvalid: it holds the extrinsics of several subjects, and nothing shows whose the recording is.
-    """
+    """Return the cameras of Human3.6M's JSON: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``; None else."""
     inner, outer = (tree.get("intrinsics"), tree.get("extrinsics")) if isinstance(tree, Mapping) else (None, None)
     if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(is_camera, inner.values())):
         return None

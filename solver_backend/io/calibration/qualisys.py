@@ -70,7 +70,6 @@ def read_qualisys(path: Path) -> StatedCameras:
 
 
 def _other_resolutions(nodes: list[ElementTree.Element], entries: list[CameraEntry]) -> tuple[Diagnostic, ...]:
-    """Return that videos were recorded with another number of rows than the calibration's, as the file states it."""
     found: dict[tuple[int, int], list[str]] = {}
     for node, entry in zip(nodes, entries, strict=True):
         stated = _ROWS.fullmatch(node.get("video_resolution", "").strip())

@@ -131,6 +131,5 @@ def _of_file(path: Path, unit: str | None, up_axis: str | None) -> Calibration |
 
 
 def _of_files(files: Sequence[MatrixFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Return the calibration of files that may share cameras, called after the only one or their folder."""
     source = files[0].path if len(files) == 1 else folder
     return interpret_cameras(StatedCameras(opencv_cameras(files)), source, "OpenCV", unit, up_axis)

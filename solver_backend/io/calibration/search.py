@@ -148,7 +148,6 @@ def find_calibration(
 
 
 def _may_be_one(error: MocapError, folder: Path, root: Path) -> bool:
-    """Whether a file that cannot be read counts as a calibration: beside the recording only by its name."""
     return folder == root or is_calibration_folder(folder) or bool(_CALIBRATION.match(Path(error.where or "").stem))
 
 
@@ -180,7 +179,6 @@ def _others_of_more(
 
 
 def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float] | None) -> Calibration:
-    """Return the first calibration of a folder, or the one by which views agree far better."""
     if len(found) == 1 or agreement is None:
         return found[0]
     shares = [agreement(calibration.cameras) for calibration in found]
@@ -195,7 +193,6 @@ def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float]
 
 
 def _without_calibration(recorded: Sequence[str], calibrated: Sequence[str]) -> list[str]:
-    """Return the recorded cameras that have no calibration where each calibrated one is recorded, else []."""
     keys = {name_key(name) for name in calibrated}
     without = [name for name in recorded if name_key(name) not in keys]
     known = {name_key(name) for name in recorded} & keys
@@ -211,7 +208,6 @@ def _found_by_views(
 
 
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
-    """Return recorded names, or the calibrated ones that the user gave for them."""
     unknown = [name for name in names if name not in recorded]
     if unknown:
         raise JobInvalid(
@@ -221,7 +217,6 @@ def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
 
 
 def _folders(root: Path) -> Iterator[Path]:
-    """Yield the folders that may hold a calibration, nearest first."""
     for i, level in enumerate(levels_above(root)):
         yield from sorted(path for path in _subfolders(level) if is_calibration_folder(path))
         if i < 2:

@@ -63,7 +63,6 @@ def parse_yaml(text: str) -> Any:
 
 
 def _logical_lines(text: str) -> list[_Line]:
-    """Return the lines without comments and directives; a bracket that spans lines is joined into one."""
     lines: list[_Line] = []
     parts: list[str] = []
     first, indent, depth = 0, 0, 0
@@ -223,7 +222,6 @@ def _after_blanks(text: str, i: int) -> int:
 
 
 def _next_item(text: str, i: int, closing: str) -> int:
-    """Return where the next item of a list or map begins, or its closing bracket."""
     i = _after_blanks(text, i)
     if text[i] == ",":
         return _after_blanks(text, i + 1)

@@ -33,7 +33,6 @@ LARGEST_TAKE_FRAMES = 1_000_000
 
 
 def _file(path: Path) -> Path | None:
-    """Return the table that a path is, or the only one that a folder holds."""
     if path.is_dir():
         found = [p for p in path.iterdir() if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
         return found[0] if len(found) == 1 else None
@@ -45,14 +44,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(path: Path, options: ReadOptions) -> Capture:
-    """Read the points of one person.
-
-    Raises:
-        FileDamaged: a column is missing or a value is no number.
-        NoDetections: the table is empty.
-        FrameCountMismatch, KeypointCountMismatch: the points fit no joint set.
-        CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
-    """
+    """Read the points of one person."""
     source = _file(path) or path
     numbers, xy = _rows(source)
     project = _project(source)
@@ -132,13 +124,11 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _project(source: Path) -> Path | None:
-    """Return the nearest folder above with a config.toml or camera_array.toml."""
     above = list(source.parents)[:_LEVELS]
     return next((p for p in above if (p / "config.toml").is_file() or (p / "camera_array.toml").is_file()), None)
 
 
 def _stated_rate(project: Path | None) -> float | None:
-    """Return the frame rate that a project's config.toml states."""
     if project is None or not (project / "config.toml").is_file():
         return None
     stated = read_toml(project / "config.toml").get("fps_recording")

@@ -50,14 +50,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read everybody's detections with their calibration, and keep the people apart.
-
-    Raises:
-        CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
-        KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
-        FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_agreement``.
-        TooFewViews, NoDetections: fewer than two of several views hold detections, or no two agree on anybody.
-    """
+    """Read everybody's detections with their calibration, and keep the people apart."""
     sources = camera_sources(root)
     levels = levels_above(root)
     config = read_config(levels)
@@ -148,7 +141,6 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
 
 def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
-    """Return the frames that Config.toml asks for: from the first to the one before the last, as Pose2Sim counts."""
     if not config.frame_range:
         return capture
     first, stop = max(config.frame_range[0], 0), min(config.frame_range[1], capture.num_frames)
@@ -166,7 +158,6 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
 def _frame_rate(
     given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the frame rate, where it is from, and what is doubtful about it."""
     stated = [round(header.fps, 3) for header in videos if header is not None]
     rates = [rate for rate in stated if rate > 0]  # a forged header may state an hour a frame
     problems: list[Diagnostic] = []

@@ -46,7 +46,6 @@ def other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_op
     """Return that cameras have other rates than the take's, and whether it is open which is the take's.
 
     Args:
-        detections: of C cameras.
         ratios: (C,) frames of each for one of the take.
         fps: frames a second of the take.
         is_open: the views leave open which cameras the stated rate is of.

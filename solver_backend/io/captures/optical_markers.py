@@ -76,7 +76,6 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
 
 
 def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> MarkerTake:
-    """Return the markers of a person, with those of things that are nobody's beside."""
     labels = take.cloud.labels or ()
     kept = [i for i, label in enumerate(labels) if prefix_of(label) in names]
     report = replace(
@@ -113,13 +112,11 @@ def _counts(take: MarkerTake) -> str:
 
 
 def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list[str]:
-    """Return the subjects that are named by a part of a body, or wear some markers of one."""
     words: LabelWords = load_layouts().words
     return [name for name in subjects if places[name] or words.of(name)[1] or words.of_glued(name)[1]]
 
 
 def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
-    """Return what to do, and which subjects may be one person: parts of a body that share no place."""
     one = "Name the one to solve: --subject-prefix NAME, in Blender Subject under Reading Options."
     claimed = [place for name in parts for place in places[name]]
     if len(parts) < 2 or len(claimed) > len(set(claimed)):
@@ -135,11 +132,7 @@ def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
 
 
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
-    """Return the markers of one subject, all of them, with what was recognised.
-
-    Raises:
-        JobInvalid: the file holds several subjects and none is named, or the named one is not among them.
-    """
+    """Return the markers of one subject, all of them, with what was recognised."""
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
@@ -161,7 +154,6 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
 
 
 def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagnostic]:
-    """Return notes on how labels are read, and on the markers that the solve leaves out."""
     if names is None:
         return []
     if left_to_network(names):
@@ -191,7 +183,6 @@ def left_to_network(names: MarkerNames) -> bool:
 
 
 def _few(names: MarkerNames) -> list[Diagnostic]:
-    """Return a diagnostic if the known markers are too few for a solve."""
     known, least = list(names.known), least_markers(names.known.values())
     if len(known) >= least or left_to_network(names):
         return []

@@ -61,7 +61,6 @@ def triples(values: object, name: str, where: str) -> np.ndarray:
     Args:
         values: what the file holds under ``name``.
         name: of the list, for messages.
-        where: the file.
 
     Raises:
         FileDamaged: it is no list of numbers.

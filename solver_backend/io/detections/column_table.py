@@ -182,7 +182,6 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
 
 
 def _in_order(names: list[str]) -> tuple[list[str], bool]:
-    """Return points in the order of their columns and True, or of their numbers and False where each has the next."""
     numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
     first = min(numbers, default=-1)
     if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
@@ -191,11 +190,7 @@ def _in_order(names: list[str]) -> tuple[list[str], bool]:
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
-    """Return (rows, columns) numbers: NaN where a cell is blank, 1 where there is no column.
-
-    Raises:
-        ValueError, IndexError: a cell is no number, or a row is short.
-    """
+    """Return (rows, columns) numbers: NaN where a cell is blank, 1 where there is no column."""
     there = [column for column in columns if column is not None]
     values = np.ones((len(rows), len(columns)))
     if rows and there:
@@ -221,7 +216,6 @@ def _cells(line: str) -> list[str]:
 
 
 def _whole_points(heading: list[str]) -> dict[str, dict[str, int]]:
-    """Return the column of each coordinate of each point that has x and y; its name may stand after the coordinate."""
     for pattern in (_COLUMN, _COORD_FIRST):
         points: dict[str, dict[str, int]] = {}
         for column, name in enumerate(heading):
@@ -313,7 +307,6 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
 
 
 def _places(spelled: Iterable[str]) -> dict[str, int]:
-    """Return the column of each point's name as it is written; numbers are in the order of a joint set."""
     written = {name: name.strip() for name in dict.fromkeys(spelled)}
     if all(name.isdecimal() for name in written.values()):
         first = min(map(int, written.values()), default=0)
@@ -323,11 +316,7 @@ def _places(spelled: Iterable[str]) -> dict[str, int]:
 
 
 def _floats(cells: list[str]) -> np.ndarray:
-    """Return numbers, NaN where a cell is blank.
-
-    Raises:
-        ValueError: a cell is something else.
-    """
+    """Return numbers, NaN where a cell is blank."""
     try:
         return np.fromiter(map(float, cells), np.float64)
     except ValueError:
@@ -391,7 +380,6 @@ def read_deeplabcut(path: Path) -> CameraFrames:
 
 
 def _frame_numbers(cells: Sequence[str], path: Path) -> list[int]:
-    """Return the numbers of rows, or of the pictures that they name."""
     if all(cell.strip().isdecimal() for cell in cells):
         return [int(cell) for cell in cells]
     return frame_numbers([PurePath(cell).stem for cell in cells], where=str(path)).tolist()
@@ -409,7 +397,6 @@ def frames_of_columns(
         people: (N,) names.
         parts: (N,) names of the points.
         coords: (N,) x, y, likelihood; others are left out, and without likelihood a point is sure where it is there.
-        path: the file.
 
     Raises:
         FileDamaged: there are no frames.

@@ -27,7 +27,6 @@ def opened(path: Path, program: str) -> Iterator[Any]:
     """Open a file; what it lacks inside the block becomes one of our errors.
 
     Args:
-        path: the file.
         program: that wrote it, for messages.
 
     Raises:
@@ -101,11 +100,7 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 
 
 def _texts_in(pickled: Any) -> list[Any]:
-    """Return a pickled list of tuples of texts; nothing else is made, and no code is run.
-
-    Raises:
-        ValueError: it holds anything else.
-    """
+    """Return a pickled list of tuples of texts; nothing else is made, and no code is run."""
     try:
         found = _PlainUnpickler(io.BytesIO(bytes(pickled))).load()
     except (pickle.UnpicklingError, EOFError, MemoryError) as error:

@@ -83,7 +83,6 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     Args:
         names: as the file writes them: ``LeftShoulder``, ``l_shoulder``, ``shoulder_R`` and ``left_shoulder`` are one.
         given: the set that the user wants; None takes the one that has most of the names.
-        where: the file, for errors.
 
     Raises:
         KeypointCountMismatch: fewer than ``LEAST_KNOWN`` names are known.
@@ -211,7 +210,6 @@ def with_named_hands(frames: CameraFrames) -> CameraFrames:
 
 
 def _wrist(names: Sequence[str], side: str) -> int:
-    """Return the column of a body's wrist, -1 for none."""
     return next((column for column, name in enumerate(names) if plain_name(name) == f"{side}_wrist"), -1)
 
 
@@ -301,11 +299,7 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
 
 
 def _own_points(points: Mapping[str, Any], landmarks: Mapping[str, Any], where: str) -> tuple[OwnPoint, ...]:
-    """Return the points on bones.
-
-    Raises:
-        FileDamaged: one names no bone, or is a landmark as well.
-    """
+    """Return the points on bones."""
     bones = {name: value.get("bone") if isinstance(value, dict) else None for name, value in points.items()}
     unknown = [f"'{name}' is on '{bone}'" for name, bone in bones.items() if bone not in BONES]
     if unknown:

@@ -80,12 +80,10 @@ def people_in_picture(document: Any, where: str) -> People:
 
 
 def _is_empty(document: Any) -> bool:
-    """Whether a document is what programs write of a picture without people: null, or an object whose list is null."""
     return document is None or (isinstance(document, dict) and document.get("people", ...) is None)
 
 
 def _are_objects(people: list[Any]) -> bool:
-    """Whether people are of another form than OpenPose's: all have points of another name."""
     return bool(people) and all(
         isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
         for entry in people
@@ -293,7 +291,6 @@ def _array(person: Person, names: Sequence[str], where: str) -> np.ndarray:
 
 
 def _point(value: Any) -> tuple[Any, Any, Any]:
-    """Return x, y and score; the last of four numbers is the score, as z stands before it."""
     if isinstance(value, dict):
         value = [value["x"], value["y"], next((value[name] for name in SCORES if name in value), 1.0)]
     if value is None or None in value:

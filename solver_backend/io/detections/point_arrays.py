@@ -82,11 +82,7 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a file by name, '' for that of a .npy.
-
-    Raises:
-        FileDamaged: it holds something else.
-    """
+    """Return the arrays of a file by name, '' for that of a .npy."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
             raise FileDamaged(

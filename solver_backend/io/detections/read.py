@@ -134,7 +134,6 @@ def read_detections(
 
 
 def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progress: Progress) -> list[_Picture]:
-    """Read the frames from the first to the last number of each camera."""
     used = [
         (c, row, int(number) - first)
         for c, (frames, (first, last)) in enumerate(zip(cameras, spans, strict=True))
@@ -152,13 +151,11 @@ def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progres
 
 
 def _absent(points: Sequence[OwnPoint], named: Sequence[Sequence[str]]) -> tuple[Diagnostic, ...]:
-    """Return what is reported of own points that no camera's files name."""
     absent = [point.name for point in points if not any(point.name in camera for camera in named)]
     return (diagnostic("own_points_absent", joints=absent),) if absent else ()
 
 
 def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[Diagnostic, ...]:
-    """Return what is reported of each camera whose files lack keypoints that others' have."""
     everything = set().union(*(camera.found for camera in named))
     lacks = {name: sorted(everything - camera.found) for name, camera in zip(cameras, named, strict=True)}
     return tuple(
@@ -167,7 +164,6 @@ def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[D
 
 
 def _require_counts(pictures: list[_Picture], counts: list[int]) -> None:
-    """Raise KeypointCountMismatch with the first file that holds a person of another number of keypoints than names."""
     for picture in pictures:
         count = counts[picture.camera]
         odd = next((len(person) for person in picture.people if len(person) != count), None)
@@ -179,7 +175,6 @@ def _require_counts(pictures: list[_Picture], counts: list[int]) -> None:
 
 
 def _require_finite(pictures: list[_Picture]) -> None:
-    """Raise NonFiniteData with the first file that holds an infinite number."""
     everybody = [person for picture in pictures for person in picture.people]
     if not np.isinf(np.concatenate(everybody)).any():
         return

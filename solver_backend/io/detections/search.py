@@ -156,11 +156,7 @@ def of_folder(folder: Path) -> CameraSource:
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Return a folder's frames; a single file may hold all of them.
-
-    Raises:
-        FileDamaged, KeypointCountMismatch: its files are damaged, or of no program that is known.
-    """
+    """Return a folder's frames; a single file may hold all of them."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -172,7 +168,6 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a folder that holds a folder for each frame, in it a file for each camera."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -209,7 +204,6 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
 
 
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
-    """Return the files of cameras that have one each, or one file of all: tables, HDF5, arrays, JSON of whole takes."""
     if (found := take_files(parent)) is not None:
         kind, files = found
         if len(files) == 1 and (cameras := kind.of_all(files[0])):
@@ -225,7 +219,6 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
 
 
 def _is_whole_take(path: Path) -> bool:
-    """Whether a file begins as those do that hold all frames of a camera; a file of lines of JSON always does."""
     if path.suffix.lower() in LINES:
         return True
     try:
@@ -256,7 +249,6 @@ def _flat_files(parent: Path) -> dict[str, CameraSource]:
 
 
 def _array(root: Path) -> dict[str, CameraSource]:
-    """Return the cameras of a FreeMoCap recording, which keeps all of them in one array."""
     path = point_arrays.find_array(root)
     names = () if path is None else point_arrays.camera_names(root, path)
     return {
@@ -265,7 +257,6 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 
 def _of_opencap(folders: Sequence[Path]) -> CameraSource:
-    """Return the source of a camera that has a folder a trial, of which only one can be read."""
     if len(folders) == 1:
         return of_folder(folders[0])
     return CameraSource(folders[0], partial(refuse_several, folders))

@@ -69,7 +69,6 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
 
     Args:
         document: what the file holds.
-        path: the file.
         camera: folder of the pictures to read, of a document of several cameras; empty for all.
 
     Raises:
@@ -117,7 +116,6 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _numbered_frames(document: Any) -> dict[int, Any] | None:
-    """Return the frames of a document that may hold points by name: a list, or an object of numbered frames."""
     if isinstance(document, dict):
         listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
         if listed is not None:
@@ -140,13 +138,11 @@ def _is_named(document: Any) -> bool:
 
 
 def _named(document: Any, path: Path, _camera: str) -> CameraFrames:
-    """Read frames of points by name, which people's own scripts write."""
     frames, names = read_named_frames(_numbered_frames(document) or {}, str(path))
     return CameraFrames.in_memory(frames, path, names)
 
 
 def _is_by_camera(document: Any) -> bool:
-    """Whether an object holds a list of frames, or of frames by number, of each of several cameras."""
     return isinstance(document, dict) and len(document) > 1 and all(
         isinstance(frames, (list, dict)) and any(recognises(frames) for recognises, _ in _DOCUMENTS)
         for frames in document.values()
@@ -158,7 +154,6 @@ def _is_coco(document: Any) -> bool:
 
 
 def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
-    """Read COCO's annotations: pictures with id and file name, people with keypoints and a visibility of 0 to 2."""
     images = [image for image in document["images"] if isinstance(image, dict) and "id" in image]
     names = {str(image["id"]): str(image.get("file_name", image["id"])) for image in images}
     people: list[tuple[str, Any]] = []
@@ -185,7 +180,6 @@ def _is_list_of_people(document: Any) -> bool:
 
 
 def _list_of_people(document: list[dict[str, Any]], path: Path, camera: str) -> CameraFrames:
-    """Read AlphaPose's and COCO's results: a list of people, each with the picture it was found in."""
     people = [(str(e["image_id"]), triples(e["keypoints"], "keypoints", str(path))) for e in document]
     return _by_picture(list(dict.fromkeys(name for name, _ in people)), people, path, camera)
 
@@ -213,7 +207,6 @@ def _pictures(document: dict[str, Any], path: Path, camera: str) -> CameraFrames
 def _by_picture(
     pictures: list[str], people: list[tuple[str, Any]], path: Path, camera: str, keypoints: tuple[str, ...] = ()
 ) -> CameraFrames:
-    """Return frames numbered as the names of their pictures are, of those in the camera's folder."""
     if camera:
         pictures = [name for name in pictures if _folder(name) == camera]
         people = [(name, person) for name, person in people if _folder(name) == camera]

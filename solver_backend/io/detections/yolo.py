@@ -55,11 +55,7 @@ def frames_of_files(paths: Sequence[Path], where: str) -> CameraFrames:
 
 
 def _people(path: Path) -> People:
-    """Return (K, 3) of each line.
-
-    Raises:
-        FileDamaged: a line holds what is no number, or no whole points.
-    """
+    """Return (K, 3) of each line."""
     try:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         return [_points(line) for line in lines]
@@ -78,7 +74,6 @@ def _points(line: np.ndarray) -> np.ndarray:
 
 
 def _is_people(path: Path) -> bool:
-    """Whether the first line is a whole class, a box within the picture, and points."""
     try:
         with open_regular(path) as file:
             numbers = np.array(file.read(_START_BYTES).decode("ascii").partition("\n")[0].split(), dtype=np.float64)

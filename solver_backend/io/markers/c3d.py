@@ -51,12 +51,7 @@ class SegmentOrigins:
 
 
 def read_origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
-    """Return the segments' origins, None where the file holds no rotations.
-
-    Args:
-        data: the file's bytes.
-        parameters: its parameters.
-    """
+    """Return the segments' origins, None where the file holds no rotations."""
     labels = parameters.continued_texts("ROTATION:LABELS")
     count = min(int(parameters.number("ROTATION:USED") or 0), len(labels))
     block = int(parameters.number("ROTATION:DATA_START") or 0)
@@ -164,7 +159,6 @@ def read_segments(path: Path) -> SegmentOrigins | None:
 
 
 def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> MarkerSource:
-    """Return the joint centres of a file that holds rotations of segments and no points."""
     return MarkerSource(
         path=path,
         format=f"C3D ({parameters.processor.name}, rotations)",
@@ -184,9 +178,6 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
     Where there are more than ``MOST`` frames and no parameter states it, the header's last frame stays at ``MOST`` or
     begins again at 0: the file's length decides.
-
-    Raises:
-        FileDamaged: the file ends before the first frame is complete.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
@@ -217,7 +208,6 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
-    """Return what the file states in several places of its number of frames, and the number of the first."""
     first = header.first
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
@@ -235,7 +225,6 @@ def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], in
 
 
 def _contradicted(rate: float, header: Header, parameters: Parameters) -> tuple[Diagnostic, ...]:
-    """Return that other entries state another frame rate than the one that is read."""
     analog, samples = parameters.number("ANALOG:RATE"), header.analog_per_channel
     stated = {
         "header": header.rate, "POINT:RATE": parameters.number("POINT:RATE"),
@@ -250,7 +239,6 @@ def _contradicted(rate: float, header: Header, parameters: Parameters) -> tuple[
 
 
 def _scale(header: Header, parameters: Parameters, path: Path) -> float:
-    """Return the units of an integer; in a file of floats it is that of the residuals alone."""
     for scale in (header.scale, parameters.number("POINT:SCALE") or math.nan):
         if math.isfinite(scale) and scale != 0:
             return abs(scale)
@@ -279,21 +267,18 @@ def _points(
 
 
 def _positions_only(labels: tuple[str, ...], parameters: Parameters) -> tuple[np.ndarray, tuple[Diagnostic, ...]]:
-    """Return the indices of points that are positions, and a note on the others."""
     outputs = {label for name in MODEL_OUTPUTS for label in parameters.continued_texts(f"POINT:{name}")} - {""}
     kept = [i for i, label in enumerate(labels) if label not in outputs and not is_model_output(label)]
     return np.array(kept, dtype=np.int64), left_out_note(len(labels) - len(kept))
 
 
 def _screen_up(parameters: Parameters) -> str:
-    """Return the axis that POINT:Y_SCREEN draws upwards, as 'z' or '-y'; empty where it or X_SCREEN makes no sense."""
     axes = [" ".join(parameters.texts(f"POINT:{name}_SCREEN")[:1]).lower().lstrip("+") for name in "XY"]
     known = all(axis.lstrip("-") in ("x", "y", "z") for axis in axes)
     return axes[1] if known and axes[0][-1] != axes[1][-1] else ""
 
 
 def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
-    """Return the names of the analog channels; those without one are numbered."""
     used = parameters.number("ANALOG:USED")
     count = int(used) if used is not None else header.analog // max(header.analog_per_channel, 1)
     count = min(max(count, 0), header.analog)

@@ -37,9 +37,7 @@ def write_c3d(
     """Write markers to a C3D file, whole or not at all; a missing one is 0 0 0 with the residual -1.
 
     Args:
-        path: the file.
         cloud: markers, Z up, in metres.
-        overwrite: replace a file that is there.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
@@ -86,10 +84,8 @@ def write_c3d_parts(
     """Write a C3D file whose frames come in parts, which together are never in memory.
 
     Args:
-        path: the file.
         size: what all parts together are.
         parts: (F, M, 3) positions in metres and (F, M) residuals, in the order of time.
-        overwrite: replace a file that is there.
 
     Raises:
         OutputExists, OutputNotWritable, NonFiniteData, ShapeMismatch: see ``write_c3d``.
@@ -135,11 +131,7 @@ def _header(fps: float, frames: int, markers: int, scale: float, data_block: int
 
 
 def _parameter_section(fps: float, frames: int, labels: Sequence[str], scale: float) -> tuple[bytes, int]:
-    """Return the section, filled up to blocks, and the block after it.
-
-    Raises:
-        ShapeMismatch: the section would be longer than a file can state.
-    """
+    """Return the section, filled up to blocks, and the block after it."""
 
     def records(data_block: int) -> bytes:
         point = {
@@ -186,7 +178,6 @@ def _texts(texts: Sequence[str]) -> _Value:
 
 
 def _long(name: str, texts: Sequence[str]) -> dict[str, _Value]:
-    """Return a list of strings as one parameter or, where it is too long for that, as NAME, NAME2, ..."""
     parts = [texts[i : i + PER_PARAMETER] for i in range(0, max(len(texts), 1), PER_PARAMETER)]
     return {f"{name}{i if i > 1 else ''}": _texts(part) for i, part in enumerate(parts, 1)}
 

@@ -118,7 +118,6 @@ def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
 
 
 def _next_mark(stream: BinaryIO, at: int) -> int:
-    """Return where the next mark begins, or the stream ends."""
     size, most = _SEARCHED
     while True:
         stream.seek(at)

@@ -87,7 +87,6 @@ class _TrajectoryBlock:
 
 
 def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _TrajectoryBlock]:
-    """Return what separates cells, and the section whose name stands in a line."""
     at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
     if at is None:
         raise FileDamaged(
@@ -122,7 +121,6 @@ def sections_of(lines: Sequence[str]) -> dict[str, int]:
 
 
 def _section(line: str) -> str:
-    """Return the section that a line names in small letters, empty where it names none."""
     name = line.strip(' ,;\t"').lower() if len(line) < 200 else ""
     return name if name in SECTIONS else ""
 
@@ -158,7 +156,6 @@ def _rate(line: str, delimiter: str) -> float | None:
 
 
 def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of the section's rows, up to the first empty one or the next section."""
     rows: list[list[str]] = []
     for line in lines:
         cells = header_cells(line, delimiter) if '"' in line else line.split(delimiter)
@@ -169,7 +166,6 @@ def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
 
 
 def _devices(lines: Sequence[str], sections: dict[str, int], delimiter: str) -> tuple[str, ...]:
-    """Return the names of the columns of the section 'Devices'."""
     start = sections.get("devices", len(lines))
     at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
     return tuple(cell for cell in header_cells(lines[at], delimiter)[2:] if cell) if at is not None else ()

@@ -126,7 +126,6 @@ def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
 
 
 def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
-    """Return the column of x of every point whose y and z follow it, and the unit that the headings state."""
     split = [_COLUMN.fullmatch(name) if len(name) <= LONGEST_HEADING else None for name in names]
     columns, unit = dict[str, int](), ""
     for x in range(len(names) - 2):
@@ -139,7 +138,6 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], points: set[int]) -> list[list[str]]:
-    """Return the rows with blanks where neither a point nor the frame's number or time stands: there may be words."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     return [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
 
@@ -223,7 +221,6 @@ def read_point_array(path: Path) -> MarkerSource:
 
 
 def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
-    """Return the names of so many points, and a note on where they are from."""
     beside = [path.with_suffix(suffix) for suffix in (".txt", ".json")]
     found = next((p for p in (*beside, path.with_name("names.txt"), path.with_name("names.json")) if p.is_file()), None)
     if found is None:

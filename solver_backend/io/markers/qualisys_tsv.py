@@ -124,7 +124,6 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
 
 def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
-    """Return the rigid bodies of the file of 6D data beside a file of markers."""
     beside = bodies_file(path)
     if beside is None:
         return None
@@ -134,7 +133,6 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
 
 
 def _lines(path: Path) -> list[str]:
-    """Return a file's lines with tabs between cells, also where a spreadsheet saved it with semicolons or commas."""
     lines = read_text(path).splitlines()
     return between_tabs(lines, lines[0] if lines else "", least=1)
 
@@ -146,13 +144,11 @@ def _numbers(lines: list[str], first: int, path: Path, width: int = 0, leading: 
 
 
 def _starts_with_number(line: str) -> bool:
-    """Return whether a line is a frame: a first cell that is a number, or blank cells before one."""
     cells = [cell for cell in line.split("\t") if cell.strip()]
     return bool(cells) and number_in(cells[0]) is not None
 
 
 def _header(lines: list[str]) -> dict[str, list[str]]:
-    """Return the values of every name in capitals."""
     header: dict[str, list[str]] = {}
     for line in lines:
         name, *cells = (cell.strip() for cell in line.split("\t"))
@@ -161,7 +157,6 @@ def _header(lines: list[str]) -> dict[str, list[str]]:
 
 
 def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
-    """Return whether a frame number and a time stand before the markers: numbers that go on by one, then time."""
     if values.shape[1] < 2 or not len(values):
         return False
     if values.shape[1] == 3 * markers + 2:
@@ -207,7 +202,6 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
 
 
 def _record(path: Path) -> Any:
-    """Return the structure of a QTM file."""
     try:
         matlab = import_module("scipy.io")
     except ImportError as error:

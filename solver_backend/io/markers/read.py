@@ -31,7 +31,6 @@ def _row(
     kind: str, suffixes: tuple[str, ...], read: Callable[[Path], MarkerSource],
     begins: Callable[[str], bool] | None = None,
 ) -> Reader[MarkerTake]:  # fmt: skip
-    """Return the reader of files with these endings, where several formats share one that begin as this one does."""
 
     def recognises(path: Path) -> bool:
         return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
@@ -46,7 +45,6 @@ def _interpreted(
 
 
 def _head(path: Path) -> str:
-    """Return how the file begins, empty where it cannot be read."""
     try:
         with open_regular(path) as stream:
             return as_text(stream.read(_HEAD_BYTES)).lstrip(' "\r\n\t')
@@ -73,7 +71,6 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
     """Read a file of markers.
 
     Args:
-        path: the file.
         readers: asked in this order.
         options: fps, unit and up_axis of ``ReadOptions``.
 
@@ -103,7 +100,6 @@ def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) ->
     Args:
         path: ends in one of ``WRITERS``.
         cloud: markers, Z up, in metres.
-        overwrite: replace a file that is there.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.

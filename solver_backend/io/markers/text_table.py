@@ -72,7 +72,6 @@ def read_numbers(
     Args:
         rows: the cells of each row.
         first_line: the line of the first row, from 1, for messages.
-        path: the file, for messages.
         width: cells that a row should have, 0 where that is not known.
         leading: first cells without decimals, such as the frame's number.
         sure: see ``with_whole_decimals``.
@@ -88,7 +87,6 @@ def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, 
     Args:
         rows: the cells of each row.
         first_line: the line of the first row, from 1, for messages.
-        path: the file, for messages.
         comma: decimals are written with a comma.
 
     Raises:
@@ -142,7 +140,6 @@ def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
     """Return lines with tabs between cells, where a spreadsheet saved them with semicolons, commas or bars and quotes.
 
     Args:
-        lines: of the file.
         heading: the line that shows what stands between its cells.
         least: such marks that it has at least.
     """
@@ -166,7 +163,6 @@ def with_whole_decimals(
         rows: of cells.
         width: cells that a row should have.
         leading: first cells that are no decimal numbers: the frame's, a name.
-        path: the file, for messages.
         sure: rows should have no further cells; else they may, and are left as they are where they cannot be put
             together.
 

@@ -90,7 +90,6 @@ def _line_of(start: str, lines: list[str], path: Path) -> int:
 
 
 def _header(lines: list[str]) -> dict[str, str]:
-    """Return the header's values by their names in small letters."""
     names = next((i for i, line in enumerate(lines) if line.strip().lower().startswith("datarate")), None)
     if names is None or names + 1 >= len(lines):
         return {}
@@ -99,7 +98,6 @@ def _header(lines: list[str]) -> dict[str, str]:
 
 
 def _labels(line: str) -> list[str]:
-    """Return the labels, empty ones included where each label that is there stands above its own three columns."""
     cells = _cells(line)[2:]
     named = [i for i, cell in enumerate(cells) if cell]
     if named and all(i % 3 == 0 for i in named):
@@ -108,12 +106,10 @@ def _labels(line: str) -> list[str]:
 
 
 def _cells(line: str) -> list[str]:
-    """Return the cells between tabs, or between blanks where a line has no tabs; at least one."""
     return [cell.strip() for cell in line.split("\t")] if "\t" in line else line.split() or [""]
 
 
 def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]]:
-    """Return the rows without their odd cells where a second tab follows every number."""
     sample = rows[:ROWS_LOOKED_AT]
     too_long = markers and any(len(row) > 3 + 3 * markers for row in sample)
     if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
@@ -127,11 +123,9 @@ def write_trc(
     """Write markers to a TRC file, whole or not at all; missing ones are NaN.
 
     Args:
-        path: the file.
         cloud: markers, Z up, in metres.
         unit: length unit of the file, a key of ``METRES``.
         up_axis: axis of the file that points up; OpenSim's is Y.
-        overwrite: replace a file that is there.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.

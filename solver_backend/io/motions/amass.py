@@ -57,7 +57,6 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     """Read an AMASS file: ``poses`` (F, 72, 156 or 165), or ``root_orient`` and ``pose_body``; and ``trans``.
 
     Args:
-        path: the file.
         fps: frames per second; None takes what the file states.
 
     Raises:
@@ -141,7 +140,6 @@ def _frame_rate(fields: Fields, fps: float | None) -> float:
 
 
 def _gender(fields: Fields) -> str:
-    """Return the gender; files hold it as text, as bytes, or pickled, which is not read."""
     if "gender" not in fields or fields.array("gender").dtype.kind not in "US":
         return "unknown"
     gender = fields.text("gender").strip().lower()

@@ -90,7 +90,6 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     bones nearer to their rest lengths is taken.
 
     Args:
-        path: the file.
         metres_per_unit: length of the file's unit.
         up_axis: the file's axis that points up.
 
@@ -206,7 +205,6 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
 
 
 def _blocks(text: str) -> Iterator[list[str]]:
-    """Yield the words of a long text, a part at a time."""
     at = 0
     while at < len(text) or not at:
         end = at + _BLOCK

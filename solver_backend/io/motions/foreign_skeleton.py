@@ -79,7 +79,6 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
 
 
 def _near(name: str, names: tuple[str, ...]) -> str:
-    """Return the next segment above that the file has."""
     above = _SEGMENT_PARENTS[name]
     while above not in names:
         above = _SEGMENT_PARENTS[above]
@@ -87,7 +86,6 @@ def _near(name: str, names: tuple[str, ...]) -> str:
 
 
 def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return places and rotations in which a segment that is not seen stays as it was, or will be."""
     known = np.isfinite(places).all(-1)
     frames = np.arange(len(places))[:, None]
     last = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
@@ -123,7 +121,6 @@ def read_foreign_bvh(
     """Read a BVH clip with whatever unit and axes it has.
 
     Args:
-        path: the file.
         unit: of length; "" to estimate it from the length of the legs.
         up_axis: ``x``, ``y`` or ``z``; "" to detect it from the way the trunk points.
 
@@ -153,7 +150,6 @@ def read_foreign_clip(
     """Read a clip of any supported program: BVH, MVNX, segments of C3D, or a skeleton file from Blender.
 
     Args:
-        path: the file.
         unit: of length; "" for the file's own or, where it states none, an estimate from the length of the legs.
         up_axis: ``x``, ``y`` or ``z``; "" to detect it.
 
@@ -203,7 +199,6 @@ def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:
 
 
 def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
-    """Return a motion that stays within reach of its origin."""
     if (far := np.abs(motion.joints).max()) > _MOST_M:
         hint = "Offsets and positions are in different units; export it again."
         raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
@@ -211,7 +206,6 @@ def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
 
 
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
-    """Return the joints of a person, what is not clear about them and what is missing."""
     if not skeleton.size > _LEAST_SIZE:
         hint = "Export it with its bones' lengths."
         raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
@@ -230,7 +224,6 @@ def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnos
 
 
 def _missing(roles: dict[str, str]) -> list[Diagnostic]:
-    """Return a warning of the arms, parts of arms and head that have no joint."""
     parts = [] if "head" in roles else ["head"]
     for limb, joints in LIMBS.items():
         lacking = [joint for joint in joints if joint not in roles]

@@ -134,7 +134,6 @@ def read_manus_csv(path: Path, side: str = "") -> GloveTake:
     """Read a hand; positions are taken where the table has them.
 
     Args:
-        path: the file.
         side: ``left`` or ``right``; "" takes it from the file's name.
 
     Raises:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.errors import FileDamaged, FileMissing, MotionInvalid, NonFiniteData
+from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
-from solver_backend.exchange.regular_file import open_regular
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
@@ -142,7 +140,6 @@ def skeleton_map(names: list[str], where: str = "") -> SkeletonMap:
     raise MotionInvalid(f"The joints belong to no known skeleton (known: {known}).", where=where)
 
 
-_FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
 _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
 """(elbow, wrist); in the T-pose forearms lie along the x axis."""
 
@@ -160,41 +157,6 @@ class RecordedClip:
     tpose_rotvec: np.ndarray
     """(J, 3) local rotations of the T-pose, rad."""
     fps: float
-
-
-def read_clip(path: Path) -> RecordedClip:
-    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
-
-    A clip with a T-pose may begin with it; that frame is left out. ``root_rotvec`` (F, 3) stands for ``rotvec[:, 0]``
-    where rotations are kept in half precision.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is not such a file, or lacks fields.
-        NonFiniteData: a rotation is NaN or infinite.
-    """
-    if not path.is_file():
-        raise FileMissing("The clip is missing.", where=path.name)
-    try:
-        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as data:
-            fields = {key: data[key] for key in data.files}
-    except (OSError, ValueError) as error:
-        raise FileDamaged("The clip cannot be read.", where=path.name, hint=str(error)) from error
-    missing = [key for key in _FIELDS if key not in fields]
-    if missing:
-        raise FileDamaged(f"The clip lacks {', '.join(missing)}.", where=path.name)
-    rotvec = np.array(fields["rotvec"], dtype=np.float64)
-    if "root_rotvec" in fields:
-        rotvec[:, 0] = fields["root_rotvec"]
-    if not np.isfinite(rotvec).all():
-        raise NonFiniteData("A rotation of the clip is not a number.", where=path.name)
-    names = [str(name) for name in fields["names"]]
-    if "tpose_rotvec" not in fields:
-        return RecordedClip(
-            path.stem, names, fields["parents"], rotvec, np.zeros((len(names), 3)), float(fields["fps"])
-        )
-    tpose = np.asarray(fields["tpose_rotvec"], dtype=np.float64)
-    return RecordedClip(path.stem, names, fields["parents"], rotvec[1:], tpose, float(fields["fps"]))
 
 
 def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
@@ -226,19 +188,6 @@ def body_rotations(clip: RecordedClip) -> np.ndarray:
         since[:, elbow] = since[:, elbow] @ _half_twist(_relative(since[:, elbow], since[:, wrist]))
     parents = list(SMPL_PARENTS[1 : 1 + NUM_BODY_JOINTS])
     return np.concatenate((since[:, :1], _relative(since[:, parents], since[:, 1:])), axis=1)
-
-
-def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray:
-    """Return (F, ..., 3, 3) rotations at another rate, by geodesics between neighbours in time."""
-    count = int(np.floor((len(rotations) - 1) * target_fps / fps + 1e-6)) + 1
-    position = np.minimum(np.arange(count) * (fps / target_fps), len(rotations) - 1.0)
-    first = np.minimum(np.floor(position + 1e-3).astype(int), len(rotations) - 1)
-    share = np.clip(position - first, 0.0, 1.0)
-    before, after = rotations[first], rotations[np.minimum(first + 1, len(rotations) - 1)]
-    if share.max() < 1e-2:
-        return before
-    step = log_so3(_relative(before, after))
-    return before @ exp_so3(share.reshape(-1, *([1] * (step.ndim - 1))) * step)
 
 
 def _rotations_since_tpose(clip: RecordedClip, mapping: SkeletonMap) -> np.ndarray:

@@ -178,7 +178,6 @@ def read_capture(path: Path | str) -> Capture:
 
 
 def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
-    """Return what a file holds as JSON texts; what is none is left out."""
     values: list[object] = []
     for text in fields.texts("diagnostics"):
         with suppress(ValueError, RecursionError):
@@ -187,11 +186,7 @@ def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
 
 
 def _truth(fields: Fields, path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of the truth; NaN is what is not known.
-
-    Raises:
-        CaptureInvalid: a number is beyond any place and any turn.
-    """
+    """Return the arrays of the truth; NaN is what is not known."""
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
@@ -280,7 +275,6 @@ def _cameras(fields: Fields) -> Cameras:
 
 
 def _models(cameras: Cameras) -> np.ndarray:
-    """Return the name of the cameras' lens model, or one name per camera where models differ."""
     names = dict.fromkeys(cameras.models)
     return np.array(next(iter(names))) if len(names) == 1 else np.array(cameras.models, np.str_)
 
@@ -297,7 +291,6 @@ def _keypoints(fields: Fields) -> Keypoints2D:
 
 
 def _people(fields: Fields, chosen: Keypoints2D) -> tuple[PersonInViews, ...]:
-    """Return everybody in the recording; each has the rate and the joint set of the chosen one."""
     names = fields.texts("people")
     xy = fields.numbers("people_xy", (len(names), *chosen.xy.shape))
     confidence = fields.numbers("people_confidence", xy.shape[:-1])
@@ -326,11 +319,7 @@ def _others(fields: Fields) -> MarkerCloud:
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
-    """Return the (F, M, 3, 3) covariances of markers.
-
-    Raises:
-        NonFiniteData: one that is given is not finite, or negative in some direction.
-    """
+    """Return the (F, M, 3, 3) covariances of markers."""
     covariance = unpacked(fields.numbers("marker_covariance", (*positions.shape[:2], 6)))
     given = np.isfinite(positions).all(-1) & ~np.isnan(covariance).all((-2, -1))
     finite = np.isfinite(covariance).all((-2, -1))

@@ -112,11 +112,7 @@ def read_motion(path: Path | str) -> Motion:
 
 
 def _require_arrays(fields: Fields) -> None:
-    """Make sure that every array is there that the solver writes, and of the shape it has then.
-
-    Raises:
-        FileDamaged: one is not.
-    """
+    """Make sure that every array is there that the solver writes, and of the shape it has then."""
     layout = layout_of(fields)
     width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
     frames = len(fields.numbers("poses", (None, width)))

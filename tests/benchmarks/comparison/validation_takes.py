@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
+from solver_backend.io.motions.recorded_clip import body_rotations
 from solver_backend.synthesis.simulation.cast import Take
 from tests.benchmarks.metric import BenchmarkSkipped
 from tests.support.recordings import recordings_folder
 from training.data.corpus import HELD_OUT
-from training.data.sources.clips import subject_of, with_shoulder_rhythm
+from training.data.sources.clips import read_clip, subject_of, with_shoulder_rhythm
 
 
 def clip_paths(data: Path | None = None) -> list[Path]:

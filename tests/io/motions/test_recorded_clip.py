@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motions.recorded_clip import MAPS, RecordedClip, body_rotations, read_clip, resample
+from solver_backend.io.motions.recorded_clip import MAPS, RecordedClip, body_rotations
 from training.data.points import rotation_points
+from training.data.sources.clips import read_clip, resample
 
 
 def recorded(rotvec: np.ndarray, tpose: np.ndarray) -> RecordedClip:

@@ -14,13 +14,14 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.joint_limits import excess_deg
-from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.geometry.interpolation import slerp
-from solver_backend.geometry.rotations import exp_so3, rotvec_from_quat
+from solver_backend.geometry.rotations import exp_so3, log_so3, rotvec_from_quat
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.bvh import read_bvh
-from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, read_clip, recorded_from_bvh, resample
+from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, recorded_from_bvh
 from training.data.sources.amc_clips import read_amc, read_asf
 from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
@@ -30,6 +31,57 @@ RAISING_SHARE = 0.22
 """Part of the upper arm's elevation above the horizontal that the collar takes."""
 REACHING_SHARE = 0.15
 """Part of the upper arm's forward swing that the collar takes."""
+
+
+_FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
+
+
+def read_clip(path: Path) -> RecordedClip:
+    """Read one clip (``names, parents, offsets, rotvec, root, fps`` and perhaps ``tpose_rotvec, root_rotvec``).
+
+    A clip with a T-pose may begin with it; that frame is left out. ``root_rotvec`` (F, 3) stands for ``rotvec[:, 0]``
+    where rotations are kept in half precision.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is not such a file, or lacks fields.
+        NonFiniteData: a rotation is NaN or infinite.
+    """
+    if not path.is_file():
+        raise FileMissing("The clip is missing.", where=path.name)
+    try:
+        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as data:
+            fields = {key: data[key] for key in data.files}
+    except (OSError, ValueError) as error:
+        raise FileDamaged("The clip cannot be read.", where=path.name, hint=str(error)) from error
+    missing = [key for key in _FIELDS if key not in fields]
+    if missing:
+        raise FileDamaged(f"The clip lacks {', '.join(missing)}.", where=path.name)
+    rotvec = np.array(fields["rotvec"], dtype=np.float64)
+    if "root_rotvec" in fields:
+        rotvec[:, 0] = fields["root_rotvec"]
+    if not np.isfinite(rotvec).all():
+        raise NonFiniteData("A rotation of the clip is not a number.", where=path.name)
+    names = [str(name) for name in fields["names"]]
+    if "tpose_rotvec" not in fields:
+        return RecordedClip(
+            path.stem, names, fields["parents"], rotvec, np.zeros((len(names), 3)), float(fields["fps"])
+        )
+    tpose = np.asarray(fields["tpose_rotvec"], dtype=np.float64)
+    return RecordedClip(path.stem, names, fields["parents"], rotvec[1:], tpose, float(fields["fps"]))
+
+
+def resample(rotations: np.ndarray, fps: float, target_fps: float) -> np.ndarray:
+    """Return (F, ..., 3, 3) rotations at another rate, by geodesics between neighbours in time."""
+    count = int(np.floor((len(rotations) - 1) * target_fps / fps + 1e-6)) + 1
+    position = np.minimum(np.arange(count) * (fps / target_fps), len(rotations) - 1.0)
+    first = np.minimum(np.floor(position + 1e-3).astype(int), len(rotations) - 1)
+    share = np.clip(position - first, 0.0, 1.0)
+    before, after = rotations[first], rotations[np.minimum(first + 1, len(rotations) - 1)]
+    if share.max() < 1e-2:
+        return before
+    step = log_so3(np.swapaxes(before, -1, -2) @ after)
+    return before @ exp_so3(share.reshape(-1, *([1] * (step.ndim - 1))) * step)
 
 
 def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:

@@ -10,8 +10,9 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
+from solver_backend.io.motions.recorded_clip import body_rotations
 from training.data.sources.amc_clips import read_amc, read_asf
+from training.data.sources.clips import read_clip
 
 ASF = """:version 1.10
 :root

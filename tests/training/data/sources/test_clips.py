@@ -9,10 +9,10 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, MotionInvalid, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.motions.recorded_clip import MAPS, body_rotations, read_clip
+from solver_backend.io.motions.recorded_clip import MAPS, body_rotations
 from tests.support.random_poses import poses
 from training.data.corpus import HELD_OUT, SIMPLIFIED_EVERY, build_corpus, split_corpus
-from training.data.sources.clips import Clip, load_clips, load_far_clips, subject_of, without_faults
+from training.data.sources.clips import Clip, load_clips, load_far_clips, read_clip, subject_of, without_faults
 from training.engine.accuracy import accuracy_by_source
 
 

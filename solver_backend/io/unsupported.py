@@ -1,0 +1,141 @@
+"""Paths that are no capture that is read: what they are, and what helps."""
+
+from __future__ import annotations
+
+import fnmatch
+import os
+from collections import Counter
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+
+from solver_backend.exchange.errors import CaptureNotRecognised
+from solver_backend.io.captures.pose2sim import trials_below
+from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
+from solver_backend.io.footage import SENSOR_RECORDING, count_recordings
+from solver_backend.io.markers.text_table import delimiter_of, is_number
+from solver_backend.io.reader import Reader
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.types import Capture
+
+_NAMED = 5
+"""Folders, or kinds of files, that an error names."""
+MOST_NAMES = 1000
+"""Names of a folder that are looked at; chosen by hand."""
+_LINES, _LEAST_COLUMNS = 5, 8
+"""Lines of a table that are looked at, and numbers in each: two counts and two markers."""
+_FILES = (
+    ((".trb",), "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
+    ((".cap",), "a project of Motion Analysis Cortex", "Export TRC or C3D from Cortex."),
+    ((".tdf",), "a recording of BTS SMART", "Export C3D from SMART Tracker or SMART Analyzer."),
+    (
+        (".rah", ".raw", ".ric", ".rif", ".ang", ".mom", ".pwr", ".gr1", ".gr2", ".emf", ".emg", ".emr"),
+        "a file of BTS ELITE", "Export C3D from the program that recorded it.",
+    ),
+    ((".x1d", ".x2d", ".xcp", ".vsk", ".mp", ".trial"), "a part of a Vicon trial", "Choose the trial's .c3d."),
+    ((".tak",), "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
+    ((".qtm", ".qca"), "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
+    ((".mvn", ".mvnx"), "a recording of Xsens MVN", "Export C3D, or BVH for `motion`, from MVN."),
+    ((".fbx", ".bvh", ".glb", ".asf", ".amc"), "a motion of a skeleton", "BVH is read by the verb `motion`."),
+    ((".mot", ".sto", ".osim"), "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
+    ((".xmove", ".xml"), "an XML file", "Export C3D or TRC from the program that wrote it."),
+    ((".xlsx", ".xls", ".ods"), "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
+)  # fmt: skip
+"""Endings of marker files, what they are, and the way out."""
+_DETECTIONS = (
+    (
+        "*.pkl", "Python pickles, which run code when they are read",
+        "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir.",
+    ),
+    ("*.pickle", "Python pickles, which run code when they are read", "Export JSON or CSV from their program."),
+    ("*.mat", "MATLAB files", "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."),
+    *(
+        (pattern, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER.")
+        for pattern in ("*_pose.yml", "*_pose.yaml", "*_pose.xml")
+    ),
+    ("*.parquet", "Parquet tables", "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."),
+)  # fmt: skip
+"""Patterns of the names of detections, what they are, and the way out."""
+_PACKED = tuple(
+    (f"*.{ending}", "packed files", "Unpack them, one folder a camera.")
+    for ending in ("zip", "gz", "7z", "rar", "tar", "tgz", "xz", "bz2")
+)
+"""The same of archives, which may lie beside anything."""
+
+
+def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
+    """Return the error about a path that none of the readers recognises."""
+    what, hint = _name_folder(path) if path.is_dir() else _name_file(path)
+    kinds = dict.fromkeys(reader.kind for reader in readers)
+    return CaptureNotRecognised(what, where=str(path), hint=hint or f"Captures are {'; '.join(kinds)}.")
+
+
+def _name_file(path: Path) -> tuple[str, str]:
+    if not path.is_file():
+        return f"The path {'is not a readable capture' if path.exists() else 'does not exist'}.", ""
+    if (known := _unsupported_file(path)) is not None:
+        return f"The file is not supported: {known[0]}.", known[1]
+    return "The path is not a readable capture.", ""
+
+
+def _name_folder(path: Path) -> tuple[str, str]:
+    if (path / SENSOR_RECORDING).is_file():
+        what = "The folder is a recording of infrared and depth sensors. Their markers are not found yet."
+        return what, f"markers-from-sensors {path.name} --out {path.name}.npz finds them."
+    if trials := trials_below(path):
+        return "The folder is not a recording but holds several.", f"Choose one: {listing(trials)}."
+    folders = [path, *(path / name for name in DETECTION_FOLDERS)]
+    if (known := _matching(folders, _DETECTIONS)) is not None:
+        return known
+    if (footage := count_recordings(path)) > 1:
+        what = f"The folder holds videos or pictures of {footage} cameras, and no detections in them."
+        return what, "from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender)."
+    if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
+        what = f"The folder holds no detections of its own; {listing(deeper[:_NAMED])} in it does."
+        return what, f"Choose {path / deeper[0]}."
+    if (known := _matching(folders, _PACKED)) is not None:
+        return known
+    return f"The folder holds no detections that are read: {_contents(path)}.", ""
+
+
+def _contents(folder: Path) -> str:
+    with os.scandir(folder) as entries:
+        kinds = Counter("folders" if e.is_dir() else Path(e.name).suffix.lower() or "files" for e in entries)
+    return listing(f"{count} {kind}" for kind, count in kinds.most_common(_NAMED)) if kinds else "it is empty"
+
+
+def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
+    """Return what detections in folders, or in those below them, are, and how to convert them; None where unknown."""
+    there = [folder for folder in folders if folder.is_dir()]
+    below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
+    names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]
+    for pattern, what, how in formats:
+        found = next((f"{folder.name}/{name}" for folder, name in names if fnmatch.fnmatchcase(name, pattern)), None)
+        if found is not None:
+            return f"The detections are not supported: {what} ({found}).", how
+    return None
+
+
+def _few_names(folder: Path) -> list[str]:
+    with os.scandir(folder) as entries:
+        return sorted(entry.name for entry in islice(entries, MOST_NAMES))
+
+
+def _unsupported_file(path: Path) -> tuple[str, str] | None:
+    """Return what a marker file is that is not supported, and how to convert it; None where that is not known."""
+    if _is_table_without_header(path):
+        what = "a table of numbers that names neither markers nor frame rate"
+        return what, "Export it again with its header (Nexus: labels and units), or as C3D."
+    suffix = path.suffix.lower()
+    return next(((what, how) for suffixes, what, how in _FILES if suffix in suffixes), None)
+
+
+def _is_table_without_header(path: Path) -> bool:
+    if path.suffix.lower() not in (".csv", ".txt", ".tsv"):
+        return False
+    with path.open(encoding="utf-8", errors="replace") as file:
+        lines = [line.rstrip("\r\n") for line in islice(file, _LINES) if line.strip()]
+    rows = [line.split(delimiter_of(line)) for line in lines]
+    widths = {len(row) for row in rows}
+    numbers = all(not cell or is_number(cell.replace(",", ".")) for row in rows for cell in row)
+    return len(widths) == 1 and min(widths) >= _LEAST_COLUMNS and numbers
