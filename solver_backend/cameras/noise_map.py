@@ -82,11 +82,8 @@ def read_noise_map(path: Path | str) -> NoiseMap:
         return _checked(values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
-        raise FileDamaged(
-            f"The file is not a noise map of a detector: {why}.",
-            where=str(path),
-            hint="Measure one: detector-noise CAPTURE... --out NOISE.json.",
-        ) from error
+        hint = "Measure one: detector-noise CAPTURE... --out NOISE.json."
+        raise FileDamaged(f"The file is not a noise map of a detector: {why}.", where=str(path), hint=hint) from error
 
 
 def _checked(values: dict[str, Any]) -> NoiseMap:

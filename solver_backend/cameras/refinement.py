@@ -132,10 +132,9 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     """
     cameras, keypoints = capture.require_multiview()
     if keypoints.num_frames < LEAST_FRAMES:
-        raise NoDetections(
-            f"A calibration is refined by {LEAST_FRAMES} frames or more, the take has {keypoints.num_frames}.",
-            where=capture.name, hint="Choose a longer take in which the person walks through the whole room.",
-        )  # fmt: skip
+        hint = "Choose a longer take in which the person walks through the whole room."
+        what = f"A calibration is refined by {LEAST_FRAMES} frames or more, the take has {keypoints.num_frames}."
+        raise NoDetections(what, where=capture.name, hint=hint)
     everybody = [person.keypoints for person in capture.people] or [keypoints]
     xy = np.concatenate([one.xy for one in everybody], axis=2)
     confidence = np.concatenate([one.confidence for one in everybody], axis=2)

@@ -57,11 +57,8 @@ class AppendedFile:
             OutputNotWritable: some were not.
         """
         if self.lost:
-            raise OutputNotWritable(
-                f"{self.lost} of {self.lost + self.written} lines or frames could not be written: {self.failure}.",
-                where=self.where,
-                hint=hint,
-            )
+            what = f"{self.lost} of {self.lost + self.written} lines or frames could not be written: {self.failure}."
+            raise OutputNotWritable(what, where=self.where, hint=hint)
 
     def _cut_back(self) -> None:
         if self._size is not None:

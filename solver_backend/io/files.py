@@ -85,6 +85,5 @@ def read_toml(path: Path | str) -> dict[str, Any]:
             raise tomllib.TOMLDecodeError(f"a key has more than {_MOST_KEY_PARTS} parts")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not TOML ({error}).", where=str(path), hint="Check the line that is named."
-        ) from error
+        hint = "Check the line that is named."
+        raise FileDamaged(f"The file is truncated or is not TOML ({error}).", where=str(path), hint=hint) from error

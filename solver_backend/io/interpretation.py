@@ -177,11 +177,9 @@ def _require_markers(source: MarkerSource) -> None:
     if not markers:
         channels = len(source.analog_channels)
         what = f" but {channels} analog channels (forces, muscles)" if channels else ""
-        raise NoDetections(
-            " ".join((f"The file holds no markers{what}.", *map(sentence, source.notes))),
-            where=str(source.path),
-            hint="Choose the recording's file of markers, or export it with trajectories.",
-        )
+        hint = "Choose the recording's file of markers, or export it with trajectories."
+        what = " ".join((f"The file holds no markers{what}.", *map(sentence, source.notes)))
+        raise NoDetections(what, where=str(source.path), hint=hint)
     if not frames:
         raise NoDetections("The file holds no frames.", where=str(source.path), hint="Export it again.")
 
@@ -202,9 +200,8 @@ def _rate(source: MarkerSource, fps: float | None) -> float:
         return float(fps)
     if source.rate is None or not (np.isfinite(source.rate) and source.rate > 0):
         found = "states no frame rate" if source.rate is None else f"states a frame rate of {source.rate:g}"
-        raise FileDamaged(
-            f"The file {found}; a positive number is expected.", where=str(source.path), hint="Give the frame rate."
-        )
+        hint = "Give the frame rate."
+        raise FileDamaged(f"The file {found}; a positive number is expected.", where=str(source.path), hint=hint)
     return float(source.rate)
 
 

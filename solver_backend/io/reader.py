@@ -71,11 +71,9 @@ class Reader(Generic[Content]):
         refused = next((name for name in options.given if name not in applicable), None)
         if refused is not None:
             known = ", ".join(option_name(name) for name in DEFAULTS if name in applicable)
-            raise JobInvalid(
-                f"{ROWS[refused].label} ({option_name(refused)}) does not apply to {self.kind.partition(' (')[0]}.",
-                where=str(path),
-                hint=f"These options apply: {known}." if known else "No reading option applies.",
-            )
+            hint = f"These options apply: {known}." if known else "No reading option applies."
+            what = f"{ROWS[refused].label} ({option_name(refused)}) does not apply to {self.kind.partition(' (')[0]}."
+            raise JobInvalid(what, where=str(path), hint=hint)
         return self.read(path, options)
 
 

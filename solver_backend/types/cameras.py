@@ -37,9 +37,8 @@ class Cameras:
     def __post_init__(self) -> None:
         count = len(self.names)
         if len(set(self.names)) != count:
-            raise CalibrationInvalid(
-                "Two cameras have the same name.", where=", ".join(self.names), hint="Rename one of them."
-            )
+            hint = "Rename one of them."
+            raise CalibrationInvalid("Two cameras have the same name.", where=", ".join(self.names), hint=hint)
         distortion = np.zeros((count, 8))
         given = np.asarray(self.distortion, dtype=np.float64).reshape(count, -1) if count else distortion
         if given.shape[1] > 8:
@@ -63,9 +62,8 @@ class Cameras:
                 raise CalibrationInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="cameras")
             finite = np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
             if not finite.all():
-                raise CalibrationInvalid(
-                    f"{name} holds NaN or infinite values.", where=f"camera {self.names[int(np.argmin(finite))]}"
-                )
+                what = f"{name} holds NaN or infinite values."
+                raise CalibrationInvalid(what, where=f"camera {self.names[int(np.argmin(finite))]}")
             require_within(name, value, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
             object.__setattr__(self, name, value)
         models = tuple(self.models) * count if len(self.models) == 1 else tuple(self.models)
@@ -95,10 +93,8 @@ class Cameras:
                     else "Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
                 )
             if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:
-                raise CalibrationInvalid(
-                    f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}.",
-                    where=f"camera {name}",
-                )
+                what = f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}."
+                raise CalibrationInvalid(what, where=f"camera {name}")
             width, height = self.image_size[c]
             if min(width, height) <= 0:
                 raise CalibrationInvalid(f"The image size {width} x {height} is not positive.", where=f"camera {name}")

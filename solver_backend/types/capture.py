@@ -69,11 +69,9 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
     beyond = (np.abs(hands) > FARTHEST_PX).any(-1)
     if beyond.any():
         view, frame, hand, point = np.argwhere(beyond)[0]
-        raise NonFiniteData(
-            "A point of a hand is infinite or beyond any picture.",
-            where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
-            hint="Write NaN (or 0 0 0) for a point that was not seen.",
-        )
+        hint = "Write NaN (or 0 0 0) for a point that was not seen."
+        what = "A point of a hand is infinite or beyond any picture."
+        raise NonFiniteData(what, where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}", hint=hint)
     hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
     return hands
 
@@ -116,11 +114,9 @@ class Keypoints2D:
             view, frame, point = np.argwhere(beyond)[0]
             place = xy[view, frame, point]
             what = f"lies at {place[0]:.3g}, {place[1]:.3g} px" if np.isfinite(place).all() else "is infinite"
-            raise NonFiniteData(
-                f"A detection {what}.",
-                where=f"view {view}, frame {frame}, {self.names[point]}",
-                hint="Write NaN (or 0 0 0) for a keypoint that was not seen.",
-            )
+            hint = "Write NaN (or 0 0 0) for a keypoint that was not seen."
+            what = f"A detection {what}."
+            raise NonFiniteData(what, where=f"view {view}, frame {frame}, {self.names[point]}", hint=hint)
         missing = ~np.isfinite(xy).all(-1) | ~(confidence > 0)
         xy[missing] = np.nan
         confidence[missing] = 0.0
@@ -226,20 +222,16 @@ class Capture:
     def __post_init__(self) -> None:
         cameras, found = self.cameras, self.keypoints
         if cameras is not None and found is not None and len(cameras) != found.num_views:
-            raise CalibrationMismatch(
-                f"There are {len(cameras)} cameras ({', '.join(cameras.names)}) and {found.num_views} views.",
-                where=self.name,
-            )
+            what = f"There are {len(cameras)} cameras ({', '.join(cameras.names)}) and {found.num_views} views."
+            raise CalibrationMismatch(what, where=self.name)
         if cameras is not None and self.footage and len(self.footage) != len(cameras):
-            raise CaptureInvalid(
-                f"{len(self.footage)} entries of footage do not fit {len(cameras)} cameras.", where=self.name,
-                hint="One entry a camera is expected, none where there is no footage.",
-            )  # fmt: skip
+            hint = "One entry a camera is expected, none where there is no footage."
+            what = f"{len(self.footage)} entries of footage do not fit {len(cameras)} cameras."
+            raise CaptureInvalid(what, where=self.name, hint=hint)
         for person in self.people:
             if found is None or person.keypoints.xy.shape != found.xy.shape:
-                raise CaptureInvalid(
-                    f"{person.name} is seen in other views or frames than the capture.", where=self.name
-                )
+                what = f"{person.name} is seen in other views or frames than the capture."
+                raise CaptureInvalid(what, where=self.name)
 
     @property
     def named(self) -> Capture:
@@ -287,10 +279,8 @@ class Capture:
         seen = keypoints.confidence > 0
         seeing = int(seen.any(axis=(1, 2)).sum())
         if seeing < 2:
-            raise TooFewViews(
-                f"{seeing} of {len(cameras)} cameras have detections; two are needed.", where=self.name,
-                hint="Add the detections of another camera.",
-            )  # fmt: skip
+            what = f"{seeing} of {len(cameras)} cameras have detections; two are needed."
+            raise TooFewViews(what, where=self.name, hint="Add the detections of another camera.")
         if not (seen.sum(axis=0) >= 2).any():
             raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
         return cameras, keypoints
@@ -299,10 +289,8 @@ class Capture:
         if self.cameras is None or self.keypoints is None:
             raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
         if not (self.keypoints.confidence > 0).any():
-            raise NoDetections(
-                "Every confidence is zero: nobody was detected.", where=self.name,
-                hint="Run the detector again or choose other files.",
-            )  # fmt: skip
+            hint = "Run the detector again or choose other files."
+            raise NoDetections("Every confidence is zero: nobody was detected.", where=self.name, hint=hint)
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
@@ -316,11 +304,8 @@ class Capture:
             if wanted in (person.name.casefold(), str(number)):
                 return replace(self, keypoints=person.keypoints, person=person.name)
         names = ", ".join(person.name for person in self.people)
-        raise PersonUnknown(
-            f"The capture shows nobody called '{name}'.",
-            where=self.name,
-            hint=f"It shows {names}." if names else "It shows one person: leave the name out.",
-        )
+        hint = f"It shows {names}." if names else "It shows one person: leave the name out."
+        raise PersonUnknown(f"The capture shows nobody called '{name}'.", where=self.name, hint=hint)
 
     def views(self, indices: list[int]) -> Capture:
         """Return the capture restricted to these cameras."""

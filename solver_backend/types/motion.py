@@ -88,10 +88,8 @@ class Motion:
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
-                raise MotionInvalid(
-                    f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}.",
-                    where="motion",
-                )
+                what = f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}."
+                raise MotionInvalid(what, where="motion")
         for turns in (self.body_pose, self.global_orient):
             require_motion(self.fps, turns, self.transl, self.betas, self.joints, MotionInvalid, "motion")
         require_length(self.props, frames)
@@ -126,10 +124,8 @@ class Motion:
         """
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
-            raise MotionInvalid(
-                f"The motion is of the body {self.body}, not {body}.", where=where,
-                hint="Use the body that the motion was solved with.",
-            )  # fmt: skip
+            hint = "Use the body that the motion was solved with."
+            raise MotionInvalid(f"The motion is of the body {self.body}, not {body}.", where=where, hint=hint)
 
 
 @dataclass(frozen=True)

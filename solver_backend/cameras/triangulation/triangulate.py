@@ -207,9 +207,8 @@ def _triangulate_frames(
 
 def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
     if len(cameras) < 2:
-        raise TooFewViews(
-            f"Triangulation needs two cameras; there is {len(cameras)}.", hint="Add the detections of another camera."
-        )
+        hint = "Add the detections of another camera."
+        raise TooFewViews(f"Triangulation needs two cameras; there is {len(cameras)}.", hint=hint)
     if xy.ndim != 4 or xy.shape[-1] != 2 or tuple(confidence.shape) != tuple(xy.shape[:-1]):
         raise KeypointCountMismatch(
             f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)} must be (views, frames, keypoints, 2) and "

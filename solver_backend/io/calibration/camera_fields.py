@@ -239,11 +239,8 @@ def _constant(value: Any, place: str) -> Any:
         return value
     array = np.array(value, dtype=object)
     if not all(item == value[0] for item in value) and array.ndim > 1:
-        raise CalibrationInvalid(
-            "The camera moves: its calibration differs from frame to frame.",
-            where=place,
-            hint="Only fixed cameras are solved.",
-        )
+        what = "The camera moves: its calibration differs from frame to frame."
+        raise CalibrationInvalid(what, where=place, hint="Only fixed cameras are solved.")
     return value[0] if array.ndim > 1 else value
 
 
@@ -263,11 +260,8 @@ def _pose(node: Mapping[str, Any], place: str) -> tuple[np.ndarray, np.ndarray]:
         R, centre = _rigid(pose, place)
         return R.T, -R.T @ centre
     lacking = "rotation" if rotation is None else "translation"
-    raise CalibrationInvalid(
-        f"The camera has no {lacking}.",
-        where=place,
-        hint="Calibrate the extrinsics too, so that all cameras share one world.",
-    )
+    hint = "Calibrate the extrinsics too, so that all cameras share one world."
+    raise CalibrationInvalid(f"The camera has no {lacking}.", where=place, hint=hint)
 
 
 def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
@@ -288,10 +282,9 @@ def rotation_matrix(value: Any, place: str) -> np.ndarray:
     if R.size == 3:
         return np.asarray(exp_so3(R.reshape(3)))
     if R.size != 9:
-        raise CalibrationInvalid(
-            f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected.", where=place,
-            hint="Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4),
-        )  # fmt: skip
+        hint = "Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4)
+        what = f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected."
+        raise CalibrationInvalid(what, where=place, hint=hint)
     return R.reshape(3, 3)
 
 

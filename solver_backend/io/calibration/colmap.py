@@ -54,11 +54,8 @@ def read_colmap(folder: Path) -> StatedCameras:
 def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[int, int], str]:
     known = _MODELS.get(fields[0]) if fields else None
     if known is None:
-        raise CalibrationInvalid(
-            f"The lens model {fields[0] if fields else ''} is not read.",
-            where=place,
-            hint=f"Read are {', '.join(_MODELS)}.",
-        )
+        hint = f"Read are {', '.join(_MODELS)}."
+        raise CalibrationInvalid(f"The lens model {fields[0] if fields else ''} is not read.", where=place, hint=hint)
     model, focals, which = known
     values = _numbers(fields[1:], place)
     if len(values) != 2 + focals + 2 + len(which):
@@ -82,6 +79,5 @@ def _numbers(fields: list[str], place: str) -> np.ndarray:
     try:
         return np.array(fields, dtype=np.float64)
     except ValueError as error:
-        raise FileDamaged(
-            f"A number is expected where the file holds something else ({error}).", where=place
-        ) from error
+        what = f"A number is expected where the file holds something else ({error})."
+        raise FileDamaged(what, where=place) from error

@@ -122,21 +122,17 @@ def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
     coefficients = np.asarray(entry.distortion, dtype=np.float64).reshape(-1)
     most = len(LENS_MODELS[entry.model].terms)
     if len(coefficients) > most and np.any(coefficients[most:]):
-        raise CalibrationInvalid(
-            f"The camera has {len(coefficients)} distortion coefficients; {most} are read.",
-            where=f"{where}, camera {entry.name}",
-            hint="Calibrate without thin-prism and tilt terms.",
-        )
+        hint = "Calibrate without thin-prism and tilt terms."
+        what = f"The camera has {len(coefficients)} distortion coefficients; {most} are read."
+        raise CalibrationInvalid(what, where=f"{where}, camera {entry.name}", hint=hint)
     return coefficients[:most]
 
 
 def _possible_size(size: tuple[int, int], place: str) -> tuple[int, int]:
     if max(abs(length) for length in size) > LARGEST_PICTURE:
-        raise CalibrationInvalid(
-            f"The image would be {size[0]:.4g} x {size[1]:.4g} pixels; at most {LARGEST_PICTURE:,} are possible.",
-            where=place,
-            hint="Check the image size, or the principal point where no size is stated.",
-        )
+        hint = "Check the image size, or the principal point where no size is stated."
+        what = f"The image would be {size[0]:.4g} x {size[1]:.4g} pixels; at most {LARGEST_PICTURE:,} are possible."
+        raise CalibrationInvalid(what, where=place, hint=hint)
     return size
 
 
@@ -172,10 +168,9 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
         found.append(diagnostic("calibration_read_as", convention="shares", cameras=names))
     if all(e.image_size is not None and LENS_MODELS[e.model].is_straight and _is_short(e) for e in entries):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
-        raise CalibrationInvalid(
-            f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which no lens has: they may be in mm.",
-            hint="Write them in pixels: mm times the picture's width in pixels over the sensor's width in mm.",
-        )
+        hint = "Write them in pixels: mm times the picture's width in pixels over the sensor's width in mm."
+        what = f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which no lens has: they may be in mm."
+        raise CalibrationInvalid(what, hint=hint)
     if all(e.image_size is not None and (np.abs(e.K[:2, 2]) < OFF_MIDDLE * np.array(_size(e))).all() for e in entries):
         missing = not any(e.K[:2, 2].any() for e in entries)
         entries = [replace(e, K=_from_middle(e)) for e in entries]

@@ -48,10 +48,8 @@ def kalibr_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
     for i, (name, node) in enumerate(nodes):
         place = f"camera {name}"
         if str(node.get("camera_model", "pinhole")) != "pinhole":
-            raise CalibrationInvalid(
-                f"Not supported: Kalibr's camera model {node['camera_model']}.", where=place,
-                hint="Calibrate with pinhole-radtan or pinhole-equi.",
-            )  # fmt: skip
+            what = f"Not supported: Kalibr's camera model {node['camera_model']}."
+            raise CalibrationInvalid(what, where=place, hint="Calibrate with pinhole-radtan or pinhole-equi.")
         step = numbers(node.get(_FROM_PREVIOUS, np.eye(4) if i == 0 else []), place)
         if step.shape != (4, 4):
             raise CalibrationInvalid(f"{_FROM_PREVIOUS} has shape {step.shape}; (4, 4) is expected.", where=place)
@@ -98,10 +96,8 @@ def _node(tree: Mapping[str, Any], frame: Mapping[str, Any], name: str) -> dict[
     by_angle = 0.5 * width / math.tan(0.5 * angle) if width and angle and 0 < angle < math.pi else None
     focal = found["fl_x"] or by_angle
     if not focal:
-        raise CalibrationInvalid(
-            "The camera has no focal length.", where=place,
-            hint="Write fl_x, or camera_angle_x with w, for each picture or for all.",
-        )  # fmt: skip
+        hint = "Write fl_x, or camera_angle_x with w, for each picture or for all."
+        raise CalibrationInvalid("The camera has no focal length.", where=place, hint=hint)
     model = model_named(str(frame.get("camera_model", tree.get("camera_model"))))
     node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "model": model,
             "cx": _middle(found["cx"], width), "cy": _middle(found["cy"], found["h"]),
@@ -279,10 +275,8 @@ def _human36m_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
     if not subjects or len(subjects) < len(outer):
         return None
     if len(subjects) > 1:
-        raise CalibrationInvalid(
-            f"The file holds the cameras of {len(subjects)} subjects: {', '.join(map(str, outer))}.",
-            hint="Keep the entry under 'extrinsics' of the subject who was recorded.",
-        )
+        what = f"The file holds the cameras of {len(subjects)} subjects: {', '.join(map(str, outer))}."
+        raise CalibrationInvalid(what, hint="Keep the entry under 'extrinsics' of the subject who was recorded.")
     return [(str(name), {**inner[name], **camera}) for name, camera in subjects[0].items() if name in inner]
 
 

@@ -45,11 +45,8 @@ def read_qualisys(path: Path) -> StatedCameras:
     try:
         root = ElementTree.fromstring(read_bytes(path, LARGEST_TEXT))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not Qualisys' XML ({error}).",
-            where=str(path),
-            hint="Export the calibration again.",
-        ) from error
+        what = f"The file is truncated or is not Qualisys' XML ({error})."
+        raise FileDamaged(what, where=str(path), hint="Export the calibration again.") from error
     nodes = root.findall("cameras/camera")
     if not nodes:
         raise FileDamaged("The file lists no cameras.", where=str(path), hint="Export the calibration again.")

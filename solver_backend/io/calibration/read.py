@@ -77,9 +77,8 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     elif found is None:
         found = _of_file(path, unit, up_axis)
     if found is None:
-        raise CalibrationMissing(
-            "There is no camera calibration here.", where=str(path), hint=f"Formats that are read: {FORMATS}."
-        )
+        hint = f"Formats that are read: {FORMATS}."
+        raise CalibrationMissing("There is no camera calibration here.", where=str(path), hint=hint)
     return found
 
 

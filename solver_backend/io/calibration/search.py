@@ -115,10 +115,8 @@ def find_calibration(
         raise damaged[0]
     if not others:
         what, how = name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
-        raise CalibrationMissing(
-            f"The recording has no camera calibration. {what}".rstrip(), where=str(root),
-            hint=f"{how} Formats that are read: {FORMATS}.",
-        )  # fmt: skip
+        what = f"The recording has no camera calibration. {what}".rstrip()
+        raise CalibrationMissing(what, where=str(root), hint=f"{how} Formats that are read: {FORMATS}.")
     if by_views is not None and not names:
         for calibration in others:
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
@@ -126,10 +124,9 @@ def find_calibration(
                 return _found_by_views(ordered(calibration, order), order, recorded, calibration.cameras.names)
     for calibration in others:
         if takes := takes_in_names(recorded, calibration.cameras.names):
-            raise CalibrationMismatch(
-                f"The folder holds {len(takes)} takes: {listing(takes)}.", where=str(root),
-                hint="Put the detections of each take into a folder of its own.",
-            )  # fmt: skip
+            hint = "Put the detections of each take into a folder of its own."
+            what = f"The folder holds {len(takes)} takes: {listing(takes)}."
+            raise CalibrationMismatch(what, where=str(root), hint=hint)
     for calibration in others:
         if without := _without_calibration(recorded, calibration.cameras.names):
             raise CalibrationMismatch(
@@ -210,9 +207,8 @@ def _found_by_views(
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
     unknown = [name for name in names if name not in recorded]
     if unknown:
-        raise JobInvalid(
-            f"No recorded camera is called {listing(unknown)}.", where="camera", hint=f"They are {listing(recorded)}."
-        )
+        hint = f"They are {listing(recorded)}."
+        raise JobInvalid(f"No recorded camera is called {listing(unknown)}.", where="camera", hint=hint)
     return [names.get(name, name) for name in recorded]
 
 

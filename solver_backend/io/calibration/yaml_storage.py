@@ -40,11 +40,8 @@ def read_yaml(path: Path) -> Any:
     try:
         return parse_yaml(read_text(path, LARGEST_TEXT))
     except (ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not OpenCV's YAML ({error}).",
-            where=str(path),
-            hint="Write it with cv2.FileStorage.",
-        ) from error
+        what = f"The file is truncated or is not OpenCV's YAML ({error})."
+        raise FileDamaged(what, where=str(path), hint="Write it with cv2.FileStorage.") from error
 
 
 def parse_yaml(text: str) -> Any:

@@ -51,10 +51,8 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     ports, first = np.unique(numbers[:, 1]), int(numbers[:, 0].min())
     frames = int(numbers[:, 0].max()) - first + 1
     if frames > LARGEST_TAKE_FRAMES:
-        raise FileDamaged(
-            f"Its sync_index runs over {frames:,} frames; a take has at most {LARGEST_TAKE_FRAMES:,}.",
-            where=str(source),
-        )
+        what = f"Its sync_index runs over {frames:,} frames; a take has at most {LARGEST_TAKE_FRAMES:,}."
+        raise FileDamaged(what, where=str(source))
     names = tuple(f"cam_{port}" for port in ports.tolist())
     body = numbers[:, 2] < MEDIAPIPE_POINTS
     count = int(numbers[body, 2].max()) + 1 if body.any() else 0
@@ -105,16 +103,14 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     camera = next((name for name in _CAMERA if name in header), "port")
     missing = [name for name in (*_COLUMNS, camera) if name not in header]
     if missing:
-        raise FileDamaged(
-            f"The table lacks {', '.join(missing)}.", where=str(path), hint="Export it from caliscope again."
-        )
+        hint = "Export it from caliscope again."
+        raise FileDamaged(f"The table lacks {', '.join(missing)}.", where=str(path), hint=hint)
     order = [header.index(name) for name in ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")]
     try:
         values = np.array([[row[i] or "nan" for i in order] for row in table if row], dtype=np.float64)
     except (ValueError, IndexError, csv.Error) as error:
-        raise FileDamaged(
-            f"A row is cut off or holds something that is not a number ({error}).", where=str(path)
-        ) from error
+        what = f"A row is cut off or holds something that is not a number ({error})."
+        raise FileDamaged(what, where=str(path)) from error
     if not len(values):
         raise NoDetections("The table holds no points.", where=str(path))
     whole = values[:, :3]

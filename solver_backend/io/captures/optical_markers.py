@@ -53,10 +53,8 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         places = {name: _places(take, name) for name in subjects}
         bodies = [name for name in subjects if len(places[name]) >= LEAST_MARKERS] or _parts(subjects, places)
         if len(bodies) != 1:
-            raise JobInvalid(
-                f"The file holds {len(subjects)} subjects: {_counts(take)}.", where="subject_prefix",
-                hint=_hint(bodies, places),
-            )  # fmt: skip
+            what = f"The file holds {len(subjects)} subjects: {_counts(take)}."
+            raise JobInvalid(what, where="subject_prefix", hint=_hint(bodies, places))
         # Rigid bodies that are named by a bone are that person's, where they name no places of their own.
         names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
         chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
@@ -66,10 +64,8 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:
         if name not in subjects:
-            raise JobInvalid(
-                f"The file has no subject '{name}'; it holds {_counts(take) or 'labels without prefixes'}.",
-                where="subject_prefix", hint="Name the one to solve by its prefix.",
-            )  # fmt: skip
+            what = f"The file has no subject '{name}'; it holds {_counts(take) or 'labels without prefixes'}."
+            raise JobInvalid(what, where="subject_prefix", hint="Name the one to solve by its prefix.")
     beside = [name for name in subjects if name not in names]
     bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})
     return _part(take, names, [name for name in beside if name not in bodies])

@@ -73,9 +73,8 @@ def triples(values: object, name: str, where: str) -> np.ndarray:
     except (TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(f"'{name}' holds values that are not numbers.", where=where) from error
     if array.size % 3 or (array.ndim == 2 and array.shape[1] != 3) or array.ndim > 2:
-        raise KeypointCountMismatch(
-            f"'{name}' holds {array.size} numbers; x, y and confidence of each keypoint are expected.", where=where
-        )
+        what = f"'{name}' holds {array.size} numbers; x, y and confidence of each keypoint are expected."
+        raise KeypointCountMismatch(what, where=where)
     return array.reshape(-1, 3)
 
 

@@ -169,9 +169,8 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
         numbers = [row if frame is None else int(float(cells[frame])) for row, cells in enumerate(rows)]
         values = _values(rows, [points[name].get(coord) for name in names for coord in _COORDS])
     except (ValueError, IndexError, OverflowError) as error:
-        raise FileDamaged(
-            f"A row is short or holds something that is not a number ({error}).", where=str(path)
-        ) from error
+        what = f"A row is short or holds something that is not a number ({error})."
+        raise FileDamaged(what, where=str(path)) from error
     values = values.reshape(len(rows), len(names), len(_COORDS))
     values[..., 2] = np.where(np.isfinite(values[..., :2]).all(-1), values[..., 2], 0.0)
     frames: dict[int, People] = {number: [] for number in numbers}
@@ -277,15 +276,12 @@ def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], pat
         if not (np.abs(numbers) < _LARGEST_NUMBER).all():
             raise ValueError("a frame's number")
     except (ValueError, IndexError, OverflowError) as error:
-        raise FileDamaged(
-            f"A row is short or holds something that is not a number ({error}).", where=str(path)
-        ) from error
+        what = f"A row is short or holds something that is not a number ({error})."
+        raise FileDamaged(what, where=str(path)) from error
     at = _places(spelled)
     if max(at.values(), default=0) > MOST_POINTS:
-        raise FileDamaged(
-            f"A point has the number {max(at.values())}.", where=str(path),
-            hint=f"Number the points of a person from 0; at most {MOST_POINTS} are read.",
-        )  # fmt: skip
+        hint = f"Number the points of a person from 0; at most {MOST_POINTS} are read."
+        raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path), hint=hint)
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
     who = {name: i for i, name in enumerate(dict.fromkeys(people))}
@@ -360,9 +356,8 @@ def read_deeplabcut(path: Path) -> CameraFrames:
     while rows and (heading := _HEADINGS.get(rows[0][0].strip().lower())):
         headings[heading] = [cell.strip() for cell in rows.pop(0)[1:]]
     if missing := [name for name in ("bodyparts", "coords") if name not in headings]:
-        raise FileDamaged(
-            f"The table lacks DeepLabCut's heading row '{missing[0]}'.", where=str(path), hint="Export the CSV again."
-        )
+        hint = "Export the CSV again."
+        raise FileDamaged(f"The table lacks DeepLabCut's heading row '{missing[0]}'.", where=str(path), hint=hint)
     parts, coords = headings["bodyparts"], [name.lower() for name in headings["coords"]]
     people = headings.get("individuals", ["single"] * len(parts))
     if not len(parts) == len(coords) == len(people):
@@ -371,9 +366,8 @@ def read_deeplabcut(path: Path) -> CameraFrames:
         values = np.array([[cell or "nan" for cell in row[1 : len(parts) + 1]] for row in rows], dtype=np.float64)
         numbers = _frame_numbers([row[0] for row in rows], path)
     except ValueError as error:
-        raise FileDamaged(
-            f"A row is short or holds something that is not a number ({error}).", where=str(path)
-        ) from error
+        what = f"A row is short or holds something that is not a number ({error})."
+        raise FileDamaged(what, where=str(path)) from error
     if rows and values.shape[1] < len(parts):
         raise FileDamaged(f"The rows have {values.shape[1]} values, the headings {len(parts)}.", where=str(path))
     return frames_of_columns(numbers, values, people, parts, coords, path)

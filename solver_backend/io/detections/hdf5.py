@@ -36,10 +36,8 @@ def opened(path: Path, program: str) -> Iterator[Any]:
     try:
         h5py = import_module("h5py")
     except ModuleNotFoundError as error:
-        raise BackendMissing(
-            f"{program}'s HDF5 files are read with h5py, which is not installed.", where=str(path),
-            hint="Install it with: pip install h5py.",
-        ) from error  # fmt: skip
+        what = f"{program}'s HDF5 files are read with h5py, which is not installed."
+        raise BackendMissing(what, where=str(path), hint="Install it with: pip install h5py.") from error
     try:
         file = h5py.File(path, "r")
     except OSError as error:
@@ -50,10 +48,8 @@ def opened(path: Path, program: str) -> Iterator[Any]:
         except MocapError:
             raise
         except (KeyError, ValueError, IndexError, TypeError, OSError, RecursionError, AttributeError) as error:
-            raise FileDamaged(
-                f"The file is not as {program} writes it ({error}).", where=str(path),
-                hint=f"Export it from {program} again.",
-            ) from error  # fmt: skip
+            what = f"The file is not as {program} writes it ({error})."
+            raise FileDamaged(what, where=str(path), hint=f"Export it from {program} again.") from error
 
 
 def begins_with(path: Path, text: bytes, length: int) -> bool:

@@ -68,10 +68,8 @@ def match_cameras(
     if not any(names):
         return []
     if not all(names):
-        raise KeypointCountMismatch(
-            "Only some of the cameras' files name their keypoints.", where=where,
-            hint="Export all cameras in one format.",
-        )  # fmt: skip
+        hint = "Export all cameras in one format."
+        raise KeypointCountMismatch("Only some of the cameras' files name their keypoints.", where=where, hint=hint)
     everywhere = dict.fromkeys(n for camera in names for n in camera if n not in own)
     joint_set = match_keypoints(tuple(everywhere), given, where=where).joint_set
     return [_in_set(camera, joint_set, own) for camera in names]
@@ -253,10 +251,9 @@ class OwnKeypoints:
             found = frames.people(row)
             for person in found:
                 if len(person) != len(names):
-                    raise KeypointCountMismatch(
-                        f"A person has {len(person)} keypoints; {self.where} names {len(names)}.",
-                        where=frames.where(row), hint="List every column's name under 'order'.",
-                    )  # fmt: skip
+                    hint = "List every column's name under 'order'."
+                    what = f"A person has {len(person)} keypoints; {self.where} names {len(names)}."
+                    raise KeypointCountMismatch(what, where=frames.where(row), hint=hint)
             return [_means(person, list(columns.values())) for person in found]
 
         return replace(frames, people=people, keypoints=tuple(columns))
@@ -291,10 +288,8 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
     known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints} | {*HAND_LANDMARKS})
     unknown = [f"'{name}' is '{m}'" for name, m in landmarks.items() if m is not None and m not in known]
     if unknown:
-        raise FileDamaged(
-            f"There is no such landmark: {', '.join(unknown[:6])}.", where=str(path),
-            hint=f"Landmarks are {', '.join(known)}; null leaves a point out.",
-        )  # fmt: skip
+        hint = f"Landmarks are {', '.join(known)}; null leaves a point out."
+        raise FileDamaged(f"There is no such landmark: {', '.join(unknown[:6])}.", where=str(path), hint=hint)
     return OwnKeypoints(landmarks, tuple(order or ()), str(path), _own_points(points, landmarks, str(path)))
 
 
@@ -303,9 +298,8 @@ def _own_points(points: Mapping[str, Any], landmarks: Mapping[str, Any], where: 
     bones = {name: value.get("bone") if isinstance(value, dict) else None for name, value in points.items()}
     unknown = [f"'{name}' is on '{bone}'" for name, bone in bones.items() if bone not in BONES]
     if unknown:
-        raise FileDamaged(
-            f"There is no such bone: {', '.join(unknown[:6])}.", where=where, hint=f"Bones are {', '.join(BONES)}."
-        )
+        hint = f"Bones are {', '.join(BONES)}."
+        raise FileDamaged(f"There is no such bone: {', '.join(unknown[:6])}.", where=where, hint=hint)
     if both := sorted(set(bones) & set(landmarks)):
         raise FileDamaged(f"Both a landmark and a point on a bone: {', '.join(both)}.", where=where)
     return tuple(OwnPoint(name, str(bone)) for name, bone in bones.items())

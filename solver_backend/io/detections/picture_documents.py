@@ -68,10 +68,9 @@ def people_in_picture(document: Any, where: str) -> People:
     if (people := listed_people(document)) is not None:
         return _kept(instance(entry, where) for entry in people)
     if isinstance(document, dict) and all(name in document for name in _BOXES):
-        raise FileDamaged(
-            "The file holds boxes of a detector, as MMDetection writes them, and no keypoints.", where=where,
-            hint="Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir.",
-        )  # fmt: skip
+        hint = "Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir."
+        what = "The file holds boxes of a detector, as MMDetection writes them, and no keypoints."
+        raise FileDamaged(what, where=where, hint=hint)
     raise FileDamaged(
         "The file lacks OpenPose's list 'people'.", where=where,
         hint="Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
@@ -140,9 +139,8 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
             continue
         points = triples(entry[name], name, where)
         if len(points) != NUM_HAND_POINTS:
-            raise KeypointCountMismatch(
-                f"'{name}' holds {len(points)} points; {NUM_HAND_POINTS} of a hand are expected.", where=where
-            )
+            what = f"'{name}' holds {len(points)} points; {NUM_HAND_POINTS} of a hand are expected."
+            raise KeypointCountMismatch(what, where=where)
         hands[s] = points
     return hands
 
@@ -396,8 +394,5 @@ def read_document(path: Path) -> Any:
     try:
         return json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not JSON ({error}).",
-            where=str(path),
-            hint="Export this frame again or delete the file.",
-        ) from error
+        hint = "Export this frame again or delete the file."
+        raise FileDamaged(f"The file is truncated or is not JSON ({error}).", where=str(path), hint=hint) from error

@@ -63,10 +63,8 @@ def read_array(path: Path) -> CameraFrames:
     """
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
-        raise FileDamaged(
-            "The file holds several cameras beside files of one.", where=str(path),
-            hint="Read it alone, or write one array a camera.",
-        )  # fmt: skip
+        hint = "Read it alone, or write one array a camera."
+        raise FileDamaged("The file holds several cameras beside files of one.", where=str(path), hint=hint)
     return _frames(array, path)
 
 
@@ -85,10 +83,8 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of a file by name, '' for that of a .npy."""
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
-            raise FileDamaged(
-                "The archive holds no array a camera.", where=str(path),
-                hint=f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name.",
-            )  # fmt: skip
+            hint = f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name."
+            raise FileDamaged("The archive holds no array a camera.", where=str(path), hint=hint)
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
         raise FileDamaged("The file is not a NumPy array.", where=str(path))
@@ -157,10 +153,8 @@ def _array(path: Path) -> np.ndarray:
     except (ValueError, OSError, EOFError) as error:
         raise FileDamaged(f"The array cannot be read ({error}).", where=str(path)) from error
     if array.ndim != 4 or array.shape[2] < BODY_POINTS or array.shape[3] not in (2, 3) or array.dtype.kind != "f":
-        raise FileDamaged(
-            f"The array has the shape {array.shape}; (cameras, frames, {BODY_POINTS} points or more, 2) is expected.",
-            where=str(path),
-        )
+        what = f"The array has the shape {array.shape}; (cameras, frames, {BODY_POINTS} points or more, 2) is expected."
+        raise FileDamaged(what, where=str(path))
     return array
 
 

@@ -92,11 +92,8 @@ def read_detections(
         joint_set = named[0].joint_set
     written = _keypoint_count(pictures)
     if written == 0:
-        raise NoDetections(
-            "Nobody was detected: every list of people in the files is empty.",
-            where=where,
-            hint=f"Run the detector again. {HANDS_ALONE}",
-        )
+        hint = f"Run the detector again. {HANDS_ALONE}"
+        raise NoDetections("Nobody was detected: every list of people in the files is empty.", where=where, hint=hint)
     count = written - len(points)
     require_known_count(count, joint_set, where=where)
     _require_finite(pictures)
@@ -168,10 +165,9 @@ def _require_counts(pictures: list[_Picture], counts: list[int]) -> None:
         count = counts[picture.camera]
         odd = next((len(person) for person in picture.people if len(person) != count), None)
         if odd is not None:
-            raise KeypointCountMismatch(
-                f"A person has {odd} keypoints where {count} are named.", where=picture.where,
-                hint="Use one detector with one model for the whole take.",
-            )  # fmt: skip
+            hint = "Use one detector with one model for the whole take."
+            what = f"A person has {odd} keypoints where {count} are named."
+            raise KeypointCountMismatch(what, where=picture.where, hint=hint)
 
 
 def _require_finite(pictures: list[_Picture]) -> None:
@@ -181,11 +177,8 @@ def _require_finite(pictures: list[_Picture]) -> None:
     for picture in pictures:
         for person in picture.people:
             if np.isinf(person).any():
-                raise NonFiniteData(
-                    f"Keypoint {int(np.isinf(person).any(1).argmax())} of a person is infinite.",
-                    where=picture.where,
-                    hint="Write 0 0 0 for a keypoint that was not seen.",
-                )
+                what = f"Keypoint {int(np.isinf(person).any(1).argmax())} of a person is infinite."
+                raise NonFiniteData(what, where=picture.where, hint="Write 0 0 0 for a keypoint that was not seen.")
 
 
 def _strongest(frames: CameraFrames, row: int) -> tuple[People, Hands]:
@@ -204,11 +197,9 @@ def _keypoint_count(pictures: list[_Picture]) -> int:
     for picture in pictures:
         for person in picture.people:
             if count and len(person) != count:
-                raise KeypointCountMismatch(
-                    f"A person has {len(person)} keypoints where those before have {count}.",
-                    where=picture.where,
-                    hint="Use one detector with one model for the whole take.",
-                )
+                hint = "Use one detector with one model for the whole take."
+                what = f"A person has {len(person)} keypoints where those before have {count}."
+                raise KeypointCountMismatch(what, where=picture.where, hint=hint)
             count = len(person)
     return count
 

@@ -90,10 +90,9 @@ def cameras(root: Path) -> dict[str, list[Path]]:
 def refuse_several(folders: Sequence[Path]) -> NoReturn:
     """Raise CaptureNotRecognised: a camera has the folders of several trials, or of one with several settings."""
     names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
-    raise CaptureNotRecognised(
-        f"The session holds several trials: {listing(names)}.", where=str(folders[0].parents[1]),
-        hint="Copy the folders of one trial of every camera into a session of its own.",
-    )  # fmt: skip
+    hint = "Copy the folders of one trial of every camera into a session of its own."
+    what = f"The session holds several trials: {listing(names)}."
+    raise CaptureNotRecognised(what, where=str(folders[0].parents[1]), hint=hint)
 
 
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
@@ -233,10 +232,8 @@ def _is_whole_take(path: Path) -> bool:
 
 def _take_of_camera(path: Path, camera: str = "") -> CameraFrames:
     if (whole := _whole_take(path, camera)) is None:
-        raise FileDamaged(
-            "The file holds no detections of a whole take.", where=str(path),
-            hint="Read are AlphaPose's and COCO's results, COCO's annotations, MMPose's and OpenPifPaf's predictions.",
-        )  # fmt: skip
+        hint = "Read are AlphaPose's and COCO's results, COCO's annotations, MMPose's and OpenPifPaf's predictions."
+        raise FileDamaged("The file holds no detections of a whole take.", where=str(path), hint=hint)
     return whole
 
 

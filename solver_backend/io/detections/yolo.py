@@ -60,9 +60,8 @@ def _people(path: Path) -> People:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         return [_points(line) for line in lines]
     except ValueError as error:
-        raise FileDamaged(
-            f"A line holds something that is not a number, or incomplete points ({error}).", where=str(path)
-        ) from error
+        what = f"A line holds something that is not a number, or incomplete points ({error})."
+        raise FileDamaged(what, where=str(path)) from error
 
 
 def _points(line: np.ndarray) -> np.ndarray:

@@ -200,9 +200,8 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     elif (complete - frames) % (MOST + 1) <= BLOCK // stride:
         frames += (complete - frames) // (MOST + 1) * (MOST + 1)
     if not frames:
-        raise FileDamaged(
-            f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."
-        )
+        hint = "Export it again."
+        raise FileDamaged(f"The file ends before its first frame of {points} points.", where=str(path), hint=hint)
     problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=max(claims), count=frames),)
     return _Layout(start, frames, stride, points, word, first, problems)
 

@@ -200,8 +200,6 @@ def _require_frames(extent: LiveExtent, path: Path) -> None:
     if not extent.most:
         raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
     if 3 * extent.frames * extent.most > MOST_NUMBERS:
-        raise FileDamaged(
-            f"The live recording has {extent.frames} frames of {extent.most} points: too many to be read at once.",
-            where=str(path),
-            hint=f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes.",
-        )
+        hint = f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes."
+        what = f"The live recording has {extent.frames} frames of {extent.most} points: too many to be read at once."
+        raise FileDamaged(what, where=str(path), hint=hint)

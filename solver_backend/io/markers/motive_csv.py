@@ -118,17 +118,11 @@ def read_motive_csv(path: Path) -> MarkerSource:
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:30]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:30])):
-        raise FileDamaged(
-            "The file is not a CSV of Motive: 'Format Version' is expected at its start.",
-            where=str(path),
-            hint="Export it again with its header.",
-        )
+        what = "The file is not a CSV of Motive: 'Format Version' is expected at its start."
+        raise FileDamaged(what, where=str(path), hint="Export it again with its header.")
     if at is None:
-        raise FileDamaged(
-            "The file is truncated: a row 'Frame, Time (Seconds), X, Y, Z, ...' is expected.",
-            where=str(path),
-            hint="Export it again.",
-        )
+        what = "The file is truncated: a row 'Frame, Time (Seconds), X, Y, Z, ...' is expected."
+        raise FileDamaged(what, where=str(path), hint="Export it again.")
     # Spreadsheets of many countries save with semicolons and decimal commas.
     delimiter = delimiter_of(lines[at])
     whole = lines[0].lstrip('" ').lower().startswith(_FIRST_LINE)
@@ -175,11 +169,8 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
     """
     at = next((i for i, row in enumerate(header) if any(_is_type(cell) for cell in row)), None)
     if at is None or at + 1 >= len(header) - 1:
-        raise FileDamaged(
-            "The file has no row of types ('Marker', 'Rigid Body', ...) above its columns.",
-            where=str(path),
-            hint="Export it again with its header.",
-        )
+        what = "The file has no row of types ('Marker', 'Rigid Body', ...) above its columns."
+        raise FileDamaged(what, where=str(path), hint="Export it again with its header.")
     axes = header[-1]
     types, names, quantities = (_filled(row, len(axes)) for row in (header[at], header[at + 1], header[-2]))
     starts = [
@@ -194,9 +185,8 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
     bones = sum(types[i].lower() == "bone" for i in starts)
     if not chosen:
         what = f"{len(bodies)} rigid bodies and {bones} bones" if bodies or bones else "none"
-        raise NoDetections(
-            f"The file holds no markers but {what}.", where=str(path), hint="Export it with 'Markers' switched on."
-        )
+        hint = "Export it with 'Markers' switched on."
+        raise NoDetections(f"The file holds no markers but {what}.", where=str(path), hint=hint)
     notes: list[Diagnostic] = []
     if bones:
         notes.append(diagnostic("parts_not_read", kind="bones", count=bones))

@@ -89,11 +89,8 @@ class _TrajectoryBlock:
 def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _TrajectoryBlock]:
     at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
     if at is None:
-        raise FileDamaged(
-            "The file is truncated: a row 'Frame,Sub Frame,X,Y,Z' is expected below 'Trajectories'.",
-            where=str(path),
-            hint="Export it again.",
-        )
+        what = "The file is truncated: a row 'Frame,Sub Frame,X,Y,Z' is expected below 'Trajectories'."
+        raise FileDamaged(what, where=str(path), hint="Export it again.")
     delimiter = delimiter_of(lines[at])
     axes, names = header_cells(lines[at], delimiter), header_cells(lines[at - 1], delimiter)
     points = {i: _cell(names, i) for i in range(len(axes) - 2) if axes[i : i + 3] == ["X", "Y", "Z"]}
@@ -131,16 +128,10 @@ def _starts(lines: Sequence[str], name: str) -> list[int]:
 
 def _no_trajectories(sections: dict[str, int], path: Path) -> Exception:
     if not sections:
-        return FileDamaged(
-            f"The file is not one of Nexus: one of {listing(SECTIONS)} is expected on a line of its own.",
-            where=str(path),
-            hint="Export it again.",
-        )
-    return NoDetections(
-        f"The file holds no markers but {listing(sections)}.",
-        where=str(path),
-        hint="Export it with 'Trajectories' switched on.",
-    )
+        what = f"The file is not one of Nexus: one of {listing(SECTIONS)} is expected on a line of its own."
+        return FileDamaged(what, where=str(path), hint="Export it again.")
+    hint = "Export it with 'Trajectories' switched on."
+    return NoDetections(f"The file holds no markers but {listing(sections)}.", where=str(path), hint=hint)
 
 
 def _cell(cells: Sequence[str], index: int) -> str:

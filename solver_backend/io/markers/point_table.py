@@ -71,10 +71,8 @@ def read_point_table(path: Path) -> MarkerSource:
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     found = _layout(lines[:_HEADING_LINES])
     if found is None:
-        raise FileDamaged(
-            "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z.",
-            where=str(path), hint="Export it again with its headings.",
-        )  # fmt: skip
+        what = "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z."
+        raise FileDamaged(what, where=str(path), hint="Export it again with its headings.")
     first, headings, columns, stated = found
     delimiter = delimiter_of(lines[first - 1])
     try:
@@ -169,10 +167,9 @@ def _from_long(
     seen: set[tuple[int, str]] = set()
     for i in named:
         if (key_of_row := (int(frame[i]), names[i])) in seen:
-            raise FileDamaged(
-                f"'{names[i]}' stands twice in one frame.", where=f"{path}, line {first + 1 + i}",
-                hint="Write one table for each person, or camera, if there are several.",
-            )  # fmt: skip
+            hint = "Write one table for each person, or camera, if there are several."
+            what = f"'{names[i]}' stands twice in one frame."
+            raise FileDamaged(what, where=f"{path}, line {first + 1 + i}", hint=hint)
         seen.add(key_of_row)
     positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]
     return values[begins], positions, labels
@@ -209,10 +206,8 @@ def read_point_array(path: Path) -> MarkerSource:
     except (ValueError, OSError, EOFError) as error:
         raise FileDamaged(f"The array cannot be read ({error}).", where=str(path), hint="Save it again.") from error
     if array.ndim != 3 or array.shape[-1] != 3 or array.dtype.kind not in "fiu":
-        raise FileDamaged(
-            f"The array holds {array.dtype} of shape {array.shape}; numbers of (frames, points, 3) are expected.",
-            where=str(path), hint="Save the points of one person.",
-        )  # fmt: skip
+        what = f"The array holds {array.dtype} of shape {array.shape}; numbers of (frames, points, 3) are expected."
+        raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
     names, notes = _names(path, array.shape[1])
     return MarkerSource(
         path=path, format="NumPy array", positions=array.astype(np.float64), labels=names, rate=None,
@@ -230,16 +225,12 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, .
                 diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value),
             )
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
-        raise FileMissing(
-            f"The names of the array's {count} points are missing.{several}", where=str(path),
-            hint=f"Write them into {path.stem}.txt beside it, one a line.",
-        )  # fmt: skip
+        hint = f"Write them into {path.stem}.txt beside it, one a line."
+        raise FileMissing(f"The names of the array's {count} points are missing.{several}", where=str(path), hint=hint)
     names = _json_names(found) if found.suffix == ".json" else _text_names(found)
     if len(names) != count:
-        raise FileDamaged(
-            f"The file holds {len(names)} names; the array has {count} points.", where=str(found),
-            hint="Write one name for each point, in the array's order.",
-        )  # fmt: skip
+        what = f"The file holds {len(names)} names; the array has {count} points."
+        raise FileDamaged(what, where=str(found), hint="Write one name for each point, in the array's order.")
     return names, (diagnostic("point_names_read", source="file", count=count, file=found.name),)
 
 

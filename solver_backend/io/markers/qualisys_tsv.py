@@ -93,10 +93,8 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
     if included.strip() and "3D" not in included.upper():
         beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{ENDING}.tsv."
-        raise CaptureNotRecognised(
-            f"The file holds {included} data; markers are 3D.", where=str(path),
-            hint=f"Export 3D data.{beside if '6D' in included.upper() else ''}",
-        )  # fmt: skip
+        hint = f"Export 3D data.{beside if '6D' in included.upper() else ''}"
+        raise CaptureNotRecognised(f"The file holds {included} data; markers are 3D.", where=str(path), hint=hint)
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     timed = 2 if "FRAME" in header else 0
     values = _numbers(lines, first, path, width=timed + 3 * len(labels), leading=timed // 2)
@@ -205,28 +203,22 @@ def _record(path: Path) -> Any:
     try:
         matlab = import_module("scipy.io")
     except ImportError as error:
-        raise BackendMissing(
-            "MATLAB files are read with SciPy, which is not installed.", where=str(path),
-            hint="Export C3D or TSV from QTM, or install SciPy in this Python.",
-        ) from error  # fmt: skip
+        hint = "Export C3D or TSV from QTM, or install SciPy in this Python."
+        what = "MATLAB files are read with SciPy, which is not installed."
+        raise BackendMissing(what, where=str(path), hint=hint) from error
     if not path.is_file():
         raise FileMissing("The file is not there.", where=str(path))
     try:
         content: dict[str, Any] = matlab.loadmat(path, squeeze_me=True, struct_as_record=False)
     except NotImplementedError as error:
-        raise CaptureNotRecognised(
-            "The file is not supported: MATLAB 7.3 (HDF5).", where=str(path),
-            hint="Save it in MATLAB with save(name, '-v7'), or export C3D or TSV from QTM.",
-        ) from error  # fmt: skip
+        hint = "Save it in MATLAB with save(name, '-v7'), or export C3D or TSV from QTM."
+        what = "The file is not supported: MATLAB 7.3 (HDF5)."
+        raise CaptureNotRecognised(what, where=str(path), hint=hint) from error
     except Exception as error:  # SciPy raises what its parsers meet: of values, keys, types, memory, zlib
-        raise FileDamaged(
-            "The file is truncated, or no MATLAB file of version 5 to 7.2.", where=str(path),
-            hint="Export it again, or as C3D or TSV.",
-        ) from error  # fmt: skip
+        what = "The file is truncated, or no MATLAB file of version 5 to 7.2."
+        raise FileDamaged(what, where=str(path), hint="Export it again, or as C3D or TSV.") from error
     found = [value for name, value in content.items() if not name.startswith("__") and hasattr(value, "Trajectories")]
     if not found:
-        raise CaptureNotRecognised(
-            "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected.", where=str(path),
-            hint="Export C3D or TSV from the program that recorded it.",
-        )  # fmt: skip
+        what = "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected."
+        raise CaptureNotRecognised(what, where=str(path), hint="Export C3D or TSV from the program that recorded it.")
     return found[0]

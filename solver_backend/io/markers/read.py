@@ -84,9 +84,8 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
     reader = next((reader for reader in readers if reader.recognises(path)), None)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in readers)
-        raise CaptureNotRecognised(
-            "The file is not a recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
-        )
+        what = "The file is not a recording of markers that can be read."
+        raise CaptureNotRecognised(what, where=str(path), hint=f"Readable are {kinds}.")
     return reader.open(path, chosen)
 
 

@@ -122,9 +122,8 @@ def _number(cell: str, line: int, path: Path, comma: bool) -> float:
     try:
         return float(text.replace(",", "") if _GROUPED.fullmatch(text) else text)
     except ValueError as error:
-        raise FileDamaged(
-            f"'{text[:40]}' is not a number.", where=f"{path}, line {line}", hint="Export the file again."
-        ) from error
+        hint = "Export the file again."
+        raise FileDamaged(f"'{text[:40]}' is not a number.", where=f"{path}, line {line}", hint=hint) from error
 
 
 def decimal_comma(cells: Iterable[str]) -> bool:
@@ -176,10 +175,8 @@ def with_whole_decimals(
     if not all(whole):
         if not sure:
             return rows
-        raise FileDamaged(
-            "Commas separate both cells and decimals, and which are which cannot be recognised.", where=str(path),
-            hint="Save the table with semicolons or tabs between the cells.",
-        )  # fmt: skip
+        what = "Commas separate both cells and decimals, and which are which cannot be recognised."
+        raise FileDamaged(what, where=str(path), hint="Save the table with semicolons or tabs between the cells.")
     return [row for row in whole if row is not None]
 
 

@@ -81,11 +81,8 @@ def _line_of(start: str, lines: list[str], path: Path) -> int:
     found = (i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower().startswith(start))
     at = next(found, None)
     if at is None:
-        raise FileDamaged(
-            "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected.",
-            where=str(path),
-            hint="Export it again.",
-        )
+        what = "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected."
+        raise FileDamaged(what, where=str(path), hint="Export it again.")
     return at
 
 

@@ -110,18 +110,15 @@ def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
     if "poses" in fields:
         poses = fields.numbers("poses", (frames, None))
         if poses.shape[1] not in _WIDTHS:
-            raise FileDamaged(
-                f"'poses' has {poses.shape[1]} columns; {', '.join(map(str, _WIDTHS))} are known.",
-                where=str(fields.path),
-            )
+            what = f"'poses' has {poses.shape[1]} columns; {', '.join(map(str, _WIDTHS))} are known."
+            raise FileDamaged(what, where=str(fields.path))
         model = _WIDTHS[poses.shape[1]]
         used = poses[:, 3:] if model == "smpl" else poses[:, 3 : 3 + _BODY]
         body[:, : used.shape[1]] = used
         return poses[:, :3].copy(), body, None if model == "smpl" else poses[:, -_FINGERS:].copy(), model
     if "pose_body" not in fields or "root_orient" not in fields:
-        raise FileDamaged(
-            "The file is not AMASS: it has neither 'poses' nor 'root_orient' and 'pose_body'.", where=str(fields.path)
-        )
+        what = "The file is not AMASS: it has neither 'poses' nor 'root_orient' and 'pose_body'."
+        raise FileDamaged(what, where=str(fields.path))
     body[:, :_BODY] = fields.numbers("pose_body", (frames, _BODY))
     hands = fields.numbers("pose_hand", (frames, 90)) if "pose_hand" in fields else None
     return fields.numbers("root_orient", (frames, 3)), body, hands, fields.text("surface_model_type", "smplh").lower()
@@ -130,9 +127,8 @@ def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
 def _frame_rate(fields: Fields, fps: float | None) -> float:
     key = next((key for key in _RATES if key in fields), None)
     if fps is None and key is None:
-        raise FileDamaged(
-            f"The file states no frame rate ({', '.join(_RATES)}).", where=str(fields.path), hint="Pass fps."
-        )
+        hint = "Pass fps."
+        raise FileDamaged(f"The file states no frame rate ({', '.join(_RATES)}).", where=str(fields.path), hint=hint)
     rate = fps if fps is not None else fields.number(str(key))
     if not (np.isfinite(rate) and rate > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {rate}.", where=str(fields.path))

@@ -155,9 +155,8 @@ def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
             elif kind == "}":
                 stack.pop()
         except (ValueError, IndexError) as error:
-            raise FileDamaged(
-                f"'{line.strip()[:60]}' in HIERARCHY is not understood: {error}.", where=str(path)
-            ) from error
+            what = f"'{line.strip()[:60]}' in HIERARCHY is not understood: {error}."
+            raise FileDamaged(what, where=str(path)) from error
     if stack or not skeleton.names or skeleton.parents.count(-1) != 1:
         raise FileDamaged("HIERARCHY is not one tree of joints with closed brackets.", where=str(path))
     if len(skeleton.names) > _MOST_JOINTS:
@@ -184,23 +183,16 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         frame_time = float(time)
         values = np.concatenate([np.array(words, np.float64) for words in _blocks(numbers[0] if numbers else "")])
     except (ValueError, IndexError) as error:
-        raise FileDamaged(
-            f"MOTION is truncated or holds something else than numbers ({error}).", where=str(path)
-        ) from error
+        what = f"MOTION is truncated or holds something else than numbers ({error})."
+        raise FileDamaged(what, where=str(path)) from error
     if not 0 < frame_time < np.inf or not 1 <= frames <= _MOST_FRAMES:
         raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
     if not channels or frames * len(skeleton.names) > _MOST_POSES:
-        raise FileDamaged(
-            f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once.",
-            where=str(path),
-            hint="Cut the take.",
-        )
+        what = f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once."
+        raise FileDamaged(what, where=str(path), hint="Cut the take.")
     if values.size != frames * channels:
-        raise FileDamaged(
-            f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}.",
-            where=str(path),
-            hint="Copy or export it again.",
-        )
+        what = f"MOTION holds {values.size} numbers; {frames} frames of {channels} channels need {frames * channels}."
+        raise FileDamaged(what, where=str(path), hint="Copy or export it again.")
     return values.reshape(frames, channels), 1.0 / frame_time
 
 

@@ -257,9 +257,8 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     if suffix in _THROUGH_BLENDER:
         hint = f"python -m blender_addon add-hands MOTION.npz {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    raise MotionInvalid(
-        f"Not supported: {suffix or 'files without an ending'}.", where=where, hint="CSV, BVH and FBX are read."
-    )
+    hint = "CSV, BVH and FBX are read."
+    raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
 
 
 def gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:

@@ -327,9 +327,7 @@ def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
     wrong = np.argwhere(given & ~(finite & (least >= -ROUNDING * most)))
     if len(wrong):
         frame, marker = wrong[0]
-        raise NonFiniteData(
-            "A marker's covariance is not valid: it is not finite, or negative in some direction.",
-            where=f"{fields.path}, frame {frame}, marker {marker}",
-            hint="Six numbers in m² are expected, xx, xy, xz, yy, yz, zz; NaN where it is not known.",
-        )
+        hint = "Six numbers in m² are expected, xx, xy, xz, yy, yz, zz; NaN where it is not known."
+        what = "A marker's covariance is not valid: it is not finite, or negative in some direction."
+        raise NonFiniteData(what, where=f"{fields.path}, frame {frame}, marker {marker}", hint=hint)
     return covariance

@@ -49,10 +49,8 @@ def read_provenance(fields: Fields) -> dict[str, Any]:
         entry = value.get(key)
         items = entry if isinstance(entry, list) and key in _ITEMS else []
         if not (entry is None or isinstance(entry, types)) or not all(isinstance(item, _ITEMS[key]) for item in items):
-            raise FileDamaged(
-                f"The provenance's '{key}' has an unexpected type.", where=where,
-                hint="Solve the take again, or copy the file again.",
-            )  # fmt: skip
+            hint = "Solve the take again, or copy the file again."
+            raise FileDamaged(f"The provenance's '{key}' has an unexpected type.", where=where, hint=hint)
     return value
 
 
@@ -92,11 +90,8 @@ def read_motion(path: Path | str) -> Motion:
     """
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
-        raise FileDamaged(
-            "The file is AMASS, not a motion file of this program: it has no joint positions.",
-            where=str(path),
-            hint="Convert it first.",
-        )
+        what = "The file is AMASS, not a motion file of this program: it has no joint positions."
+        raise FileDamaged(what, where=str(path), hint="Convert it first.")
     fields.require_format(FORMAT, VERSION)
     _require_arrays(fields)
     record = motion_of(fields)

@@ -37,9 +37,8 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
             raise FileDamaged("An item must hold 'point', 'frame' and 'marker'.", where=where)
         marker = item.get("marker")
         if marker != "" and marker not in MARKERS:
-            raise MarkersUnknown(
-                f"There is no marker {marker!r}.", where=where, hint=f"Known: {', '.join(MARKERS)}; empty for none."
-            )
+            hint = f"Known: {', '.join(MARKERS)}; empty for none."
+            raise MarkersUnknown(f"There is no marker {marker!r}.", where=where, hint=hint)
         column, frame = item["point"], item["frame"]
         frames, points = cloud.positions.shape[:2]
         if not (0 <= column < points and 0 <= frame < frames) or not np.isfinite(cloud.positions[frame, column]).all():
