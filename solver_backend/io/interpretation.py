@@ -249,11 +249,7 @@ def without_sentinels(
     sentinel = seen & _sentinels(found)
     found[sentinel] = np.nan
     place = f"{positions[sentinel][0].tolist()} or similar" if sentinel.any() else ""
-    return (
-        found,
-        _unseen(Severity.NOTE, "origin", origin, labels),
-        _unseen(Severity.WARNING, place, sentinel, labels),
-    )
+    return (found, _unseen(Severity.NOTE, "origin", origin, labels), _unseen(Severity.WARNING, place, sentinel, labels))
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:

@@ -59,10 +59,7 @@ def read_qualisys(path: Path) -> StatedCameras:
     )
     entries = [_entry(node, path) for node in used]
     return StatedCameras(
-        entries,
-        unit="mm",
-        source="qualisys",
-        problems=(*problems, *_other_resolutions(used, entries)),
+        entries, unit="mm", source="qualisys", problems=(*problems, *_other_resolutions(used, entries))
     )
 
 

@@ -237,9 +237,7 @@ def _within_reach(values: np.ndarray) -> np.ndarray:
     return values
 
 
-def _cleaned(
-    values: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Split into pixels and confidence; what a detector writes for 'not seen' becomes NaN with confidence 0."""
     xy, confidence = values[..., :2].copy(), values[..., 2].copy()
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)

@@ -46,10 +46,7 @@ _KINDS = (
     TakeFile(column_table.is_deeplabcut, column_table.deeplabcut_camera, column_table.read_deeplabcut),
     TakeFile(column_table.is_table, hdf5.sleap_camera, column_table.read_table, column_table.cameras_in),
     TakeFile(
-        column_table.has_point_rows,
-        hdf5.sleap_camera,
-        column_table.read_point_rows,
-        column_table.cameras_in_point_rows,
+        column_table.has_point_rows, hdf5.sleap_camera, column_table.read_point_rows, column_table.cameras_in_point_rows
     ),
     TakeFile(hdf5.is_sleap, hdf5.sleap_camera, hdf5.read_sleap),
     TakeFile(is_hdf5_table, column_table.deeplabcut_camera, read_hdf5_table),

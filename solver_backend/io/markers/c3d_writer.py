@@ -28,12 +28,7 @@ _MM = 1000.0
 """Millimetres in a metre."""
 
 
-def write_c3d(
-    path: Path | str,
-    cloud: MarkerCloud,
-    *,
-    overwrite: bool = False,
-) -> Path:
+def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
     """Write markers to a C3D file, whole or not at all; a missing one is 0 0 0 with the residual -1.
 
     Args:
@@ -75,11 +70,7 @@ def unnamed_labels(markers: int) -> tuple[str, ...]:
 
 
 def write_c3d_parts(
-    path: Path | str,
-    size: C3dSize,
-    parts: Iterable[tuple[np.ndarray, np.ndarray | None]],
-    *,
-    overwrite: bool = False,
+    path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
     """Write a C3D file whose frames come in parts, which together are never in memory.
 

@@ -20,13 +20,7 @@ from solver_backend.exchange.errors import BackendMissing, CaptureNotRecognised,
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, RigidBodies
-from solver_backend.io.markers.text_table import (
-    between_tabs,
-    frame_facts,
-    number_in,
-    read_numbers,
-    triples,
-)
+from solver_backend.io.markers.text_table import between_tabs, frame_facts, number_in, read_numbers, triples
 
 WORDS = 16
 """Numbers of a body in a frame."""
