@@ -281,9 +281,10 @@ _MOST_SEGMENTS = 64
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 """Tags of Exif 2.32: of the list of the camera's own entries, and FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
-_FORMATS = {21: {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, 22: {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}, 23: {4: ">f"},
-            24: {8: ">d"}, 65: {1: ">b"}, 66: {2: ">h"}, 67: {4: ">i"}, 74: {8: ">q"}, 75: {1: ">B"}, 76: {2: ">H"},
-            77: {4: ">I"}, 78: {8: ">Q"}}  # fmt: skip
+_SIGNED, _UNSIGNED = {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}
+_FORMATS = {21: _SIGNED, 22: _UNSIGNED, 23: {4: ">f"}, 24: {8: ">d"}}
+_FORMATS |= {kind: {size: _SIGNED[size]} for kind, size in ((65, 1), (66, 2), (67, 4), (74, 8))}
+_FORMATS |= {kind: {size: _UNSIGNED[size]} for kind, size in ((75, 1), (76, 2), (77, 4), (78, 8))}
 """Number formats by their type and length (QuickTime File Format, well-known types)."""
 PLAUSIBLE_MM = (8.0, 1000.0)
 """From fisheye to telescope; what lies beyond is no focal length."""

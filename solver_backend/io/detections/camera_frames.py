@@ -48,10 +48,9 @@ class CameraFrames:
             raise FileDamaged("The file holds no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
         if spans_too_much(numbers):
-            raise FileDamaged(
-                f"The numbers of the {len(numbers)} frames run from {numbers[0]} to {numbers[-1]}; frames are counted.",
-                where=str(path), hint="Number the frames of each camera 0, 1, 2 ...",
-            )  # fmt: skip
+            run = f"run from {numbers[0]} to {numbers[-1]}; frames are counted."
+            hint = "Number the frames of each camera 0, 1, 2 ..."
+            raise FileDamaged(f"The numbers of the {len(numbers)} frames {run}", where=str(path), hint=hint)
         return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)
 
 

@@ -21,6 +21,8 @@ from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.files import LONGEST_HEADING, read_text
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
+Cameras = dict[str, Callable[[], CameraFrames]]
+"""How each camera of a table is read, by its name."""
 _COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c|p|v)"
 _COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
 """``nose.x``, ``left_knee_y``, ``left knee confidence``."""
@@ -45,7 +47,7 @@ def is_table(path: Path) -> bool:
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
 
 
-def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
+def cameras_in(path: Path) -> Cameras:
     """Return the cameras of a table of all of them, and how each is read; none where it is one camera's."""
     return by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
@@ -59,9 +61,7 @@ def read_table(path: Path) -> CameraFrames:
     return _frames(*read_rows(path), path)
 
 
-def by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> dict[
-    str, Callable[[], CameraFrames]
-]:  # fmt: skip
+def by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> Cameras:
     """Return how each camera of a table is read that has a column of cameras; none where it has no such column.
 
     Args:
@@ -228,9 +228,9 @@ def _whole_points(heading: list[str]) -> dict[str, dict[str, int]]:
     return {}
 
 
-_NAMES = ("keypoint", "bodypart", "body_part", "joint", "landmark", "keypoint_name", "joint_name", "landmark_name",
-          "part", "node", "point", "name", "keypoint_id", "keypoint_index", "joint_id", "joint_index", "landmark_id",
-          "landmark_index")  # fmt: skip
+_NAMES = ("keypoint", "bodypart", "body_part", "joint", "landmark", "keypoint_name", "joint_name", "landmark_name")
+_NAMES += ("part", "node", "point", "name", "keypoint_id", "keypoint_index", "joint_id", "joint_index", "landmark_id")
+_NAMES += ("landmark_index",)
 _PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance", "subject", "id")
 _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
@@ -250,7 +250,7 @@ def has_point_rows(path: Path) -> bool:
     return all(has) and not in_space
 
 
-def cameras_in_point_rows(path: Path) -> dict[str, Callable[[], CameraFrames]]:
+def cameras_in_point_rows(path: Path) -> Cameras:
     """Return the cameras of a table of all of them, and how each is read; none where it is one camera's."""
     return by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(cells_of, rows), path))
 
@@ -319,8 +319,7 @@ def _floats(cells: list[str]) -> np.ndarray:
         return np.fromiter((float(cell.strip() or "nan") for cell in cells), np.float64)
 
 
-_HEADINGS = {"scorer": "scorer", "individuals": "individuals", "entities": "individuals", "bodyparts": "bodyparts",
-             "coords": "coords"}  # fmt: skip
+_HEADINGS = {name: name for name in ("scorer", "individuals", "bodyparts", "coords")} | {"entities": "individuals"}
 """What each heading row is; JARVIS calls the individuals entities."""
 _DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
 """Column of each coordinate; JARVIS' state is 1 or 2 where a point was placed."""
@@ -380,9 +379,13 @@ def _frame_numbers(cells: Sequence[str], path: Path) -> list[int]:
 
 
 def frames_of_columns(
-    numbers: Sequence[int], values: np.ndarray, people: Sequence[str], parts: Sequence[str], coords: Sequence[str],
+    numbers: Sequence[int],
+    values: np.ndarray,
+    people: Sequence[str],
+    parts: Sequence[str],
+    coords: Sequence[str],
     path: Path,
-) -> CameraFrames:  # fmt: skip
+) -> CameraFrames:
     """Return frames of a table whose columns are each one coordinate of one point of one person.
 
     Args:

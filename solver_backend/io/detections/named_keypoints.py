@@ -93,11 +93,12 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
     if known[best] < LEAST_KNOWN:
         strange = next((name for name, p in zip(names, plain, strict=True) if p not in best.keypoints), names[0])
-        raise KeypointCountMismatch(
-            f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}.", where=where,
-            hint="Name them in a file keypoints.json beside the recording, such as "
-            f'{{"landmarks": {{"{strange}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
-        )  # fmt: skip
+        what = f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}."
+        hint = (
+            f'such as {{"landmarks": {{"{strange}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}'
+        )
+        hint = f"Name them in a file keypoints.json beside the recording, {hint}, ..."
+        raise KeypointCountMismatch(what, where=where, hint=hint)
     return _in_set(names, best)
 
 
@@ -134,10 +135,8 @@ _SIDED = tuple(
 LEAST_POINTS = 6
 """Points of one hand that make it one: its palm and two fingers, perhaps."""
 _SIDE_OF_WORD = {"l": 0, "left": 0, "lt": 0, "r": 1, "right": 1, "rt": 1}
-_FINGERS = {
-    "thumb": 0, "index": 1, "forefinger": 1, "fore": 1, "pointer": 1, "middle": 2, "mid": 2, "ring": 3, "pinky": 4,
-    "little": 4, "pinkie": 4,
-}  # fmt: skip
+_WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky little pinkie")
+_FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
 """Place along a finger by word; numbers count from 1, the first being the thumb's root and the others' knuckles."""
@@ -280,11 +279,9 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
     landmarks, order, points = values.get("landmarks", {}), values.get("order", []), values.get("points", {})
     well_formed = isinstance(landmarks, dict) and isinstance(points, dict) and _are_texts(order)
     if not well_formed or not (landmarks or order or points):
-        raise FileDamaged(
-            "The file does not define the keypoints.", where=str(path),
-            hint='Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}, "points": {"watch": {"bone": '
-            '"left_forearm"}}}; "order" lists column names.',
-        )  # fmt: skip
+        hint = 'Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}, "points": {"watch": {"bone": '
+        hint += '"left_forearm"}}}; "order" lists column names.'
+        raise FileDamaged("The file does not define the keypoints.", where=str(path), hint=hint)
     known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints} | {*HAND_LANDMARKS})
     unknown = [f"'{name}' is '{m}'" for name, m in landmarks.items() if m is not None and m not in known]
     if unknown:

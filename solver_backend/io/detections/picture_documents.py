@@ -41,10 +41,8 @@ _HAND_LISTS = tuple(
 _ANY_HAND = tuple(name for names in _HAND_LISTS for name in names)
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
 """Names of the list of people where an object holds it."""
-_POINTS = (
-    "keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d",
-    "keypoints2d", "keypoints_2d", "kpts",
-)  # fmt: skip
+_POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d")
+_POINTS += ("keypoints2d", "keypoints_2d", "kpts")
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
 """Names of a person's points and of the scores beside them."""
 _TRIPLE = "x", "y", "score"
@@ -71,11 +69,9 @@ def people_in_picture(document: Any, where: str) -> People:
         hint = "Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir."
         what = "The file holds boxes of a detector, as MMDetection writes them, and no keypoints."
         raise FileDamaged(what, where=where, hint=hint)
-    raise FileDamaged(
-        "The file lacks OpenPose's list 'people'.", where=where,
-        hint="Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
-        "predictions, and points that are objects with x, y and score.",
-    )  # fmt: skip
+    hint = "Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
+    hint += "predictions, and points that are objects with x, y and score."
+    raise FileDamaged("The file lacks OpenPose's list 'people'.", where=where, hint=hint)
 
 
 def _is_empty(document: Any) -> bool:
@@ -379,9 +375,11 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
         return read_document(files[row])
 
     return CameraFrames(
-        np.array(list(by_number), np.int64), lambda row: people_in_picture(document(row), str(files[row])),
-        lambda row: str(files[row]), hands=lambda row: hands_in_picture(document(row), str(files[row])),
-    )  # fmt: skip
+        np.array(list(by_number), np.int64),
+        people=lambda row: people_in_picture(document(row), str(files[row])),
+        where=lambda row: str(files[row]),
+        hands=lambda row: hands_in_picture(document(row), str(files[row])),
+    )
 
 
 def read_document(path: Path) -> Any:

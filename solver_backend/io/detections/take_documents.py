@@ -143,10 +143,10 @@ def _named(document: Any, path: Path, _camera: str) -> CameraFrames:
 
 
 def _is_by_camera(document: Any) -> bool:
-    return isinstance(document, dict) and len(document) > 1 and all(
-        isinstance(frames, (list, dict)) and any(recognises(frames) for recognises, _ in _DOCUMENTS)
-        for frames in document.values()
-    )  # fmt: skip
+    if not isinstance(document, dict) or len(document) < 2:
+        return False
+    lists = all(isinstance(frames, (list, dict)) for frames in document.values())
+    return lists and all(any(recognises(frames) for recognises, _ in _DOCUMENTS) for frames in document.values())
 
 
 def _is_coco(document: Any) -> bool:
@@ -174,9 +174,9 @@ def _coco_keypoints(document: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _is_list_of_people(document: Any) -> bool:
-    return isinstance(document, list) and bool(document) and all(
-        isinstance(entry, dict) and {"image_id", "keypoints"} <= entry.keys() for entry in document
-    )  # fmt: skip
+    if not isinstance(document, list) or not document:
+        return False
+    return all(isinstance(entry, dict) and {"image_id", "keypoints"} <= entry.keys() for entry in document)
 
 
 def _list_of_people(document: list[dict[str, Any]], path: Path, camera: str) -> CameraFrames:
@@ -185,10 +185,9 @@ def _list_of_people(document: list[dict[str, Any]], path: Path, camera: str) -> 
 
 
 def _is_by_picture(document: Any) -> bool:
-    return isinstance(document, dict) and bool(document) and all(
-        isinstance(entry, dict) and (isinstance(entry.get("people"), list) or isinstance(entry.get("bodies"), list))
-        for entry in document.values()
-    )  # fmt: skip
+    if not isinstance(document, dict) or not document or not all(isinstance(e, dict) for e in document.values()):
+        return False
+    return all(isinstance(e.get("people"), list) or isinstance(e.get("bodies"), list) for e in document.values())
 
 
 def _pictures(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
@@ -224,7 +223,10 @@ def _folder(picture: str) -> str:
 
 
 _DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], CameraFrames]], ...] = (
-    (_is_coco, _coco), (_is_list_of_people, _list_of_people), (_is_frame_list, _frames), (_is_by_picture, _pictures),
+    (_is_coco, _coco),
+    (_is_list_of_people, _list_of_people),
+    (_is_frame_list, _frames),
+    (_is_by_picture, _pictures),
     (_is_named, _named),
-)  # fmt: skip
+)
 """Asked in this order: whether a document is of this kind, and how it is read."""

@@ -225,15 +225,10 @@ def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], in
 
 def _contradicted(rate: float, header: Header, parameters: Parameters) -> tuple[Diagnostic, ...]:
     analog, samples = parameters.number("ANALOG:RATE"), header.analog_per_channel
-    stated = {
-        "header": header.rate, "POINT:RATE": parameters.number("POINT:RATE"),
-        "TRIAL:CAMERA_RATE": parameters.number("TRIAL:CAMERA_RATE"),
-        "ANALOG:RATE over the samples of a frame": analog / samples if analog and samples else None,
-    }  # fmt: skip
-    others = [
-        f"{name} {value:.4g}" for name, value in stated.items()
-        if value is not None and 0 < value < math.inf and abs(value - rate) > SAME_RATE * rate
-    ]  # fmt: skip
+    stated = {name: parameters.number(name) for name in ("POINT:RATE", "TRIAL:CAMERA_RATE")}
+    stated["ANALOG:RATE over the samples of a frame"] = analog / samples if analog and samples else None
+    known = {name: value for name, value in {"header": header.rate, **stated}.items() if value and 0 < value < math.inf}
+    others = [f"{name} {value:.4g}" for name, value in known.items() if abs(value - rate) > SAME_RATE * rate]
     return (diagnostic("marker_rates_contradict", rate=rate, others=others),) if others and rate > 0 else ()
 
 

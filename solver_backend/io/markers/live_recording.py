@@ -12,7 +12,7 @@ import struct
 import zlib
 from array import array
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import BinaryIO
 
@@ -188,10 +188,9 @@ def read_live_recording(path: Path) -> MarkerSource:
     problems = [diagnostic("live_recording_incomplete", kind="unfinished", count=extent.frames, time=extent.last)]
     if extent.damaged:
         problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))
-    return MarkerSource(
-        path, "live recording", positions.astype(np.float64), ("",) * extent.most, extent.rate, "m", "z",
-        to_metres=extent.to_metres, problems=tuple(problems),
-    )  # fmt: skip
+    positions, labels, found = positions.astype(np.float64), ("",) * extent.most, tuple(problems)
+    source = MarkerSource(path, "live recording", positions, labels, extent.rate, "m", "z", problems=found)
+    return replace(source, to_metres=extent.to_metres)
 
 
 def _require_frames(extent: LiveExtent, path: Path) -> None:

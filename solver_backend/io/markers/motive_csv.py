@@ -75,10 +75,8 @@ def motive_bodies(
     )
     of_body = [i for i in range(len(axes)) if types[i].lower() == _TYPE]
     found = dict.fromkeys(names[i] for i in of_body)
-    starts = {
-        (names[i], quantities[i].lower()): i
-        for i in reversed(of_body) if axes[i].upper() == "X" and quantities[i].lower() in (_TURN, _PLACE)
-    }  # fmt: skip
+    first = [i for i in reversed(of_body) if axes[i].upper() == "X" and quantities[i].lower() in (_TURN, _PLACE)]
+    starts = {(names[i], quantities[i].lower()): i for i in first}
     worn = {prefix_of(label) for label in labels}
     by_markers = [name for name in found if name in worn or any(label.startswith(f"{name}_") for label in labels)]
     left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]

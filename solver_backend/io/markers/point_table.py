@@ -10,6 +10,7 @@ from __future__ import annotations
 import csv
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -88,11 +89,8 @@ def read_point_table(path: Path) -> MarkerSource:
     else:
         values, positions, labels = _from_long(rows, headings, first, path)
     frames = frame_facts(*(_column(values, headings, names) for names in (_FRAMES, _TIMES)), first=0)
-    return MarkerSource(
-        path=path, format="Table of points", positions=positions, labels=labels,
-        rate=frames.rate, default_unit="mm", default_up_axis="z", unit=stated, first_frame=frames.first,
-        problems=frames.problems,
-    )  # fmt: skip
+    source = MarkerSource(path, "Table of points", positions, labels, frames.rate, "mm", "z", unit=stated)
+    return replace(source, first_frame=frames.first, problems=frames.problems)
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
@@ -209,10 +207,8 @@ def read_point_array(path: Path) -> MarkerSource:
         what = f"The array holds {array.dtype} of shape {array.shape}; numbers of (frames, points, 3) are expected."
         raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
     names, notes = _names(path, array.shape[1])
-    return MarkerSource(
-        path=path, format="NumPy array", positions=array.astype(np.float64), labels=names, rate=None,
-        default_unit="mm", default_up_axis="z", first_frame=0, notes=notes,
-    )  # fmt: skip
+    positions = array.astype(np.float64)
+    return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", first_frame=0, notes=notes)
 
 
 def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:

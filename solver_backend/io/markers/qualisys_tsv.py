@@ -58,9 +58,8 @@ def qualisys_bodies(header: Mapping[str, Sequence[str]], values: np.ndarray, fra
 def _rotations(words: np.ndarray, seen: np.ndarray) -> np.ndarray:
     """Return the (F, B, 3, 3) rotations: Rot[0] to Rot[8] by columns, or by rows where the angles agree with that."""
     columns = np.nan_to_num(words[..., 7:]).reshape(*words.shape[:2], 3, 3)
-    x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(
-        np.moveaxis(np.radians(np.nan_to_num(words[..., 3:6])), -1, 0), np.eye(3), strict=True,
-    ))  # fmt: skip
+    angles = np.moveaxis(np.radians(np.nan_to_num(words[..., 3:6])), -1, 0)
+    x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(angles, np.eye(3), strict=True))
     by_angles = x @ y @ z
     by_rows = bool(seen.any()) and np.abs(columns - by_angles)[seen].max() < _AGREE
     return columns if by_rows else np.swapaxes(columns, -1, -2)
@@ -186,11 +185,9 @@ def read_qualisys_mat(path: Path) -> MarkerSource:
     if len({part.shape[-1] for part in parts}) > 1 or any(part.shape[1] != 3 for part in parts):
         raise FileDamaged("The file's trajectories are of different lengths, or no points.", where=str(path))
     positions = np.concatenate(parts) if parts else np.zeros((0, 3, frames))
-    return MarkerSource(
-        path=path, format="Qualisys MAT", positions=np.moveaxis(positions, 2, 0), labels=tuple(labels),
-        rate=None if rate is None else float(rate), default_unit="mm", default_up_axis="z",
-        first_frame=int(start) if np.isfinite(start) else 1,
-    )  # fmt: skip
+    rate, first = None if rate is None else float(rate), int(start) if np.isfinite(start) else 1
+    positions = np.moveaxis(positions, 2, 0)
+    return MarkerSource(path, "Qualisys MAT", positions, tuple(labels), rate, "mm", "z", first_frame=first)
 
 
 def _record(path: Path) -> Any:

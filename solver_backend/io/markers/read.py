@@ -23,14 +23,15 @@ from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 
+ReadFile = Callable[[Path], MarkerSource]
+"""Returns what a file says; raises our own errors."""
 _HEAD_BYTES = 65536
 """A file's format is recognised from so much of it."""
 
 
 def _row(
-    kind: str, suffixes: tuple[str, ...], read: Callable[[Path], MarkerSource],
-    begins: Callable[[str], bool] | None = None,
-) -> Reader[MarkerTake]:  # fmt: skip
+    kind: str, suffixes: tuple[str, ...], read: ReadFile, begins: Callable[[str], bool] | None = None
+) -> Reader[MarkerTake]:
 
     def recognises(path: Path) -> bool:
         return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
@@ -38,9 +39,7 @@ def _row(
     return _interpreted(f"{kind} ({', '.join(suffixes)})", recognises, read)
 
 
-def _interpreted(
-    kind: str, recognises: Callable[[Path], bool], read: Callable[[Path], MarkerSource]
-) -> Reader[MarkerTake]:
+def _interpreted(kind: str, recognises: Callable[[Path], bool], read: ReadFile) -> Reader[MarkerTake]:
     return Reader(kind, recognises, lambda path, options: interpret_markers(read(path), options), MARKER_OPTIONS)
 
 

@@ -17,9 +17,8 @@ from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
 
 _RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
-_STORED = (
-    *_RATES, "poses", "trans", "betas", "root_orient", "pose_body", "pose_hand", "surface_model_type", "gender",
-)  # fmt: skip
+_PARTS = "poses trans betas root_orient pose_body pose_hand surface_model_type gender"
+_STORED = (*_RATES, *_PARTS.split())
 _WIDTHS = {3 * SMPL.num_joints: "smpl", 3 * SMPL_H.num_joints: "smplh", 3 * SMPL_X.num_joints: "smplx"}
 """Body model by the number of columns of ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS

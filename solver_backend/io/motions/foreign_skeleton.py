@@ -4,39 +4,170 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from xml.etree import ElementTree
 
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import FileDamaged, MotionInvalid
+from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.exchange.rigs.names import guess_roles
 from solver_backend.exchange.rigs.plausible import is_plausible
 from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
+from solver_backend.exchange.so3 import matrix_from_quat
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.runs import true_runs
+from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions.bvh import BvhClip, bvh_motion, bvh_skeleton, read_bvh
-from solver_backend.io.motions.mvnx import read_mvnx
 from solver_backend.io.recognition.length_unit import METRES, metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-_SEGMENT_ROLES = {
-    "pelvis": "pelvis", "abdomen": "spine_1", "thorax": "spine_2", "neck": "neck_1", "head": "head",
-    **{f"{side}_{part}": f"{side}_{role}" for side in ("left", "right")
-       for part, role in (("upper_arm", "upper_arm"), ("lower_arm", "forearm"), ("hand", "hand"), ("thigh", "thigh"),
-                          ("shank", "shin"), ("foot", "foot"), ("toes", "toe"))},
-}  # fmt: skip
-"""Segments as ``c3d_rotations`` names them, parents first."""
-_SEGMENT_PARENTS = {
-    "abdomen": "pelvis", "thorax": "abdomen", "neck": "thorax", "head": "neck",
-    **{f"{side}_{part}": above if above in ("pelvis", "thorax") else f"{side}_{above}" for side in ("left", "right")
-       for part, above in (("upper_arm", "thorax"), ("lower_arm", "upper_arm"), ("hand", "lower_arm"),
-                           ("thigh", "pelvis"), ("shank", "thigh"), ("foot", "shank"), ("toes", "foot"))},
-}  # fmt: skip
+_LARGEST = 2_000_000_000
+
+
+def _segment_table(text: str, left: str, right: str) -> dict[str, tuple[str, str]]:
+    """Return parent and role by segment: middle ones, then those of the first side, then those of the other.
+
+    Args:
+        text: rows of segment, parent and role, parents first; * stands for the side.
+        left: what a file calls the side that comes first.
+        right: what it calls the other.
+    """
+    rows = [line.split() for line in text.strip().splitlines()]
+    found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
+    for side in (left, right):
+        name = f"{side.lower().removesuffix('_')}_"
+        found |= {
+            segment.replace("*", side): (parent.replace("*", side), role.replace("*", name))
+            for segment, parent, role in rows
+            if "*" in segment
+        }
+    return found
+
+
+_XSENS = _segment_table(
+    """
+    Pelvis - pelvis
+    L5 Pelvis spine_1
+    L3 L5 spine_2
+    T12 L3 spine_3
+    T8 T12 spine_4
+    Neck T8 neck_1
+    Head Neck head
+    *Shoulder T8 *clavicle
+    *UpperArm *Shoulder *upper_arm
+    *ForeArm *UpperArm *forearm
+    *Hand *ForeArm *hand
+    *UpperLeg Pelvis *thigh
+    *LowerLeg *UpperLeg *shin
+    *Foot *LowerLeg *foot
+    *Toe *Foot *toe
+    """,
+    "Right",
+    "Left",
+)
+"""Segments of Xsens' body."""
+
+
+def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
+    """Read the recorded frames of an MVNX file, and the segment of each role.
+
+    The rest is the file's T-pose: rotations count from it.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, is no MVNX, or lacks segments, frames or a T-pose.
+        NonFiniteData: a value is no number.
+        MotionInvalid: nothing was recorded.
+    """
+    where = str(path)
+    try:
+        root = ElementTree.fromstring(read_bytes(path, _LARGEST))
+    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
+        raise FileDamaged(f"This is not XML: {error}.", where=where) from error
+    for node in root.iter():
+        node.tag = str(node.tag).rpartition("}")[2]
+    subject = root.find("subject")
+    segments = [] if subject is None else [str(node.get("label", "")) for node in subject.findall("segments/segment")]
+    if subject is None or len(segments) < 2:
+        raise FileDamaged("The file names no segments: this is not MVNX.", where=where)
+    if unknown := sorted(set(segments) - _XSENS.keys()):
+        hint = "Segments are those of MVN's body: Pelvis, L5, … LeftToe; leave props out of the export."
+        raise FileDamaged(f"Unknown segments: {', '.join(unknown)}.", where=where, hint=hint)
+    frames = subject.findall("frames/frame")
+    kinds = [node.get("type", "normal") for node in frames]
+    rest_at = next((kinds.index(kind) for kind in ("tpose", "tpose-isb", "identity") if kind in kinds), None)
+    if rest_at is None:
+        raise FileDamaged("The file has no T-pose.", where=where, hint="Export it with the calibration frames.")
+    normal = [node for node, kind in zip(frames, kinds, strict=True) if kind == "normal"]
+    if not normal:
+        raise MotionInvalid("The file has no recorded frames.", where=where, hint="Export frames, not the pose alone.")
+    order = [segments.index(name) for name in _XSENS if name in segments]
+    names = tuple(segments[s] for s in order)
+    used = [frames[rest_at], *normal]
+    quats = _numbers(used, "orientation", 4 * len(segments), where).reshape(len(used), -1, 4)[:, order]
+    places = _numbers(used, "position", 3 * len(segments), where).reshape(len(used), -1, 3)[:, order]
+    size = np.linalg.norm(quats, axis=-1, keepdims=True)
+    if size.min() < 0.5:
+        raise NonFiniteData("Orientations hold zeros.", where=where)
+    G = matrix_from_quat(quats / size)
+    parents = tuple(names.index(_XSENS[name][0]) if _XSENS[name][0] in names else -1 for name in names)
+    turns = G[1:] @ np.swapaxes(G[0], -1, -2)
+    return (
+        SkeletonMotion(path.stem, names, parents, places[0], places[1:], turns, _rate(subject, where)),
+        {_XSENS[name][1]: name for name in names},
+    )
+
+
+def _numbers(frames: list[ElementTree.Element], tag: str, count: int, where: str) -> np.ndarray:
+    """Return the (F, count) numbers of one entry of every frame."""
+    rows = np.empty((len(frames), count))
+    for row, frame in zip(rows, frames, strict=True):
+        try:
+            values = np.array((frame.findtext(tag) or "").split(), np.float64)
+        except ValueError as error:
+            raise NonFiniteData(f"'{tag}' holds something that is not a number.", where=where) from error
+        if len(values) != count:
+            place = f"{where}, frame {frame.get('index') or frame.get('type')}"
+            raise FileDamaged(f"'{tag}' has {len(values)} numbers instead of {count}.", where=place)
+        row[:] = values
+    if not np.isfinite(rows).all():
+        raise NonFiniteData(f"'{tag}' holds NaN or infinite values.", where=where)
+    return rows
+
+
+def _rate(subject: ElementTree.Element, where: str) -> float:
+    try:
+        rate = float(subject.get("frameRate", ""))
+    except ValueError:
+        rate = 0.0
+    if not 0 < rate < np.inf:
+        raise FileDamaged("The subject states no frame rate.", where=where)
+    return rate
+
+
+_THEIA = _segment_table(
+    """
+    pelvis - pelvis
+    abdomen pelvis spine_1
+    thorax abdomen spine_2
+    neck thorax neck_1
+    head neck head
+    *upper_arm thorax *upper_arm
+    *lower_arm *upper_arm *forearm
+    *hand *lower_arm *hand
+    *thigh pelvis *thigh
+    *shank *thigh *shin
+    *foot *shank *foot
+    *toes *foot *toe
+    """,
+    "left_",
+    "right_",
+)
+"""Segments of C3D files, as ``read_segments`` names them."""
 _LEAST_SEEN = 0.5
 """Share of the frames in which a segment is seen, at least."""
 
@@ -58,7 +189,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
         raise FileDamaged("The C3D file holds no rotations of segments.", where=where, hint=hint)
     at = {label: s for s, label in enumerate(segments.labels)}
     seen = np.isfinite(segments.positions).all(-1).mean(0)
-    names = tuple(name for name in _SEGMENT_ROLES if name in at and seen[at[name]] > _LEAST_SEEN)
+    names = tuple(name for name in _THEIA if name in at and seen[at[name]] > _LEAST_SEEN)
     needed = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shank", "foot")))
     if missing := [name for name in needed if name not in names]:
         raise MotionInvalid(f"The file has no segments {', '.join(missing)}.", where=where)
@@ -75,13 +206,13 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     if segments.rate is None or not segments.rate > 0:
         raise FileDamaged("The file states no frame rate.", where=where)
     motion = SkeletonMotion(path.stem, names, parents, rest, places, G, segments.rate)
-    return motion, {_SEGMENT_ROLES[name]: name for name in names}, found
+    return motion, {_THEIA[name][1]: name for name in names}, found
 
 
 def _near(name: str, names: tuple[str, ...]) -> str:
-    above = _SEGMENT_PARENTS[name]
+    above = _THEIA[name][0]
     while above not in names:
-        above = _SEGMENT_PARENTS[above]
+        above = _THEIA[above][0]
     return above
 
 
@@ -234,10 +365,8 @@ def _missing(roles: dict[str, str]) -> list[Diagnostic]:
 def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
     """Return the metres of the clip's unit and a note on it."""
     index = {name: i for i, name in enumerate(skeleton.names)}
-    leg = np.mean([
-        sum(skeleton.distance(index[roles[f"{side}_{a}"]], index[roles[f"{side}_{b}"]]) for a, b in
-            (("thigh", "shin"), ("shin", "foot"))) for side in ("left", "right")
-    ])  # fmt: skip
+    chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
+    leg = np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains])
     if unit:
         return metres_in(unit), []
     name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))

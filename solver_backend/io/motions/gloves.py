@@ -109,16 +109,14 @@ def angles_of_points(
 _MANUS_TIME = "Elapsed_Time_In_Milliseconds"
 _HAND = "Hand"
 _AXES = ("X", "Y", "Z")
-_MANUS_JOINTS = {
-    "thumb": ("CMC", "MCP", "DIP", "TIP"), **dict.fromkeys(FINGERS[1:], ("MCP", "PIP", "DIP", "TIP")),
-}  # fmt: skip
+_MANUS_JOINTS = dict.fromkeys(FINGERS, ("MCP", "PIP", "DIP", "TIP")) | {"thumb": ("CMC", "MCP", "DIP", "TIP")}
 """The file's joints at the points of each finger; its thumb's DIP is what others call IP."""
 _POINTS = (_HAND, *(f"{finger.title()}_{joint}" for finger in FINGERS for joint in _MANUS_JOINTS[finger]))
-_MANUS_FLEXIONS = {
-    "thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "Thumb_DIP_Flex",
-    **{f"{finger}_{joint}_flexion": f"{finger.title()}_{joint.upper()}_Flex"
-       for finger in FINGERS[1:] for joint in ("mcp", "pip", "dip")},
-}  # fmt: skip
+_MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "Thumb_DIP_Flex"} | {
+    f"{finger}_{joint}_flexion": f"{finger.title()}_{joint.upper()}_Flex"
+    for finger in FINGERS[1:]
+    for joint in ("mcp", "pip", "dip")
+}
 """Angles of ergonomics that mean what ours do, degrees. Spreads and the thumb's root have other zeros."""
 
 
@@ -165,10 +163,10 @@ _ROKOKO_TIME = "Timestamp"
 """Milliseconds."""
 _ROKOKO_JOINTS = {"mcp": "Metacarpophalangeal", "pip": "ProximalInterphalangeal", "dip": "DistalInterphalangeal"}
 _ROKOKO_FLEXIONS = {
-    "thumb_mcp_flexion": "Digit1Metacarpophalangeal", "thumb_ip_flexion": "Digit1Interphalangeal",
-    **{f"{finger}_{joint}_flexion": f"Digit{n + 1}{name}" for n, finger in enumerate(FINGERS) if n
-       for joint, name in _ROKOKO_JOINTS.items()},
-}  # fmt: skip
+    f"{finger}_{joint}_flexion": f"Digit{n}{name}"
+    for n, finger in enumerate(FINGERS[1:], 2)
+    for joint, name in _ROKOKO_JOINTS.items()
+} | {"thumb_mcp_flexion": "Digit1Metacarpophalangeal", "thumb_ip_flexion": "Digit1Interphalangeal"}
 """The file's joint by angle of ours; those of spread and of the thumb's root have other zeros."""
 _SEGMENTS = ("ProximalPhalan", "IntermediatePhalan", "DistalPhalan")
 _OF_THUMB = ("MetaCarpal", "ProximalPhalan", "DistalPhalan")

@@ -117,10 +117,8 @@ def _outside_anatomy(motion: _Numbers) -> Iterator[Diagnostic]:
         return
     excess = [f"{SMPL_JOINTS[1 + j]} by up to {beyond[:, j].max():.0f}°" for j in joints]
     anywhere = outside[:, joints].any(axis=1)
-    yield diagnostic(
-        "pose_outside_anatomy", frames=true_runs(anywhere), joints=[SMPL_JOINTS[1 + j] for j in joints],
-        count=int(anywhere.sum()), excess=excess,
-    )  # fmt: skip
+    names, frames, count = [SMPL_JOINTS[1 + j] for j in joints], true_runs(anywhere), int(anywhere.sum())
+    yield diagnostic("pose_outside_anatomy", frames=frames, joints=names, count=count, excess=excess)
 
 
 _Check = Callable[[_Numbers], Iterator[Diagnostic]]
