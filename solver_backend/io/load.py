@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Iterable
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MotionInvalid
@@ -14,12 +15,44 @@ from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.range_checks import checked
-from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
     from solver_backend.io.motions.amass import AmassClip
     from solver_backend.io.motions.bvh import BvhClip
+    from solver_backend.types import Motion
+
+Item = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class Readers(Iterable[Reader[Item]], Generic[Item]):
+    """Readers in the order in which they are asked; a module is imported when it is its turn."""
+
+    rows: tuple[tuple[str, str], ...]
+    """Module below this package, and what it calls its reader, or readers."""
+
+    def __iter__(self) -> Iterator[Reader[Item]]:
+        for module, name in self.rows:
+            found: Any = getattr(importlib.import_module(f"solver_backend.io.{module}"), name)
+            yield from found if isinstance(found, tuple) else (found,)
+
+
+CAPTURES: Readers[Capture] = Readers(
+    (
+        ("own_files", "CAPTURES"),
+        ("captures.detection_folders", "READER"),
+        ("captures.caliscope", "READER"),
+        ("captures.optical_markers", "READERS"),
+    )
+)
+"""Asked in this order; the first that recognises a path reads it."""
+
+MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
+    (("motions.bvh", "READER"), ("motions.amass", "READER"), ("own_files", "MOTION"))
+)
+"""Asked in this order; a clip of another skeleton or body becomes a motion by what knows that body."""
+
 
 Content = TypeVar("Content")
 

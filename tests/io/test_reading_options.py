@@ -13,13 +13,12 @@ import pytest
 
 from solver_backend.exchange.errors import JobInvalid, MocapError
 from solver_backend.exchange.reading_settings import DEFAULTS
-from solver_backend.io.load import load_capture, load_motion
+from solver_backend.io.load import CAPTURES, MOTIONS, load_capture, load_motion
 from solver_backend.io.markers.live_recording import LiveBlock, pack_block
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.io.reader import Reader, option_name
-from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet, MarkerCloud
 from tests.support.calibration_files import qca_text, toml_text

@@ -8,13 +8,12 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, MotionInvalid
-from solver_backend.io.load import load_capture, load_motion
+from solver_backend.io.load import CAPTURES, MOTIONS, load_capture, load_motion
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion
 from tests.support.scenes import small_capture, small_motion
 from tests.support.trial_files import write_trial
