@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.extrinsics.from_board import calibrate_fr
 from solver_backend.camera_calibration.extrinsics.two_views import result_of
 from solver_backend.camera_calibration.intrinsics.known_lenses import camera_lens
 from solver_backend.camera_calibration.intrinsics.lens_fit import advice, fitted_lens
-from solver_backend.exchange.diagnostics import diagnostic, sentence
+from solver_backend.exchange.diagnostics import diagnostic, sentence, word
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -65,7 +65,7 @@ def test_what_to_film_again_is_named_with_its_camera() -> None:
     found = advice(views, SIZE, 1, "left")
     assert {"board_views_weak"} <= {item.code for item in found}
     assert all(item.where.cameras == ("left",) for item in found)
-    assert sentence(found[0]) == "left: only 3 pictures show the board. Film 20 or more."
+    assert word(found[0]).what == "left: only 3 pictures show the board."
     assert diagnostic("board_views_weak", lack="tilts", cameras=["left"], count=1) in found
 
 

@@ -75,7 +75,7 @@ def test_a_useless_result_is_refused_and_writes_nothing_unless_it_is_accepted(st
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--report", str(tmp_path / "r.html"), "--json"]
     assert main(argv) == 3
     last = events(capsys.readouterr().out)[-1]
-    assert last["code"] == "result_refused" and "--accept stature_impossible" in last["hint"]
+    assert last["code"] == "result_refused" and "--accept stature_odd" in last["hint"]
     assert not {"m.npz", "r.html"} & {path.name for path in tmp_path.iterdir()}
     assert main([*argv, "--accept", "stature_odd"]) == 0
     found = {item["code"]: item["severity"] for item in events(capsys.readouterr().out)[-1]["diagnostics"]}

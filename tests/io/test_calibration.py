@@ -44,7 +44,7 @@ def test_toml(tmp_path: Path, cameras: Cameras, matrices: bool) -> None:
     assert_same(found, cameras)
     assert words(found.notes)[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
     assert [item.code for item in found.notes[1:]] == ["unit_read", "up_axis_read"]
-    assert "read as m (the cameras are up to" in words(found.notes)[1]
+    assert "in m, assumed because the cameras are up to" in words(found.notes)[1]
     assert "Z up" in words(found.notes)[2]
 
 
@@ -62,7 +62,7 @@ def test_millimetres_are_told_by_the_size_of_the_rig(tmp_path: Path, cameras: Ca
     (tmp_path / "c.toml").write_text(toml_text(cameras, scale=1000.0))
     found = read_calibration(tmp_path / "c.toml")
     assert_same(found, cameras)
-    assert "read as mm (the cameras are up to" in words(found.notes)[1]
+    assert "in mm, assumed because the cameras are up to" in words(found.notes)[1]
 
 
 def test_a_stated_unit_is_used(tmp_path: Path, cameras: Cameras) -> None:
@@ -89,7 +89,7 @@ def test_qualisys(tmp_path: Path, cameras: Cameras, left: float) -> None:
     found = read_calibration(tmp_path / "Calib.qca.txt")
     assert_same(found, cameras)
     assert "1/64 pixel" in words(found.notes)[1]
-    assert "Z up (as Qualisys has it)" in words(found.notes)[2]
+    assert "Z points up, as always in Qualisys files" in words(found.notes)[2]
 
 
 def test_qualisys_marker_cameras_and_turned_views(tmp_path: Path, cameras: Cameras) -> None:
@@ -99,7 +99,7 @@ def test_qualisys_marker_cameras_and_turned_views(tmp_path: Path, cameras: Camer
     (tmp_path / "d.qca.txt").write_text(text.replace("Miqus Video", "Oqus 700"))
     found = read_calibration(tmp_path / "d.qca.txt")
     assert found.cameras.names == cameras.names
-    assert "view of cam_a is turned by 90°" in words(found.problems)[0]
+    assert "view of cam_a is rotated by 90°" in words(found.problems)[0]
 
 
 def test_qualisys_videos_of_another_resolution_are_named(tmp_path: Path, cameras: Cameras) -> None:
@@ -108,7 +108,7 @@ def test_qualisys_videos_of_another_resolution_are_named(tmp_path: Path, cameras
         text = qca_text(cameras).replace('viewrotation="0"', f'viewrotation="0" video_resolution="{stated}p"')
         (tmp_path / "c.qca.txt").write_text(text)
         problems = words(read_calibration(tmp_path / "c.qca.txt").problems)
-        assert any(f"{stated} rows" in problem and f"of {rows}" in problem for problem in problems) == named
+        assert any(f"{stated} rows" in problem and f"has {rows}" in problem for problem in problems) == named
 
 
 @pytest.mark.parametrize("pose", ["rt", "rvec", "extrinsics"])
@@ -267,7 +267,7 @@ def test_up_axes_turn_the_world(tmp_path: Path, cameras: Cameras, axis: str) -> 
     (tmp_path / "c.toml").write_text(toml_text(other))
     found = read_calibration(tmp_path / "c.toml", up_axis=axis)
     assert_same(found, cameras)
-    assert f"{axis.upper()} up (as stated)" in words(found.notes)[2]
+    assert f"{axis.upper()} points up, as requested" in words(found.notes)[2]
 
 
 def test_unknown_up_axis(tmp_path: Path, cameras: Cameras) -> None:
@@ -318,5 +318,5 @@ def test_calibrations_of_other_people(shared_data: Path) -> None:
     assert apart.max() < 3
     ewand = read_calibration(shared_data / "multiview/ewand/calibration_framework/test")
     assert len(ewand.cameras) == 4
-    assert "read as mm" in words(ewand.notes)[1]
+    assert "in mm" in words(ewand.notes)[1]
     assert ewand.cameras.image_size.tolist() == [[1280, 1024]] * 4

@@ -38,10 +38,10 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert found.keypoints is not None
     assert (found.num_frames, found.fps, found.keypoints.joint_set) == (20, 30.0, JointSet.COCO_17)
     assert (found.keypoints.confidence > 0).all()
-    assert "30 frames a second, from Config.toml." in words(found.notes)
+    assert "30 frames per second, from Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
-    assert "keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
+    assert "Keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 
 
 @pytest.mark.parametrize("place", ["trial", "participant", "session", "beside"])
@@ -87,7 +87,7 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     seven = ring_of_cameras(7)
     wrong = renamed(cameras, ("c1", "c2", "c9", "c10"))
     (trial / "calibration" / "all.toml").write_text(toml_text(wrong))
-    assert "agree on the person. Check that the calibration is the recording's" in "\n".join(
+    assert "agree on where. Check that the calibration matches the recording" in "\n".join(
         words(load_capture(trial).problems)
     )
     order = [2, 1, 3, 0]
@@ -112,11 +112,18 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
 @pytest.mark.parametrize(
     ("config", "above", "videos", "given", "fps", "expected"),
     [
-        ("", "", None, None, 60.0, "Neither Config.toml nor a video states the frame rate; 60 fps is assumed."),
+        ("", "", None, None, 60.0, "No file states the frame rate. 60 fps is assumed."),
         ("# [project]\n# frame_rate = 25\n", "[project]\nframe_rate = 120\n", None, None, 120.0, "from Config.toml"),
-        ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "50 frames a second, from the videos."),
-        ("[project]\nframe_rate = 30\n", "", 50.0, None, 30.0, "Config.toml states 30 fps, the videos 50; 30 is used."),
-        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "24 frames a second, as given."),
+        ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "50 frames per second, from the videos."),
+        (
+            "[project]\nframe_rate = 30\n",
+            "",
+            50.0,
+            None,
+            30.0,
+            "states 30 fps and the videos 50 fps. 30 is used.",
+        ),
+        ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "24 frames per second, as requested."),
         ("", "", 0.0001, None, 60.0, "60 fps is assumed."),
     ],
 )

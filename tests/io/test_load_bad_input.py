@@ -129,7 +129,7 @@ def test_one_camera_is_read_with_its_own_world_and_the_given_stature(trial: Path
     capture = load_capture(trial, stature=1.8)
     assert capture.is_one_view and capture.cameras is not None and not capture.floor_from_person
     np.testing.assert_allclose(capture.cameras.t, written.t, atol=1e-9)
-    assert capture.stature_m == 1.8 and any(note.startswith("One camera:") for note in words(capture.notes))
+    assert capture.stature_m == 1.8 and any(note.values.get("basis") == "largest" for note in capture.notes)
 
 
 def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> None:
@@ -205,7 +205,8 @@ def test_one_frame_is_a_problem_not_an_error(trial: Path) -> None:
     assert found.num_frames == 1
     assert diagnostic("single_frame") in found.problems
     assert any(
-        problem.startswith("The take is a single frame: a pose, not a motion. ") for problem in words(found.problems)
+        problem.startswith("The take has a single frame, which gives a pose, not a motion. ")
+        for problem in words(found.problems)
     )
 
 
@@ -247,7 +248,7 @@ def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     path = trial / "calibration" / "Calib.toml"
     named = renamed(cameras, CALIBRATED)
     path.write_text(toml_text(named, scale=100.0))
-    assert "Check the calibration's unit." in "\n".join(words(load_capture(trial, unit="m").problems))
+    assert "Check the unit of the calibration." in "\n".join(words(load_capture(trial, unit="m").problems))
     assert words(load_capture(trial, unit="cm").problems) == ()
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     lying = renamed(cameras, CALIBRATED)

@@ -103,7 +103,7 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
     assert needs_labels(half)
     told = named_points(half)
     labelled, take = labelled_capture(Capture("take", markers=half))
-    assert take is not None and labelled.markers is not None and "network named" in words(labelled.notes)[-1]
+    assert take is not None and labelled.markers is not None and "labelled, as" in words(labelled.notes)[-1]
     for (column, frame), name in told.items():
         assert take.labels[frame, column] == MARKERS.index(name)
 
@@ -115,7 +115,7 @@ def test_labels_that_say_nothing_are_persistent_tracks(demo):
     numbered = MarkerCloud(positions, demo.fps, tuple(f"Point {k}" for k in range(positions.shape[1])))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is not None and capture.markers is not None
-    assert "The labels name no places. A network named" in words(capture.notes)[-1]
+    assert "labelled, as" in words(capture.notes)[-1]
     known = name_markers(demo.labels or ()).known
     truth = [MARKERS.index(known[label]) if known.get(label) in MARKERS else GHOST for label in demo.labels or ()]
     there = np.isfinite(positions).all(-1)
@@ -148,7 +148,7 @@ def test_a_crowd_is_not_read_in_vain():
     own = MarkerCloud(points, 30.0, tuple(f"M{k}" for k in range(120)))
     capture, take = labelled_capture(Capture("crowd", markers=own), network=unread)
     assert take is None and capture.markers is own
-    assert "120 markers are seen at a time" in words(capture.problems)[-1]
+    assert "120 markers are visible at a time" in words(capture.problems)[-1]
 
 
 def test_a_person_who_is_labelled_in_a_crowd_is_solved_by_these_labels(demo):
@@ -157,7 +157,7 @@ def test_a_person_who_is_labelled_in_a_crowd_is_solved_by_these_labels(demo):
     half = MarkerCloud(np.concatenate([demo.positions, crowd], axis=1), demo.fps, labels)
     capture, take = labelled_capture(Capture("crowd", markers=half), network=unread)
     assert needs_labels(half) and take is None and capture.markers is half
-    assert "could not be named surely; they are left out" in words(capture.problems)[-1]
+    assert "are not used in the solve" in words(capture.problems)[-1]
 
 
 def test_a_crowd_is_read_in_few_frames():
@@ -174,7 +174,7 @@ def test_labels_of_part_of_a_body_are_not_made_up(demo):
     numbered = MarkerCloud(demo.positions[:, legs], demo.fps, tuple(f"M{k}" for k in range(len(legs))))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is None and capture.markers is numbered
-    assert "its names are not used" in words(capture.problems)[-1]
+    assert "The labelling network is not used" in words(capture.problems)[-1]
 
 
 def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):

@@ -57,4 +57,4 @@ def test_one_view_alone_and_a_moment_are_nobody() -> None:
     detections, who = scene.detections()
     found = select_people(cameras, detections, 30.0)
     assert whom(found, who) == [{0}]
-    assert any("Other people are left out" in note for note in words(found[0].notes))
+    assert any("Other people are ignored" in note for note in words(found[0].notes))

@@ -46,8 +46,11 @@ def test_the_largest_for_longest_comes_first_and_nobody_is_mixed_up() -> None:
     assert (found.confidence[0].any(axis=-1) == seen[:, 0]).all()
     np.testing.assert_allclose(found.xy[0][seen[:, 0]], people[seen[:, 0], 0], atol=1e-3)
     np.testing.assert_allclose(second.keypoints.xy[0], people[:, 1], atol=1e-3)
-    assert first.notes[0].values == {"seen": 55, "of": 60} and first.notes[1].values == {"count": 1, "solvable": 1}
-    assert words(first.notes)[0].endswith("is largest for longest, in 55 of 60 frames.") and not second.notes
+    assert first.notes[0].values == {"basis": "largest", "seen": 55, "of": 60} and first.notes[1].values == {
+        "count": 1,
+        "solvable": 1,
+    }
+    assert "largest for longest (55 of 60 frames)" in words(first.notes)[0] and not second.notes
 
 
 def test_hands_stay_with_their_person() -> None:

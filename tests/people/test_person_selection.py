@@ -35,7 +35,7 @@ def test_a_larger_more_certain_bystander_listed_first_is_left_out(views: tuple[i
     assert (chosen(found, who) == 0).all()
     expected = np.where(scene.people[0][1] > 0, scene.people[0][1], 0.0)
     np.testing.assert_allclose(found.keypoints.confidence, expected, rtol=1e-6)
-    assert "Other people are left out" in words(found.notes)[1]
+    assert "Other people are ignored" in words(found.notes)[1]
     for c in range(4):
         assert (f"{cameras.names[c]} in 60 frames" in words(found.notes)[1]) == (c in views)
 
@@ -167,7 +167,7 @@ def test_a_second_person_seen_as_well_is_named() -> None:
     detections, who = scene.detections()
     found = select_person(cameras, detections, 30.0)
     assert len(np.unique(chosen(found, who))) == 1
-    assert "Person 2 is seen as well: 4.0 views in 40 frames" in words(found.notes)[-1] and not words(found.problems)
+    assert "Person 2 is also visible: 4.0 views in 40 frames" in words(found.notes)[-1] and not words(found.problems)
 
 
 def test_views_that_agree_on_nobody_are_an_error() -> None:
@@ -187,7 +187,7 @@ def test_views_of_another_calibration_are_a_problem() -> None:
     detections, _ = scene.detections()
     detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
     found = select_person(cameras, detections, 30.0)
-    assert "Of 4.0 views that see somebody only 2.0 agree on the person. Check that the" in words(found.problems)[0]
+    assert "4.0 views see a person, but only 2.0 agree on where. Check that the" in words(found.problems)[0]
 
 
 def test_all_zero_confidences_and_single_views_are_errors() -> None:

@@ -22,7 +22,7 @@ def test_two_takes_in_one() -> None:
     both = rows(*range(60, 120), *range(290, 350))
     assert take_cuts(both) == [60]
     [found] = words(report_cuts([60], 120))
-    assert "at frame 60:" in found and "--frames 0 59" in found and "--frames 60 119" in found
+    assert "at frame 60." in found and "--frames 0 59" in found and "--frames 60 119" in found
 
 
 def test_a_whole_take_at_a_third_of_its_rate_and_a_jump_in_one_view_are_none() -> None:
@@ -39,6 +39,6 @@ def test_frames_in_the_order_of_texts() -> None:
     for first, count in ((0, 40), (1, 120)):
         texts = sorted(range(first, first + count), key=str)
         [found] = words(report_order(rows(*[frame - first + 60 for frame in texts])))
-        assert "as texts (1, 10, 2)" in found
+        assert "sorted by name (1, 10, 2)" in found
     assert report_order(rows(*range(60, 180))) == () == report_order(rows(*range(0, 360, 3)))
     assert report_order(rows(*range(8))) == () == report_order(rows(*[60] * 40))

@@ -31,7 +31,7 @@ def test_every_fault_is_named():
     assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)
     assert "Camera cam_c disagrees with the others: 9.0 px against 2.0 px." in found
     assert "Often an outlier: left shoulder in cam_a (33 %)." in found
-    assert "Seldom detected by two cameras: nose (0 %)." in found
+    assert "Rarely detected: nose (0 %)." in found
     assert len(found) == 6
 
 

@@ -99,7 +99,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
     frames = frame_facts(numbers, values[:, 1] if before else np.zeros(0), rate, length)
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
-        problems = (diagnostic("count_not_as_stated", items="names", stated=stated, count=count),)
+        problems = (diagnostic("count_not_as_stated", items="names", stated=f"{stated:g}", count=count),)
     return MarkerSource(
         path=path,
         format="Qualisys TSV",

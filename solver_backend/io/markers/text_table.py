@@ -251,7 +251,7 @@ def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnosti
     """
     problems: list[Diagnostic] = []
     if stated is not None and stated != len(numbers):
-        problems.append(diagnostic("count_not_as_stated", items="frames", stated=stated, count=len(numbers)))
+        problems.append(diagnostic("count_not_as_stated", items="frames", stated=f"{stated:g}", count=len(numbers)))
     jumps = np.flatnonzero(np.diff(numbers) != 1)
     if len(jumps):
         at = int(jumps[0])

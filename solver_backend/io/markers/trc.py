@@ -60,7 +60,7 @@ def read_trc(path: Path) -> MarkerSource:
     count = max(len(labels), -(-columns // 3))
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
-        problems = (diagnostic("count_not_as_stated", items="markers", stated=stated, count=count),)
+        problems = (diagnostic("count_not_as_stated", items="markers", stated=f"{stated:g}", count=count),)
     rate, length = number_in(header.get("datarate")), number_in(header.get("numframes"))
     frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
     return MarkerSource(

@@ -55,7 +55,7 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert found.confidence[0, 2, 0, 4] == 0
     assert np.isnan(found.xy[0, 1]).all()
     assert found.problems == (diagnostic("frame_files_missing", count=1),)
-    assert words(found.problems)[0].startswith("1 frame files are missing; nobody is seen there. ")
+    assert words(found.problems)[0].startswith("1 frame files are missing. These frames have no detections. ")
     assert calls[0] == ("Reading the detections", 0, 5)
     assert calls[-1] == ("Reading the detections", 5, 5)
 
@@ -203,7 +203,7 @@ def test_a_point_beyond_any_picture_is_not_seen(number: float, tmp_path: Path) -
     assert found.confidence[0, 0, 1, 2] == 0 and found.confidence[0, 0, 0, 2] > 0
     assert "keypoints_nan" in {problem.code for problem in found.problems}
     assert found.problems == (diagnostic("keypoints_nan", count=1),)
-    assert words(found.problems)[0].startswith("1 keypoints are NaN with a confidence; they are taken as not seen. ")
+    assert words(found.problems)[0].startswith("1 keypoints are NaN but have a confidence. They count as not seen. ")
 
 
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
@@ -211,7 +211,7 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     big[3, 2] = 2.5
     found = read_folders({"a": write(tmp_path / "a", {0: [big]})})
     assert found.confidence.max() == 1
-    assert "Confidences reach 2.5; those above 1 are taken as 1." in words(found.notes)
+    assert words(found.notes)[0].startswith("Confidences reach 2.5. Values above 1 count as 1.")
 
 
 def test_a_crowd_is_cut_to_the_strongest(tmp_path: Path) -> None:

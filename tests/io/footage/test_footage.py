@@ -31,9 +31,9 @@ def test_videos_of_another_size(trial: Path) -> None:
     found = load_capture(trial)
     assert found.footage == (None, trial / "videos" / "cam02.mp4", trial / "videos" / "cam03.mp4", None)
     text = "\n".join(words(found.problems))
-    assert "cam_2 is 960 x 540 pixels, its calibration is for 1920 x 1080" in text
-    assert "cam_3 is 1920 x 1072 pixels" in text
-    assert "The videos have 21 frames, the detections 20." in text
+    assert "cam_2 has 960 x 540 pixels, its calibration 1920 x 1080" in text
+    assert "cam_3 has 1920 x 1072 pixels" in text
+    assert "The videos have 21 frames and the detections 20." in text
 
 
 def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> None:
@@ -48,7 +48,9 @@ def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> N
         (root / f"{name}.mp4").write_bytes(mp4_bytes(30, 12, (960, 540)))
     found = load_capture(root)
     assert found.problems == ()
-    assert "scaled from 1920 x 1080 to 960 x 540" in "\n".join(words(found.notes))
+    assert "calibrated at 1920 x 1080 and filmed at 960 x 540 pixels. The calibration is scaled" in "\n".join(
+        words(found.notes)
+    )
     assert found.cameras is not None
     assert found.cameras.image_size.tolist() == [[960, 540]] * 3
     assert "median residual 0." in "\n".join(words(found.notes))

@@ -34,7 +34,7 @@ def test_every_processor_and_number_gives_the_same_markers(tmp_path: Path, proce
     report = found.report
     assert (report.unit, report.up_axis, report.frames, report.first_frame) == ("mm", "z", 12, 1)
     assert (missing(found), report.analog_channels) == ((0, 1, 1, 0), channels)
-    assert any("2 analog channels (forces, muscles) are not read: Fx1, Fy1." in note for note in words(report.notes))
+    assert any("Ignored: 2 analog channels: Fx1, Fy1." in note for note in words(report.notes))
     assert report.problems == ()
 
 
@@ -56,7 +56,7 @@ def test_exact_zeros_are_missing_whatever_their_residual(tmp_path: Path, floatin
     assert np.isnan(found.cloud.positions[2:5, 3]).all()
     assert np.isnan(found.cloud.positions).sum() == 9
     assert any(
-        "exactly at the origin in some frames, LTOE: read as not seen (3 positions)" in n
+        "at the origin in some frames and count as not seen there: LTOE (3 positions)" in n
         for n in words(found.report.notes)
     )
 
@@ -72,7 +72,9 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     points = standing()
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    assert facts(found.report.problems) == ("Every residual marks the point as not seen.",)
+    assert facts(found.report.problems) == (
+        "Every residual marks its point as not seen. The positions are used anyway.",
+    )
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("METERS", 1.0), ("mete", 1.0)])
@@ -88,7 +90,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert found.report.unit == "mm"
     [problem] = found.report.problems
-    assert words([problem])[0].startswith("The file states m, in which the markers would spread over 1")
+    assert words([problem])[0].startswith("The file states m, but then the markers would spread over 1")
     assert (problem.code, problem.values["unit"]) == ("marker_unit_not_as_stated", "mm")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)
@@ -115,7 +117,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     rotated = standing()[..., [0, 2, 1]] * [1, 1, -1]
     found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-7)
-    assert "states that Z points up, but the body stands along Y, which is used" in words(found.report.problems)[0]
+    assert "stands along Y, but the file states that Z points up. Y is used." in words(found.report.problems)[0]
     handstand = standing() * [1, 1, -1] + [0, 0, 1900]
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
@@ -190,9 +192,7 @@ def test_entries_that_state_another_frame_rate_are_named(
     file.more = {"ANALOG": {"RATE": file.reals(1000.0)}, "TRIAL": {"CAMERA_RATE": file.reals(100.2)}}
     assert take(tmp_path / "as_it_should_be.c3d", file).report.problems == ()
     file.more = {**file.more, group: {entry: file.reals(value)}}
-    assert (
-        f"several frame rates: 100 is read, but {named}" in words(take(tmp_path / "take.c3d", file).report.problems)[0]
-    )
+    assert f"100 Hz is used, but {named}" in words(take(tmp_path / "take.c3d", file).report.problems)[0]
     assert taken(read_c3d, tmp_path / "take.c3d", fps=50.0).report.problems == ()
 
 
@@ -209,4 +209,4 @@ def test_computed_points_are_left_out(tmp_path: Path) -> None:
     file.more = {"POINT": {"POWERS": file.text(["Lever"])}}
     found = take(tmp_path / "take.c3d", file)
     assert found.cloud.labels == LABELS
-    assert any(note.startswith("2 points that are not positions") for note in words(found.report.notes))
+    assert any(note.startswith("Ignored: 2 model outputs") for note in words(found.report.notes))

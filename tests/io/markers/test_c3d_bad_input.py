@@ -37,7 +37,7 @@ def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
     assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
     assert codes(found.report.problems) == ("labels_doubled", "points_without_label")
     assert facts(found.report.problems) == (
-        "Labels are there more than once: LFHD; the later ones are numbered.",
+        "Some labels occur more than once: LFHD. The later ones get numbers.",
         "1 of 4 points have no label.",
     )
 
@@ -47,7 +47,7 @@ def test_unlabelled_points_only(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels is None
     assert words(found.report.problems) == (), "the solve names them"
-    assert "None of the 4 points is named: the solve names them." in words(found.report.notes)
+    assert "4 of 4 points have no label." in facts(found.report.notes)
 
 
 def test_a_marker_that_never_moves(tmp_path: Path) -> None:
@@ -108,4 +108,4 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     path.write_bytes(whole[:-65])
     found = taken(read_c3d, path)
     assert found.report.frames == 10
-    assert facts(found.report.problems) == ("The file states 12 frames but holds 10: it is truncated.",)
+    assert facts(found.report.problems) == ("The file states 12 frames but has 10.",)

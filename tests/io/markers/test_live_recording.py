@@ -85,8 +85,8 @@ def test_an_unfinished_recording_is_a_capture_that_says_where_it_ends(tmp_path: 
     assert np.allclose(capture.markers.positions[7, : len(expected)], expected, atol=1e-6)
     unfinished, damaged = capture.problems
     assert codes(capture.problems) == ("live_recording_incomplete", "live_recording_incomplete")
-    assert "not finished: it ends with frame 11, at 0.17 s" in sentence(unfinished)
-    assert damaged.values == {"bytes": len(DATA[-1]) - 7} and f"{len(DATA[-1]) - 7} bytes" in sentence(damaged)
+    assert "incomplete: it ends with frame 11, at 0.17 s" in sentence(unfinished)
+    assert damaged.values["bytes"] == len(DATA[-1]) - 7 and f"{len(DATA[-1]) - 7} bytes" in sentence(damaged)
 
 
 def test_recordings_without_frames_or_points_are_named(tmp_path: Path) -> None:

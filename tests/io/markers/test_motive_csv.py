@@ -13,7 +13,7 @@ from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
 from solver_backend.io.markers.source import MarkerTake
 from tests.support.marker_reading import missing, taken
-from tests.support.words import facts, words
+from tests.support.words import words
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
 FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
@@ -119,15 +119,15 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
     assert found.cloud.labels == MARKERS
     np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
     notes = " ".join(words(found.report.notes))
-    assert "1 bones are left out: they are computed from the markers." in notes
+    assert "Ignored: 1 bones, because they are computed from the markers." in notes
     if axes == "XYZW":
         assert found.others is not None and found.others.labels == tuple(f"Wand:{point}" for point in POSE_POINTS)
         origin, *arms = found.others.positions[0]
         np.testing.assert_allclose(origin, [1, -3, 2], atol=1e-9)
         np.testing.assert_allclose(np.stack(arms) - origin, [[0, 0.1, 0], [0, 0, 0.1], [0.1, 0, 0]], atol=1e-6)
     else:
-        assert found.others is None and "Euler angles are not supported: Wand" in notes
-    assert "2 places where assets expect their markers are left out: measured ones are there." in notes
+        assert found.others is None and "Ignored: poses of rigid bodies in Euler angles: Wand" in notes
+    assert "Ignored: 2 expected marker positions, because measured ones exist." in notes
 
 
 def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
@@ -136,7 +136,7 @@ def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
         read_motive_csv, write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"]))
     )
     assert found.cloud.labels == ("Wand:Marker1",)
-    assert any("not as measured" in note for note in words(found.report.notes))
+    assert any("markers are at the positions their assets expect" in note for note in words(found.report.notes))
 
 
 def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
@@ -163,7 +163,7 @@ def test_rates(tmp_path: Path) -> None:
     thinned = csv_text(measured(), rows(numbers(FIRST)), rates="Export Frame Rate,240.0")
     found = read(write(tmp_path / "t.csv", thinned))
     assert found.cloud.fps == 120.0
-    assert facts(found.report.problems) == ("The header states 240 Hz, the times 120; 120 is used.",)
+    assert [item.values["others"] for item in found.report.problems] == ["the header states 240 and the times 120"]
     untimed = [f"{i},,{numbers(FIRST)}" for i in range(3)]
     path = write(tmp_path / "t.csv", csv_text(measured(), untimed, rates="Capture Frame Rate,0"))
     with pytest.raises(FileDamaged, match="frame rate of 0"):
@@ -210,7 +210,7 @@ def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_pat
     whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
     found = read(write(tmp_path / "t.csv", whole))
     assert found.cloud.labels == MARKERS
-    assert any("where their assets expect them" in note for note in words(found.report.notes))
+    assert any("markers are at the positions their assets expect" in note for note in words(found.report.notes))
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])

@@ -41,7 +41,7 @@ def test_trajectories(tmp_path: Path, text: str, ending: str) -> None:
     report = found.report
     assert (report.frames, report.first_frame, report.unit, report.up_axis) == (3, 101, "mm", "z")
     assert (missing(found), report.subjects, words(report.problems)) == ((0, 1), ("Ann",), ())
-    assert any(note.startswith("1 points that are not positions") for note in words(report.notes))
+    assert any(note.startswith("Ignored: 1 model outputs") for note in words(report.notes))
     if "Devices" in text:
         assert report.analog_channels == ("Fx", "Fy", "Fz")
 
@@ -111,7 +111,7 @@ def test_sections_follow_each_other_without_an_empty_line_and_several_hold_traje
     np.testing.assert_array_equal(found.cloud.positions[:, :2], found.cloud.positions[:, 2:])
     shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
     found = taken(read_nexus_csv, write(tmp_path / "t.csv", shorter))
-    assert facts(found.report.problems) == ("1 blocks of trajectories of other frames are left out.",)
+    assert facts(found.report.problems) == ("Ignored: 1 blocks of trajectories with other frames.",)
     odd = block.replace("103,0,102,", "1e300,0,102,")
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd)).cloud.positions.shape == (3, 2, 3)
     assert taken(read_nexus_csv, write(tmp_path / "t.csv", odd + odd)).cloud.positions.shape == (3, 4, 3)

@@ -86,8 +86,8 @@ def test_wrong_counts_are_said(tmp_path: Path) -> None:
     found = read(write(tmp_path / "t.trc", rows(), values="100\t100\t9\t7\tmm\t100\t1\t9"))
     assert found.cloud.positions.shape == (4, 2, 3)
     assert facts(found.report.problems) == (
-        "The file states 7 markers but holds 2.",
-        "The file states 9 frames but holds 4.",
+        "The file states 7 markers but has 2.",
+        "The file states 9 frames but has 4.",
     )
 
 
@@ -106,7 +106,7 @@ def test_unlabelled_rows_of_unequal_length(tmp_path: Path) -> None:
     )
     assert found.cloud.labels is None
     assert missing(found) == (1, 2)
-    assert any("None of the 2 points is named" in note for note in words(found.report.notes))
+    assert any("2 of 2 points have no label" in note for note in words(found.report.notes))
 
 
 def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
@@ -135,11 +135,11 @@ def test_rates(tmp_path: Path) -> None:
     assert zero.cloud.fps == pytest.approx(100.0)
     other = read(write(tmp_path / "t.trc", rows(), values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert other.cloud.fps == pytest.approx(100.0)  # thinned out: the header stayed
-    assert facts(other.report.problems) == ("The header states 250 Hz, the times 100; 100 is used.",)
+    assert [item.values["others"] for item in other.report.problems] == ["the header states 250 and the times 100"]
     milliseconds = [f"{i}\t{10 * i}\t" + row.split("\t", 2)[2] for i, row in enumerate(rows())]
     slow = read(write(tmp_path / "t.trc", milliseconds, values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert slow.cloud.fps == 250.0
-    assert facts(slow.report.problems) == ("The header states 250 Hz, the times 0.1; 250 is used.",)
+    assert [item.values["others"] for item in slow.report.problems] == ["the header states 250 and the times 0.1"]
     with pytest.raises(FileDamaged, match="states a frame rate of 0"):
         read(write(tmp_path / "t.trc", rows(1), values="0\t0\t1\t2\tmm\t0\t1\t1"))
 
@@ -148,7 +148,7 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     lines = rows(9)
     del lines[1]
     found = read(write(tmp_path / "t.trc", lines))
-    assert facts(found.report.problems) == ("Frame 1 is followed by 3; frames are read as following each other.",)
+    assert facts(found.report.problems) == ("Frame 1 is followed by 3 (1 gaps). The gaps are closed.",)
 
 
 def test_damage(tmp_path: Path) -> None:

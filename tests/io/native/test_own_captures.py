@@ -37,7 +37,7 @@ def moved(cameras: Cameras, z: float) -> Cameras:
         (lambda cameras: with_up_axis(cameras, "y"), "stands along -?Y"),
         (lambda cameras: moved(cameras, 1.9), r"lowest foot is at z = 1\.[89]"),
         (lambda cameras: replace(cameras, t=0.5 * cameras.t), r"would be 0\.8\d* m tall"),
-        (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Check the calibration's unit"),
+        (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Check the unit of the calibration"),
     ],
 )
 def test_a_world_that_cannot_be_is_named(demo: Capture, tmp_path: Path, change: object, told: str) -> None:
@@ -59,9 +59,13 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("turn", "scale", "expected"),
     [
-        (np.diag([1.0, -1.0, -1.0]), 1.0, {"up_axis_doubted": "stands along -Z, not along Z"}),
-        (np.eye(3)[[1, 2, 0]], 1.0, {"up_axis_doubted": "stands along Y, not along Z"}),
-        (np.eye(3), 100.0, {"marker_spread_unlikely": "they look like cm"}),
+        (
+            np.diag([1.0, -1.0, -1.0]),
+            1.0,
+            {"up_axis_doubted": "stands along -Z, but in a capture file"},
+        ),
+        (np.eye(3)[[1, 2, 0]], 1.0, {"up_axis_doubted": "stands along Y, but in a capture file Z must point up"}),
+        (np.eye(3), 100.0, {"marker_spread_unlikely": "but would fit cm"}),
         (np.eye(3), 0.01, {"marker_spread_unlikely": "spread over"}),
         (np.eye(3), 1.0, {}),
     ],

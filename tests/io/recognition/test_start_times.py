@@ -90,7 +90,7 @@ def test_given_offsets_bind(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, STARTS)
     capture = read(root, offset=("cam2=45", "cam03=90", "cam_04=20"))
     assert capture.num_frames == LENGTH - 90 and error_m(capture, demo, 90) < 0.02
-    assert "cam02 started 45 frames later, as given." in words(capture.notes)
+    assert "cam02 started 45 frames later, as requested." in words(capture.notes)
     with pytest.raises(JobInvalid, match="'cam9' belongs to no camera"):
         read(root, offset=("cam9=4",))
     with pytest.raises(JobInvalid, match="'cam02=half' is not CAMERA=FRAMES"):
@@ -154,8 +154,8 @@ def test_movement_that_repeats_is_a_problem_with_both_offsets():
     assert problem.where.cameras == (in_place.cameras.names[1], in_place.cameras.names[0])
     one, other = problem.values["one"], problem.values["other"]
     assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, or whole periods of the walk from there"
-    assert f"by {one:+d} or {other:+d} frames against" in words([problem])[0]
-    with pytest.raises(NotSynchronised, match="as in movement that repeats"):
+    assert f"fits {one:+d} or {other:+d} frames from" in words([problem])[0]
+    with pytest.raises(NotSynchronised, match="may not have started together"):
         read_rows(in_place, (0, 45, 0, 0), 400, sync="on")
 
 

@@ -141,9 +141,9 @@ def test_views_of_other_rates_and_offsets_come_to_the_same_moments() -> None:
     )
     clocks = replace(Clocks.alike(("cam1", "cam2")), offset_s=np.array([0.0, -0.2]), method="test")
     capture = assembled("t", [first, second], clocks, None)
-    found = {item.code: item for item in capture.notes}
-    assert found["clock_estimated"].where.cameras == ("cam2",) and found["clock_estimated"].values["offset_ms"] == -200
-    assert found["clock_estimated"].where.cameras == ("cam1",)
+    in_sync, late = [item for item in capture.notes if item.code == "clock_estimated"]
+    assert late.where.cameras == ("cam2",) and late.values["offset_ms"] == -200
+    assert in_sync.where.cameras == ("cam1",) and in_sync.values["result"] == "sync"
     keypoints = capture.keypoints
     assert keypoints is not None and keypoints.num_frames == 24  # 0.2 s to 29/30 s
     np.testing.assert_allclose(keypoints.xy[0], keypoints.xy[1], atol=1e-3)

@@ -163,7 +163,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
     said = go(found, plan, chosen).lines()
-    assert said["calibrate"].startswith("made: 2 cameras by the person, 1.0 px. cam1: the focal")
+    assert said["calibrate"].startswith("made: 2 cameras calibrated by the person, 1.0 px. cam1: the focal")
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = go(found, plan, chosen).lines()
@@ -193,7 +193,9 @@ def test_the_last_line_names_what_to_look_at(
     monkeypatch.setattr(run, "synchronise", found_by)
     assert main([*command, str(tmp_path / "doubtful")]) == 0
     *_, warned, last = capsys.readouterr().err.splitlines()
-    assert warned.startswith("warning: The clocks are taken to agree: nobody moves") and last.startswith("Look at ")
+    assert warned.startswith("warning: The camera clocks count as synchronous: nobody moves") and last.startswith(
+        "Look at "
+    )
 
 
 def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
@@ -210,7 +212,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
     assert main([*command, "--until", "sync", "--sync", "none"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["takes"]["session"]["detect"] == "made: 30 pictures by RTMPose m."
+    assert result["takes"]["session"]["detect"] == "made: Detected keypoints in 30 pictures with RTMPose m."
     assert main([*command, "--take", "other"]) == 2
     assert "There are: session" in capsys.readouterr().out
 

@@ -91,7 +91,7 @@ def test_the_views_decide_together_and_what_fits_twice_is_named() -> None:
     told = clocks_by_claps(NAMES[:3], [one, late, peaks((3.0,))], 4.0)
     np.testing.assert_allclose(told.offset_s[1], 1.0, atol=1e-3)
     assert told.findings[-1].code == "claps_ambiguous" and told.findings[-1].where.cameras == ("c",)
-    assert "uneven intervals" in sentence(told.findings[-1])
+    assert "unequal intervals" in sentence(told.findings[-1])
 
 
 def test_where_nobody_claps_or_no_hands_are_seen_is_named() -> None:

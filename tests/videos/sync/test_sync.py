@@ -94,7 +94,7 @@ def test_a_clock_within_its_small_uncertainty_is_in_sync(
 ) -> None:
     covariance = np.array([np.zeros((2, 2)), np.diag([sigma_s**2, 1e-6**2])])
     found = Clocks(("cam01", "cam02"), np.array([0.0, offset_s]), np.array([0.0, rate]), covariance, 0.0, "speeds")
-    assert [item.code == "clock_estimated" for item in found.notes()] == [True, in_sync]
+    assert [item.values["result"] == "sync" for item in found.notes()] == [True, in_sync]
     assert [row.endswith("in sync, by speeds") for row in found.lines()] == [True, in_sync]
 
 
