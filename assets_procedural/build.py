@@ -16,14 +16,12 @@ from assets_procedural.detail.fingers import finger_knots, relax_fingers
 from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.hand.joints import Knots
 from assets_procedural.layout import BORDERS, JOINT, PARENTS
-from assets_procedural.mesh.charts import build_texture_map
+from assets_procedural.mesh.charts import MATERIAL_NAMES, PART_FACING, build_texture_map, face_materials, face_parts
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
-from assets_procedural.mesh.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
 from assets_procedural.population.shape import build_shape_space
 from assets_procedural.population.statistics import load_statistics
 from assets_procedural.skeleton.correctives import fit_correctives
-from assets_procedural.skeleton.joints import load_joints
-from assets_procedural.skeleton.regressor import fit_regressor
+from assets_procedural.skeleton.joints import fit_regressor, load_joints
 from assets_procedural.skeleton.skinning import heat_weights
 from assets_procedural.surface.primitives import load_primitives
 from solver_backend.exchange.outputs import atomic_output

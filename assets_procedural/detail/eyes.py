@@ -8,9 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import EYEBALL, IRIS, NONE, PUPIL, Array
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
-from assets_procedural.mesh.features import EYEBALL, IRIS, NONE, PUPIL
 
 EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
 """Of the left eyeball in the fitted mesh, metres, floor at y = 0."""

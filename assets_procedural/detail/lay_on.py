@@ -5,17 +5,181 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import RBFInterpolator
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import LIPS, NONE, Array
 from assets_procedural.detail.eyes import put_in_eye
-from assets_procedural.detail.mouth import close_lips
 from assets_procedural.detail.nails import put_on_nails
-from assets_procedural.detail.patches import HalfBody
-from assets_procedural.detail.toes import part_toes
-from assets_procedural.detail.wrist import round_ulna
-from assets_procedural.mesh.features import NONE
+from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
+from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half
 from assets_procedural.mesh.remeshing import on_grid
+
+SEAM_Y, CORNER_M = 1.5217, 0.0220
+"""Height of the seam and half the mouth's width in the fitted mesh, metres, floor at y = 0."""
+_ALONG = 10
+"""Pieces of the seam from the midline to the corner."""
+_UPPER_M, _LOWER_M = 0.0066, 0.0076
+"""Heights of the red of both lips."""
+_RED = (0.17, 0.46, 0.74, 1.0)
+"""Rings of the red, as shares of its height."""
+_BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)
+"""How far each of them reaches beyond the end of the seam."""
+_GROOVE_M, _GROOVE_WIDTH_M = 0.0019, 0.0011
+_BORDER_M = 0.0006
+"""How far the lips' border stands out in the middle."""
+_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)
+"""The opening of the mouth: centre and radii in metres, measured on the base mesh by hand."""
+_SEEN_M, _BRIDGED_M = 0.012, 0.0021
+
+
+def close_lips(half: HalfBody) -> HalfBody:
+    """Return the half body with closed lips in place of the slit.
+
+    Raises:
+        BodyInvalid: the slit is not where it is looked for.
+    """
+    return replace(half, _HOLE.holds, _lips(half))
+
+
+def _lips(half: HalfBody) -> Patch:
+    vertices = half.vertices
+    near = _HOLE.holds(vertices, _SEEN_M)
+    slit = (np.abs(vertices[:, 1] - SEAM_Y) < _BRIDGED_M) & (vertices[:, 0] < CORNER_M + 0.003)
+    skin = surface_around(half, near, slit)
+    share = np.arange(_ALONG + 1) / _ALONG
+    x = CORNER_M * share
+    seam = np.column_stack([x, SEAM_Y - 0.0006 * (x / CORNER_M) ** 2 + 0.0004 * np.exp(-((x / 0.004) ** 2))])
+    red = [_around(seam, k * _upper(x), k * _lower(x), beyond) for k, beyond in zip(_RED, _BEYOND_M, strict=True)]
+    rim = _rim(len(red[0]))
+    outer = [rim, 0.5 * rim + 0.5 * red[-1]]
+    rings = [*outer, *red[::-1]]
+    flat = np.concatenate([*rings, seam])
+    depth = skin(flat) - _groove(flat, seam)
+    depth[len(outer) * len(rim) :][: len(rim)] += _BORDER_M * (1.0 - np.minimum(red[-1][:, 0] / CORNER_M, 1.0) ** 2)
+    points = np.column_stack([flat, depth])
+    points[np.abs(points[:, 0]) < 1e-9, 0] = 0.0
+    index = list(np.arange(len(rings) * len(rim)).reshape(-1, len(rim)))
+    seam_index = len(rings) * len(rim) + np.arange(_ALONG + 1)
+    innermost = np.concatenate([seam_index, seam_index[-1:], seam_index[::-1]])
+    faces = rings_to_faces([*index, innermost], closed=False)
+    feature = np.repeat([NONE] * len(outer) + [LIPS] * len(red), 2 * (len(rim) - 1))
+    whole = (faces[:, 0] != faces[:, 1]) & (faces[:, 1] != faces[:, 2]) & (faces[:, 2] != faces[:, 0])
+    return Patch(points, faces[whole][:, ::-1], feature[whole], index[0][::-1], False)
+
+
+def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
+    """Return the half ring from the midline over the upper lip and the corner to the midline under the lower lip."""
+    rounding = beyond * (seam[:, 0] / CORNER_M) ** 4
+    up = seam + np.column_stack([0.5 * rounding, np.maximum(above, 0.5 * rounding)])
+    down = seam + np.column_stack([0.5 * rounding, -np.maximum(below, 0.5 * rounding)])
+    corner = seam[-1:] + [[beyond, 0.0]]
+    return np.concatenate([up, corner, down[::-1]])
+
+
+def _upper(x: Array) -> Array:
+    """Return the height of the upper lip's red: a bow with a dip in the middle, low at the corner."""
+    t = x / CORNER_M
+    return _UPPER_M * ((1.0 - t**2.2) * (1.0 - 0.14 * np.exp(-((t / 0.13) ** 2))) + 0.16 * t)
+
+
+def _lower(x: Array) -> Array:
+    """Return the height of the lower lip's red, fullest in the middle."""
+    t = x / CORNER_M
+    return _LOWER_M * ((1.0 - t**2.4) + 0.13 * t)
+
+
+def _rim(count: int) -> Array:
+    angle = 0.5 * np.pi - np.pi * np.arange(count) / (count - 1)
+    ring = _HOLE.centre + 0.96 * _HOLE.radii * np.column_stack([np.cos(angle), np.sin(angle)])
+    ring[[0, -1], 0] = 0.0
+    return ring
+
+
+def _groove(points: Array, seam: Array) -> Array:
+    """Return how deep the groove between the lips is at (N, 2) points, shallower towards the corner."""
+    height = np.interp(points[:, 0], seam[:, 0], seam[:, 1])
+    beyond = np.maximum(points[:, 0] - seam[-1, 0], 0.0)
+    away = np.hypot(points[:, 1] - height, 2.0 * beyond)
+    depth = _GROOVE_M * (1.0 - 0.55 * np.minimum(points[:, 0] / CORNER_M, 1.0) ** 2)
+    return depth * np.exp(-((away / _GROOVE_WIDTH_M) ** 2))
+
+
+_FROM_M, _TO_M = 0.022, 0.040
+"""Ahead of the foot's joint: where the deepening sets in and where it is whole."""
+_SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58
+"""Taubin 1995, "Curve and surface smoothing without shrinkage": forth and back, so that large forms stay."""
+_GAIN, _MOST_M = 2.2, 0.004
+_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)
+"""Inwards and outwards of the foot's joint, where the change fades: keypoints are cast on both outer toes."""
+_SOLE_M = 0.006
+"""Up to this height nothing is moved up or down, so that the soles stay on the floor."""
+
+
+def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
+    """Return the half body's vertices with what distinguishes them from a smoothed foot doubled at the toes.
+
+    ``v + g (v - S v)``, S a number of averages over neighbours and g the share, an unsharp mask.
+
+    Args:
+        vertices: (V, 3) metres, x >= 0, floor at y = 0.
+        faces: (T, 3).
+        joints: (24, 3) metres, in the same frame.
+    """
+    foot = joints[JOINT["left_foot"]]
+    ahead = (vertices[:, 2] - foot[2] + 0.30 * np.abs(vertices[:, 0] - foot[0] + 0.02) - _FROM_M) / (_TO_M - _FROM_M)
+    t = np.clip(ahead, 0.0, 1.0) * ((vertices[:, 1] < 0.06) & (vertices[:, 2] > 0.1))
+    share = t * t * (3.0 - 2.0 * t)
+    mean = _average(faces, len(vertices))
+    smooth = vertices
+    for _ in range(_SMOOTHINGS):
+        for step in (_SHRINK, _SWELL):
+            smooth = smooth + step * (mean @ smooth - smooth)
+    change = _GAIN * (vertices - smooth)
+    change *= share[:, None] * np.minimum(1.0, _MOST_M / np.maximum(np.linalg.norm(change, axis=1), 1e-9))[:, None]
+    change[:, 1] *= np.clip(vertices[:, 1] / _SOLE_M, 0.0, 1.0)
+    for sign, low, high in _KEPT:
+        aside = sign * (vertices[:, 0] - foot[0])
+        change *= 1.0 - np.clip((aside - low) / (high - low), 0.0, 1.0)[:, None]
+    change[:, 2] = np.minimum(change[:, 2], 0.0)  # the foot keeps its length
+    return vertices + change
+
+
+def _average(faces: Array, count: int) -> sp.csr_matrix:
+    """Return (V, V): the mean of a vertex and its neighbours."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)) + sp.eye(count)
+    return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
+
+
+ULNA_HEAD = np.array([0.0060, 0.0150, -0.0262])
+"""From the left wrist's joint, metres."""
+_OUTWARDS = np.array([0.0, 0.5, -0.866])
+_REDONE_M, _AROUND_M = 0.012, 0.030
+"""Skin within the first is laid anew; from there to the second it is what the new skin joins."""
+_DOME_M, _DOME_WIDTH_M = 0.0009, 0.008
+
+
+def round_ulna(vertices: Array, joints: Array) -> Array:
+    """Return the half body's vertices with a rounded head of the ulna.
+
+    Args:
+        vertices: (V, 3) metres, x >= 0.
+        joints: (24, 3) metres, in the same frame.
+    """
+    offset = vertices - joints[JOINT["left_wrist"]] - ULNA_HEAD
+    aside = np.cross(_OUTWARDS, [1.0, 0.0, 0.0])
+    plane = offset @ np.stack([[1.0, 0.0, 0.0], aside], axis=1)
+    height, away = offset @ _OUTWARDS, np.linalg.norm(plane, axis=1)
+    here = np.abs(height) < 0.012
+    fixed, free = here & (away >= _REDONE_M) & (away < _AROUND_M), here & (away < _REDONE_M)
+    skin = RBFInterpolator(plane[fixed], height[fixed], kernel="thin_plate_spline")
+    wanted = skin(plane[free]) + _DOME_M * np.exp(-((away[free] / _DOME_WIDTH_M) ** 2))
+    out = vertices.copy()
+    out[free] += (wanted - height[free])[:, None] * _OUTWARDS
+    return out
 
 
 @dataclass(frozen=True)

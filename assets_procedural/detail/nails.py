@@ -8,11 +8,10 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import NAIL, NONE, Array
 from assets_procedural.detail.fingers import DIGITS
 from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces
 from assets_procedural.layout import JOINT
-from assets_procedural.mesh.features import NAIL, NONE
 
 _AROUND = 10
 """Vertices of each ring."""

@@ -12,8 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from assets_procedural.arrays import Array
-from assets_procedural.mesh.features import NONE
+from assets_procedural.arrays import NONE, Array
 from solver_backend.exchange.errors import BodyInvalid
 
 _BESIDE_M, _BEHIND_M = 0.0045, 0.007

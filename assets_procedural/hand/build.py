@@ -6,13 +6,111 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, BuiltBody
-from assets_procedural.hand.correctives import fit_hand_correctives, left_skeleton
-from assets_procedural.hand.joints import HandJoints, place_hand_joints
-from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PARENTS, WRIST
-from assets_procedural.hand.weights import hand_weights
-from assets_procedural.skeleton.regressor import fit_regressor
-from solver_backend.body.hand_angles import ANGLES
+from assets_procedural.hand.joints import (
+    FIRST,
+    LEFT,
+    MIRROR,
+    PARENTS,
+    PER_FINGER,
+    WRIST,
+    HandJoints,
+    hand_weights,
+    place_hand_joints,
+)
+from assets_procedural.skeleton.correctives import dual_quaternion_blend, joint_masks, parted, swelling, to_rest
+from assets_procedural.skeleton.joints import fit_regressor
+from assets_procedural.skeleton.skinning import pose_skeleton
+from solver_backend.body.hand_angles import ANGLES, FINGER_OF, JOINT_OF
+from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import COLUMNS, hand_size_directions
+from solver_backend.exchange.body_layout import SMPL_FINGERS
+from solver_backend.exchange.hand_points import FINGERS
+
+_RIDGE = 0.1
+_SMALLEST_M = 5e-5
+_COUNT = 48
+"""Poses a joint."""
+_RANGES_DEG = {
+    "mcp_flexion": (-20.0, 95.0), "mcp_spread": (-22.0, 22.0), "pip_flexion": (-5.0, 110.0),
+    "dip_flexion": (-10.0, 80.0), "thumb_cmc_flexion": (-35.0, 45.0), "thumb_cmc_spread": (-5.0, 55.0),
+    "thumb_cmc_twist": (-30.0, 30.0), "thumb_mcp_flexion": (-15.0, 65.0), "thumb_ip_flexion": (-20.0, 85.0),
+}  # fmt: skip
+"""Degrees that each kind of angle is drawn from; see ``hand_angles``."""
+
+
+def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
+    """Return (V, 3, 270) correctives of the finger joints, metres per unit of ``flatten(R_j - I)``.
+
+    Args:
+        vertices: (V, 3) rest vertices, metres.
+        faces: (T, 3).
+        weights: (V, 52).
+        hands: rest joints and fingertips.
+        mirror: (V,) index of each vertex's mirror image.
+    """
+    masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
+    turns, rng = left_skeleton(hands), np.random.default_rng(0)
+    directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
+    chosen = np.flatnonzero(weights[:, [WRIST, *LEFT]].any(axis=1))
+    number = np.full(len(vertices), -1)
+    number[chosen] = np.arange(len(chosen))
+    own = number[faces]
+    # The piece ends at the forearm, which no finger moves: its volume changes as the whole body's does.
+    piece = (vertices[chosen], own[(own >= 0).all(axis=1)], weights[chosen])
+    for k, j in enumerate(LEFT):
+        bone = hands.joints[j] - hands.joints[j - 1] if k % PER_FINGER == PER_FINGER - 1 else None
+        bone = hands.joints[j + 1] - hands.joints[j] if bone is None else bone
+        sampled = sample_turns(turns, k, rng)
+        mask = masks[chosen, k]
+        wanted = np.stack([_wanted(*piece, hands.joints, j, bone, mask, turn) for turn in sampled])
+        features = (sampled - np.eye(3)).reshape(_COUNT, 9)
+        fitted = np.linalg.solve(features.T @ features + _RIDGE * np.eye(9), features.T @ wanted.reshape(_COUNT, -1))
+        directions[chosen, :, 0, k] = np.transpose(fitted.reshape(9, -1, 3), (1, 2, 0)) * mask[:, None, None]
+    directions = np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
+    # The mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1).
+    flip = np.array([-1.0, 1.0, 1.0])
+    sign = flip[:, None, None] * (flip[:, None] * flip).ravel()
+    directions[mirror, :, 1] = directions[:, :, 0] * sign
+    return directions.reshape(len(vertices), 3, -1)
+
+
+def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -> Array:
+    """Return (N, 3, 3) local rotations over the range of one joint of the left hand, in SMPL-H's order.
+
+    Args:
+        skeleton: of the left hand.
+        joint: 0 to 14.
+        rng: draws them.
+    """
+    finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
+    angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
+    for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):
+        name = ANGLES[i] if ANGLES[i] in _RANGES_DEG else ANGLES[i].split("_", 1)[1]
+        angles[:, i] = np.radians(rng.uniform(*_RANGES_DEG[name], _COUNT))
+    return skeleton.local_rotations(angles)[:, finger, joint % PER_FINGER]
+
+
+def left_skeleton(hands: HandJoints) -> HandSkeleton:
+    """Return the left hand of these joints, the thumb first."""
+    chains = np.concatenate([hands.joints[list(LEFT)].reshape(5, 3, 3), hands.tips[:5, None]], axis=1)
+    order = [SMPL_FINGERS.index(finger) for finger in FINGERS]
+    return HandSkeleton.of_points(np.concatenate([hands.joints[[WRIST]], chains[order].reshape(-1, 3)]), 0)
+
+
+def _wanted(
+    vertices: Array, faces: Array, weights: Array, joints: Array, joint: int, bone: Array, mask: Array, turn: Array
+) -> Array:  # fmt: skip
+    """Return the (V, 3) rest offsets wanted for one turned joint."""
+    local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
+    local[joint] = turn
+    turns, shifts = pose_skeleton(joints, local, PARENTS)
+    target = dual_quaternion_blend(vertices, weights, turns, shifts)
+    target = parted(vertices, target, joints[joint], bone, turn, mask)
+    target = target + swelling(vertices, target, faces, mask)
+    out, chosen = np.zeros_like(vertices), mask > 0
+    out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
+    return out
+
 
 HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")
 """Beside the body file."""

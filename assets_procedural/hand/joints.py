@@ -7,11 +7,39 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
+from scipy.sparse.linalg import splu
 
 from assets_procedural.arrays import Array
 from assets_procedural.detail.fingers import DIGITS, relaxed_knots
-from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PER_FINGER
-from solver_backend.exchange.body_layout import SMPL_FINGERS
+from assets_procedural.skeleton.skinning import MAX_INFLUENCES, cotangent_laplacian, distance_to_segment
+from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
+
+PARENTS = SMPL_HANDS.parents
+"""Parent of each of the 52 joints."""
+MIRROR = SMPL_HANDS.mirror
+"""Joint of the other side."""
+FIRST = SMPL_HANDS.group("left_hand")[0]
+"""The first finger joint; those before it are SMPL's."""
+WRIST = SMPL_HANDS.joints.index("left_wrist")
+"""The left wrist."""
+LEFT = SMPL_HANDS.group("left_hand")
+"""The left hand's finger joints."""
+PER_FINGER = 3
+"""Joints of a finger."""
+
+
+def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
+    """Return the segments (start, end) of the bones of the left wrist's and finger joints.
+
+    Args:
+        joints: (52, 3) metres.
+        tips: (5, 3) metres, the ends of the left hand's fingers.
+    """
+    ends = {j: joints[j + 1] for j in LEFT if (j - FIRST) % PER_FINGER < PER_FINGER - 1}
+    ends |= {LEFT[PER_FINGER * k + PER_FINGER - 1]: tip for k, tip in enumerate(tips)}
+    bones = {WRIST: [(joints[WRIST], joints[knuckle]) for knuckle in LEFT[::PER_FINGER]]}
+    return bones | {j: [(joints[j], ends[j])] for j in LEFT}
+
 
 _DIGIT = {"pinky": "little"}
 """Names of the generator's digits where they are not SMPL-H's fingers'."""
@@ -135,3 +163,60 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     np.add.at(weights, edges[..., 0], share * (1 - t))
     np.add.at(weights, edges[..., 1], share * t)
     return weights
+
+
+_FLOW = 3.0
+"""How sharply heat keeps to the nearest bone."""
+_SMALLEST = 0.01
+"""Shares below this are left out."""
+_BONES = 4
+"""Bones of a hand that carry a vertex, at most: what glTF and game engines keep."""
+
+
+def hand_weights(
+    vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array
+) -> Array:  # fmt: skip
+    """Return (V, 52) weights.
+
+    Args:
+        vertices: (V, 3) rest vertices, metres.
+        faces: (T, 3).
+        weights: (V, 24) of the body without finger joints.
+        joints: (52, 3) metres.
+        tips: (10, 3) metres.
+        mirror: (V,) index of each vertex's mirror image.
+    """
+    out = np.zeros((len(vertices), len(joints)))
+    out[:, :FIRST] = weights[:, :FIRST]
+    carried = weights[:, WRIST] + weights[:, FIRST]
+    chosen = np.nonzero(carried)[0]
+    shares = _heat_shares(vertices, faces, chosen, left_bones(joints, tips[:5]))
+    others = np.count_nonzero(weights[chosen], axis=1) - np.count_nonzero(weights[chosen][:, [WRIST, FIRST]], axis=1)
+    shares = _keep_strongest(shares, np.minimum(_BONES, MAX_INFLUENCES - others))
+    left = np.array([WRIST, *LEFT])
+    out[chosen[:, None], left] = carried[chosen, None] * shares
+    out[mirror[chosen][:, None], np.array(MIRROR)[left]] = out[chosen[:, None], left]
+    return out
+
+
+def _heat_shares(vertices: Array, faces: Array, chosen: Array, bones: dict[int, list[tuple[Array, Array]]]) -> Array:
+    """Return (N, B) heat weights of the chosen vertices, their piece of the mesh alone."""
+    number = np.full(len(vertices), -1)
+    number[chosen] = np.arange(len(chosen))
+    own = number[faces]
+    points, own = vertices[chosen], own[(own >= 0).all(axis=1)]
+    distance = np.stack([np.min([distance_to_segment(points, *s) for s in segments], 0) for segments in bones.values()])
+    nearest = distance.min(axis=0)
+    owner = distance <= nearest + 1e-9
+    owner = owner / owner.sum(axis=0)
+    laplacian, area = cotangent_laplacian(points, own)
+    heat = sp.diags(_FLOW * np.maximum(area, 1e-9) / nearest**2)
+    solve = splu((laplacian + heat).tocsc()).solve
+    return np.stack([solve(heat @ row) for row in owner], axis=1).clip(0.0)
+
+
+def _keep_strongest(shares: Array, most: Array) -> Array:
+    shares = np.where(shares < _SMALLEST, 0.0, shares - _SMALLEST)
+    limit = np.take_along_axis(-np.sort(-shares, axis=1), most[:, None], axis=1)
+    kept = np.where(shares > limit, shares, 0.0)
+    return kept / kept.sum(axis=1, keepdims=True)

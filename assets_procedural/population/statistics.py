@@ -14,7 +14,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy.spatial import ConvexHull
 
+from assets_procedural.arrays import Array
+from assets_procedural.layout import JOINT
 from assets_procedural.surface.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
@@ -110,3 +113,144 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
+
+
+@dataclass(frozen=True)
+class Tape:
+    """A closed chain of points on mesh edges: ``(1 - t) v_i + t v_j``."""
+
+    i: Array
+    j: Array
+    t: Array
+
+    def points(self, vertices: Array) -> Array:
+        """Return the (P, 3) points of the tape on a shaped or posed mesh."""
+        return (1.0 - self.t)[:, None] * vertices[self.i] + self.t[:, None] * vertices[self.j]
+
+    def length(self, vertices: Array) -> float:
+        """Return the length around, metres."""
+        points = self.points(vertices)
+        return float(np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).sum())
+
+
+@dataclass(frozen=True)
+class Measures:
+    """Landmark vertices and tapes of one mesh; valid for every shape of it."""
+
+    top: int
+    sole: int
+    crotch: int
+    fingertip: int
+    toe: int
+    heel: int
+    tapes: dict[str, Tape]
+    straightened: float
+    """Length of the hand with straight fingers over that of this mesh."""
+    offsets: dict[str, float]
+    """What joint-based lengths add, metres: skin landmarks are not joint centres."""
+
+    def __call__(self, vertices: Array, joints: Array) -> Array:
+        """Return the (M,) measures in the order of ``MEASURES``, metres."""
+
+        def y(name: str) -> float:
+            return float(joints[JOINT[name], 1])
+
+        def x(name: str) -> float:
+            return float(joints[JOINT[name], 0])
+
+        floor = vertices[self.sole, 1]
+        hand = self.straightened * (vertices[self.fingertip, 0] - x("left_wrist"))
+        values = {
+            "stature": vertices[self.top, 1] - floor,
+            "cervicaleheight": y("neck") - floor,
+            "crotchheight": vertices[self.crotch, 1] - floor,
+            "kneeheightmidpatella": y("left_knee") - floor,
+            "span": 2.0 * (x("left_wrist") + hand),
+            "biacromialbreadth": 2.0 * x("left_shoulder"),
+            "radialestylionlength": x("left_wrist") - x("left_elbow"),
+            "handlength": hand,
+            "footlength": vertices[self.toe, 2] - vertices[self.heel, 2],
+        }
+        values |= {name: tape.length(vertices) for name, tape in self.tapes.items()}
+        return np.array([values[name] + self.offsets.get(name, 0.0) for name in MEASURES])
+
+    def jacobian(self, vertices: Array, joints: Array, moved: Array, moved_joints: Array) -> Array:
+        """Return the (M, K) central differences by K displacement fields of the vertices and joints."""
+        step, columns = 0.01, []
+        for dv, dj in zip(moved, moved_joints, strict=True):
+            ahead = self(vertices + step * dv, joints + step * dj)
+            back = self(vertices - step * dv, joints - step * dj)
+            columns.append((ahead - back) / (2 * step))
+        return np.stack(columns, axis=1)
+
+
+_OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
+"""What is added to a measured length, metres: landmarks on the skin are no joint centres; chosen by hand."""
+_UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
+_TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
+    "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),
+    "neckcircumference": (_NECK_AXIS, (0.0, 1.462, 0.015), 0.085),
+    "chestcircumference": (_UP, (0.0, 1.265, 0.0), 0.24),
+    "waistcircumference": (_UP, (0.0, 1.045, 0.0), 0.24),
+    "buttockcircumference": (_UP, (0.0, 0.885, 0.0), 0.24),
+    "thighcircumference": (_UP, (0.0, 0.735, 0.0), 0.0),
+    "calfcircumference": (_UP, (0.0, 0.350, 0.0), 0.0),
+    "anklecircumference": (_UP, (0.0, 0.125, 0.0), 0.0),
+    "bicepscircumferenceflexed": (_ASIDE, (0.300, 0.0, 0.0), 0.0),
+    "forearmcircumferenceflexed": (_ASIDE, (0.500, 0.0, 0.0), 0.0),
+    "wristcircumference": (_ASIDE, (0.650, 0.0, 0.0), 0.0),
+}
+
+
+def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
+    """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0, any place in z.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (T, 3).
+        joints: (24, 3) metres.
+        straightened: length of the hand with straight fingers over that of this mesh.
+    """
+    left = vertices[:, 0] > 0.0
+    midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
+    foot = np.nonzero(left & (vertices[:, 1] < 0.08))[0]
+    return Measures(
+        top=int(np.argmax(vertices[:, 1])),
+        sole=int(np.argmin(vertices[:, 1])),
+        crotch=int(midline[np.argmin(vertices[midline, 1])]),
+        fingertip=int(np.argmax(vertices[:, 0])),
+        toe=int(foot[np.argmax(vertices[foot, 2])]),
+        heel=int(foot[np.argmin(vertices[foot, 2])]),
+        tapes={
+            name: place_tape(vertices, faces, normal, (x, y, z + joints[JOINT["neck"], 2]), box)
+            for name, (normal, (x, y, z), box) in _TAPES.items()
+        },
+        straightened=straightened,
+        offsets=_OFFSETS,
+    )
+
+
+def place_tape(
+    vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
+) -> Tape:
+    """Return the convex hull of a plane section: a tape bridges hollows.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (T, 3).
+        normal: of the plane.
+        through: a point on the plane, metres.
+        box: keep |x| below this; 0 keeps the left side.
+    """
+    n = np.array(normal) / np.linalg.norm(normal)
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    edges = np.unique(np.sort(pairs, axis=1), axis=0)
+    height = (vertices - np.array(through)) @ n
+    a, b = height[edges[:, 0]], height[edges[:, 1]]
+    cut = (a * b <= 0) & (a != b)
+    i, j, t = edges[cut, 0], edges[cut, 1], (a[cut] / (a - b)[cut])
+    points = (1.0 - t)[:, None] * vertices[i] + t[:, None] * vertices[j]
+    keep = np.abs(points[:, 0]) < box if box > 0 else points[:, 0] > 0
+    plane = np.linalg.svd(n[None])[2][1:]
+    chosen = np.nonzero(keep)[0][ConvexHull(points[keep] @ plane.T).vertices]
+    return Tape(i[chosen], j[chosen], t[chosen])

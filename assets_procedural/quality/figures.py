@@ -16,10 +16,8 @@ from assets_procedural.build import BODY_FILE, build_body
 from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import euler_number
-from assets_procedural.population.anthropometry import place_measures, place_tape
-from assets_procedural.population.statistics import MEASURES, load_statistics
-from assets_procedural.quality.contact_sheet import BakedBody, read_baked
-from assets_procedural.quality.poses import BENDS, EXTREMES, rotations
+from assets_procedural.population.statistics import MEASURES, load_statistics, place_measures, place_tape
+from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, read_baked, rotations
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
 from assets_procedural.skeleton.skinning import posed_joints, volume
 

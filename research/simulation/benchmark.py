@@ -12,8 +12,8 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.synthesis.simulation.cast import Take, cast_person
+from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Capture, JointSet, Keypoints2D
 
 JOINT_SET = JointSet.BODY_25

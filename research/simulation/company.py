@@ -11,9 +11,8 @@ from research.simulation.filming import FilmSettings, around, film, hidden_by
 from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, miscalibrated
 from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)

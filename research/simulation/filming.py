@@ -10,9 +10,14 @@ from research.simulation.occlusion import occluded_by, self_occluded
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.synthesis.faults import DetectorFaults
-from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, Sight, detect_keypoints
+from solver_backend.synthesis.simulation.keypoint_detector import (
+    DetectorOutput,
+    Sight,
+    delayed,
+    detect_keypoints,
+    px_per_mm,
+)
 from solver_backend.types import Cameras, JointSet
 
 LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)

@@ -9,8 +9,7 @@ import numpy as np
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.fitters.pipeline import solve
 from solver_backend.synthesis.faults import DetectorFaults
-from solver_backend.synthesis.simulation.cast import Take
-from solver_backend.synthesis.simulation.strange_body import strange_body
+from solver_backend.synthesis.simulation.cast import Take, strange_body
 from solver_backend.types import Capture
 
 EXACT = DetectorFaults(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.synthesis.simulation.occlusion import own_faces, stabbed_faces
+from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import Cameras
 
 

@@ -3,16 +3,196 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from types import MappingProxyType
 
+import numpy as np
+
 from solver_backend.body.joint_names import joint_centre_places
-from solver_backend.body.label_choice import chosen_places, of_one_limb
-from solver_backend.body.label_context import context_of
-from solver_backend.body.label_words import Affixes
-from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.label_words import Affixes, LabelWords, Letters, bare_label, prefixes, spelt, suffixes
+from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key, load_layouts
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.types import MarkerCloud
+
+_ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")
+_LIMBS = dict.fromkeys(_ARM, "arm") | dict.fromkeys(_LEG, "leg")
+_WAIST = ("FWT", "MWT")
+"""Places of the pelvis whose skin moves with the hips."""
+
+
+def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
+    """Return the place of each label of which one alone is left: no other label names it, and others are on its limb.
+
+    ``LateralEpicondyleL`` is the elbow's where arms have markers and legs have none, or where the knee has its own.
+
+    Args:
+        ambiguous: places by label.
+        known: places that other labels name.
+        file: of the layouts.
+    """
+    limbs = {limb for place in known if (limb := limb_of(place, file))}
+    found: dict[str, str] = {}
+    for label, places in ambiguous.items():
+        free = [place for place in places if place not in known]
+        left = [place for place in free if limb_of(place, file) in limbs] if len(free) > 1 else free
+        if len(left) == 1:
+            found[label] = left[0]
+    return found
+
+
+def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
+    """Return whether places are all of one arm with its shoulder, or of one leg."""
+    rules = [file.sided.get(place[1:]) for place in places]
+    joints = {
+        "" if rule is None or place[1:] in _WAIST else str(rule["joint"])
+        for place, rule in zip(places, rules, strict=True)
+    }
+    one_side = len({place[:1] for place in places}) == 1
+    return one_side and any(joints and joints <= limb for limb in ({*_ARM, "shoulder"}, {*_LEG, "hip"}))
+
+
+def limb_of(place: str, file: LayoutFile) -> str:
+    """Return arm or leg of a sided place of the layouts below the shoulder or hip, empty elsewhere."""
+    rule = file.sided.get(place[1:]) if place[:1] in ("L", "R") else None
+    return "" if rule is None else _LIMBS.get(rule["joint"], "")
+
+
+_AXES = ("OALP", "OXYZ", "OAPL")
+_NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
+MOST_READ = 10_000
+"""Names whose places are kept, about a megabyte: recordings of a session have the same."""
+COUNTED, LAST_VERTEBRA = 8, 12
+"""Names of one stem with a number that show somebody counted, where one is beyond the last vertebra of any kind."""
+
+
+@dataclass(frozen=True)
+class LabelContext:
+    """How the labels of one recording are to be read."""
+
+    file: LayoutFile
+    affixes: Affixes
+    """What nearly all of them begin and end with."""
+    letters: Letters
+    """Side by the letter that stands for it."""
+    glued: dict[str, tuple[str, str]]
+    """Side and name by each label whose last letter is a side."""
+    families: tuple[Family, ...]
+    computed: frozenset[str]
+    """Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``."""
+
+    numbered: frozenset[str]
+    """Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra."""
+
+    def places_of(self, label: str) -> tuple[str, ...]:
+        """Return the places that a label names; several where it may be either, none where it names none."""
+        bare = self.affixes.bare(label)
+        if bare in self.numbered:
+            return ()
+        for key in keys_of(bare):
+            found = next((family.names[key] for family in self.families if key in family.names), None)
+            if found or (found := self.file.names.get(key)):
+                return (found,)
+        if bare in self.glued:
+            side, stem = self.glued[bare]
+            bare = f"{'LEFT' if side == 'L' else 'RIGHT'} {stem}"
+        return _by_side(self.file, bare, self.letters)
+
+    def is_exact(self, label: str) -> bool:
+        """Return whether a label is one of the names that the layouts list."""
+        return any(key in self.file.names for key in keys_of(self.affixes.bare(label)))
+
+    def is_virtual(self, label: str) -> bool:
+        """Return whether a label is that of a computed point."""
+        bare = self.affixes.bare(label)
+        keys = set(keys_of(bare))
+        if any(keys & family.virtual for family in self.families):
+            return True
+        return not self.places_of(label) and (label_key(bare) in self.computed or self.file.is_virtual(bare))
+
+
+def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
+    """Return how a recording's labels are to be read.
+
+    Args:
+        labels: of the points that somebody named.
+        file: of the layouts.
+        least: labels that a prefix or suffix must make known before it is taken for one.
+    """
+    bare = tuple(dict.fromkeys(map(bare_label, labels)))
+    best = _context(bare, file, Affixes())
+    known = _count(best, bare)
+    most = max(2 * known, known + least - 1, least - 1)
+    for affixes in (*prefixes(bare), *suffixes(bare)):
+        context = _context(bare, file, affixes)
+        if (count := _count(context, bare)) > most:
+            best, most = context, count
+    return best
+
+
+def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelContext:
+    names = [affixes.bare(label) for label in bare]
+    keys = frozenset(key for name in names for key in keys_of(name))
+    letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # the first of equals
+    families = tuple(family for family in file.families.values() if family.fits(keys))
+    return LabelContext(
+        file, affixes, letters, file.words.sides.glued(names, letters), families, _axes_of(keys),
+        _counted_through(names),
+    )  # fmt: skip
+
+
+def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
+    """Return how many names are known with these letters for sides, 0 unless both sides are among them."""
+    sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
+    return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
+
+
+def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
+    """Return the places of a name by its words, or by a listed name beside a side that stands apart."""
+    known = file.places_read
+    if (name, letters) not in known:
+        if len(known) >= MOST_READ:
+            known.clear()
+        known[name, letters] = _read(file, name, letters)
+    return known[name, letters]
+
+
+def _read(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
+    if parted := file.words.sides.apart(spelt(name), letters):
+        side, stem = parted
+        if found := file.names.get(side + label_key(stem)):
+            return (found,)
+    return file.words.places_of(name, letters)
+
+
+def _count(context: LabelContext, labels: Iterable[str]) -> int:
+    found = [context.places_of(label) for label in labels]
+    return len({places[0] for places in found if len(places) == 1})
+
+
+def _counted_through(names: Iterable[str]) -> frozenset[str]:
+    """Return the names that differ in a number alone which goes beyond what a body counts."""
+    numbers: dict[str, dict[str, int]] = {}
+    for name in names:
+        if found := _NUMBERED.fullmatch(name):
+            numbers.setdefault(found["stem"], {})[name] = int(found["number"])
+    series = (named for named in numbers.values() if len(named) >= COUNTED and max(named.values()) > LAST_VERTEBRA)
+    return frozenset(name for named in series for name in named)
+
+
+def _axes_of(keys: frozenset[str]) -> frozenset[str]:
+    """Return the names of origins and axes that stand together: four names that differ in their last letter."""
+    stems = {key[:-1] for key in keys if key.endswith("O")}
+    return frozenset(
+        stem + letter
+        for stem in stems
+        for axes in _AXES
+        if all(stem + axis in keys for axis in axes)
+        for letter in axes
+    )
+
 
 # Vicon writes *0, *1, ...; Motive 'Unlabeled 1189', 'Unlabeled:2012' or 'Unlabeled_7'; Cortex U_1; Qualisys unnames;
 # others number their points.
@@ -102,3 +282,99 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
         ambiguous={label: found for label, found in meant.items() if len(found) > 1},
         affixes=context.affixes,
     )
+
+
+_SEGMENT_LIMBS = {
+    "ARM": "shoulder", "UPPERARM": "shoulder", "HUMERUS": "shoulder", "FOREARM": "elbow", "HAND": "wrist",
+    "THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle",
+}  # fmt: skip
+"""The joint where the bone of each word begins, without its side."""
+_MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
+_PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
+"""Words of joints, beside which a bone's word shows nothing of the side of the joint."""
+
+
+def named_bone(label: str) -> str | None:
+    """Return the joint at the beginning of the bone that a label names, its subject's name where it names none itself.
+
+    None where neither names one bone, or a limb's without its side.
+    """
+    words = load_layouts().words
+    prefix = label.rpartition(":")[0]
+    return _bone(bare_label(label), words) or (_bone(prefix, words) if prefix else None)
+
+
+def _bone(text: str, words: LabelWords) -> str | None:
+    side, found = words.known_in(text)
+    if found & _PLACES:
+        return None
+    limbs = {joint for word in found if (joint := _SEGMENT_LIMBS.get(word))}
+    middle = {joint for word in found if (joint := _MIDLINE.get(word))}
+    if len(limbs) + len(middle) != 1 or (limbs and not side):
+        return None
+    return f"{'left' if side == 'L' else 'right'}_{limbs.pop()}" if limbs else middle.pop()
+
+
+LEAST_LABELS = 2
+"""Labels without a side that name a limb, at least."""
+BESIDE_M = 0.05
+"""Metres beside the middle of the trunk that every marker of the limb has in most frames; an acromion has 170."""
+_TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}
+"""Endings that mean these words where both are there: ``EPICl`` and ``EPICm``, ``STYLr`` and ``STYLu``."""
+
+
+def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
+    """Return the place of labels that name a limb without its side, by the side of the trunk it is on.
+
+    The trunk's own sides are those of pairs of labels that state them, as both ASIS. Nothing is returned where no pair
+    is there, labels of a limb state a side, or markers of the limb are on both sides of the trunk's middle.
+
+    Args:
+        cloud: with labels.
+        own: the user's places by label, which go first.
+    """
+    labels = [label for label in cloud.labels or () if not is_unnamed(label)]
+    names = name_markers(labels, own)
+    bare = {label: names.affixes.bare(label) for label in (*names.unknown, *names.doubled)}
+    parts = _parts(bare)
+    pairs = [(a, b) for a, place in names.known.items() for b, other in names.known.items()
+             if place[0] == "L" and other == "R" + place[1:]]  # fmt: skip
+    sided = {limb_of(place, load_layouts()) for place in names.known.values()}
+    parts = {label: part for label, part in parts.items() if limb_of("L" + part, load_layouts()) not in sided - {""}}
+    if len(parts) < LEAST_LABELS or not pairs:
+        return {}
+    off = _to_the_left(cloud, pairs, list(parts))
+    if not np.isfinite(off).all() or (abs(off) < BESIDE_M).any() or len(set(np.sign(off))) > 1:
+        return {}
+    side = "L" if off[0] > 0 else "R"
+    taken = set(names.known.values())
+    return {label: side + part for label, part in parts.items() if side + part not in taken}
+
+
+def _parts(bare: Mapping[str, str]) -> dict[str, str]:
+    """Return the place without its side by label; of several places the one on a limb that other labels name."""
+    words, there = load_layouts().words, set(bare.values())
+    several: dict[str, tuple[str, ...]] = {}
+    for label, name in bare.items():
+        found = words.without_side(name)
+        for endings, meant in _TWINS.items():
+            if name[-1:] in endings and {name[:-1] + ending for ending in endings} <= there:
+                found = words.without_side(f"{name[:-1]} {meant[endings.index(name[-1])]}")
+        if found:
+            several[label] = found
+    limbs = {limb_of("L" + parts[0], load_layouts()) for parts in several.values() if len(parts) == 1} - {""}
+    chosen: dict[str, str] = {}
+    for label, parts in several.items():
+        left = parts if len(parts) == 1 else [part for part in parts if limb_of("L" + part, load_layouts()) in limbs]
+        if len(left) == 1 and left[0] not in chosen.values():
+            chosen[label] = left[0]
+    return chosen
+
+
+def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
+    """Return how far markers are left of the middle of pairs of left and right markers, metres, medians over frames."""
+    column = {label: i for i, label in enumerate(cloud.labels or ())}
+    left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
+    across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)
+    away = cloud.positions[:, [column[label] for label in labels]] - 0.5 * (left + right)[:, None]
+    return quantile(np.einsum("fli,fi->fl", away, across), 0.5, axis=0)

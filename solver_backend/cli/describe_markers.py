@@ -9,9 +9,8 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
+from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers, places_by_side
 from solver_backend.body.markers import ON_BONE, marker_landmarks
-from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary, MarkerGaps
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in

@@ -127,8 +127,7 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.exchange.outputs import check_output, write_text
     from solver_backend.synthesis.studio.benchmark.page import page_html
     from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
-    from solver_backend.synthesis.studio.perturbation import read_faults
-    from solver_backend.synthesis.studio.spec import read_spec
+    from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
     check_output(args.out, overwrite=bool(args.overwrite))
     spec = read_spec(args.description)

@@ -15,8 +15,8 @@ from solver_backend.body.marker_names import (
     is_unnamed,
     least_markers,
     name_markers,
+    places_by_side,
 )
-from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent

@@ -12,8 +12,8 @@ from solver_backend.agreement.detections import MIN_POINTS
 from solver_backend.agreement.epipolar_fit import report_focal_lengths
 from solver_backend.agreement.left_out import left_out_views
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.label_choice import limb_of, of_one_limb
 from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import limb_of, of_one_limb
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, load_table, read_diagnostics
 from solver_backend.exchange.errors import NoDetections

@@ -14,11 +14,10 @@ from assets_procedural.build import BODY_FILE, NUM_VERTICES
 from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.hand.build import HANDS_FILE
 from assets_procedural.layout import BORDERS, MIRROR_JOINT, PARENTS
+from assets_procedural.mesh.charts import MATERIAL_NAMES
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
-from assets_procedural.mesh.parts import MATERIAL_NAMES
-from assets_procedural.quality.contact_sheet import BakedBody, read_baked
+from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, read_baked, rotations
 from assets_procedural.quality.figures import Figure, figures
-from assets_procedural.quality.poses import BENDS, EXTREMES, rotations
 from assets_procedural.skeleton.correctives import joint_masks
 from assets_procedural.skeleton.joints import load_joints
 from assets_procedural.skeleton.skinning import volume

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from assets_procedural.mesh.parts import MATERIAL_NAMES
+from assets_procedural.mesh.charts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import read_baked
 from assets_procedural.quality.hand_sheet import HANDS, palm_faces, pose_hands
 from assets_procedural.skeleton.skinning import volume

@@ -24,7 +24,7 @@ from solver_backend.evaluation.evaluate import butterworth
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
-from solver_backend.synthesis.simulation import strange_body
+from solver_backend.synthesis.simulation import cast
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.comparison.captures import capture_path, take_of
 from tests.benchmarks.kept_parts import kept
@@ -63,11 +63,11 @@ class Floor:
     def capture(self) -> Capture:
         """Return the capture, made once and kept."""
         settings = BenchmarkSettings(seed=self.seed, calibration_mm=8.0 * self.level, detector=detector(self.level))
-        source = inspect.getsource(strange_body)
+        source = inspect.getsource(cast)
         path = capture_path(self.take, settings, f"strange body {BODIES + self.seed}\0{source}")
         if not path.exists():
             path.parent.mkdir(parents=True, exist_ok=True)
-            body = strange_body.strange_body(BODIES + self.seed)
+            body = cast.strange_body(BODIES + self.seed)
             write_capture(path, benchmark_capture(take_of(self.take), settings, body), overwrite=True)
         return read_capture(path)
 

@@ -16,8 +16,8 @@ import numpy as np
 from research.simulation.benchmark import JOINT_SET, BenchmarkSettings
 from research.simulation.filming import FilmSettings, around, film
 from solver_backend.exchange.errors import MocapError
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.synthesis.simulation.cast import Take, cast_person
+from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
 from solver_backend.videos.sync.speeds import clocks_by_speeds

@@ -26,9 +26,8 @@ from research.simulation import filming
 from research.simulation.filming import FilmSettings
 from solver_backend.cameras.projection import project, project_with_jacobian
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
-from solver_backend.synthesis.simulation.camera_errors import delayed, px_per_mm
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
+from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput, delayed, px_per_mm
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.signals import RATE_SIGMA
 from tests.benchmarks import bench_sync

@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("scipy", reason="baking a body needs SciPy")
 
 from assets_procedural import anny_body
-from assets_procedural.anny_rig import TOPOLOGIES, AnnyRig
+from assets_procedural.anny_body import TOPOLOGIES, AnnyRig
 from solver_backend.body.body import DEFAULT_BODY, load_body
 from solver_backend.body.files.choices import list_bodies, load_chosen_body
 from solver_backend.body.keypoints import keypoint_landmarks

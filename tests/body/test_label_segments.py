@@ -2,7 +2,7 @@
 
 import pytest
 
-from solver_backend.body.label_segments import named_bone
+from solver_backend.body.marker_names import named_bone
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.body.side_by_place import places_by_side
+from solver_backend.body.marker_names import places_by_side
 from solver_backend.types import MarkerCloud
 
 TRUNK = {"ASISl": (0.12, 1.0), "ASISr": (-0.12, 1.0), "XIPH": (0.0, 1.3), "T10": (0.0, 1.3)}

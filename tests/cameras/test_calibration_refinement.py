@@ -17,7 +17,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
+from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.types import Capture
 from solver_backend.types.capture import PersonInViews
 from tests.support.recordings import BALANCING_TRIAL

@@ -7,16 +7,16 @@ import pytest
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
-from solver_backend.priors.limb_slants import (
+from solver_backend.priors.view_lifter import (
     BONES,
-    DEFAULT_WEIGHTS,
     PARTS,
     bone_slants,
     flip_chances,
     load_limb_slants,
+    load_view_lifter,
     slant_classes,
 )
-from solver_backend.priors.view_lifter import load_view_lifter
+from solver_backend.priors.view_lifter import SLANT_WEIGHTS as DEFAULT_WEIGHTS
 from solver_backend.priors.weights import read_weights, write_weights
 from tests.support.limb_errors import BONES as LIMBS
 

@@ -20,9 +20,13 @@ from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.solve import WandOptions
 from solver_backend.sensors.wand.source import sensor_views, wand_views
 from solver_backend.sensors.wand.views import WandAmbiguous
-from solver_backend.synthesis.studio.scene.marker_spheres import see_spheres
-from solver_backend.synthesis.studio.sensors.infrared import InfraredModel, sphere_light
-from solver_backend.synthesis.studio.sensors.time_of_flight import TimeOfFlightModel, measure_depth
+from solver_backend.synthesis.studio.sensor_pictures import (
+    InfraredModel,
+    TimeOfFlightModel,
+    measure_depth,
+    sphere_light,
+)
+from solver_backend.synthesis.studio.z_buffer import see_spheres
 from solver_backend.types import Cameras
 from tests.support.waved_wand import middle_at, pose_errors, sensors
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.embedded.demo import detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Cameras, Capture, Keypoints2D
 

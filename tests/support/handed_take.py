@@ -12,9 +12,13 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.demo import DEMO_BETAS, demo_capture
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
-from solver_backend.synthesis.studio.hands.hand_sight import hidden_points
-from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
+from solver_backend.synthesis.studio.person_hands import (
+    HandFaults,
+    MovingHands,
+    detect_hands,
+    hidden_points,
+    move_hands,
+)
 from solver_backend.types import Capture
 
 

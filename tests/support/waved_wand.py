@@ -11,7 +11,7 @@ from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.sensors.wand.views import Wand, WandView
-from solver_backend.synthesis.studio.sensors.time_of_flight import TimeOfFlightModel
+from solver_backend.synthesis.studio.sensor_pictures import TimeOfFlightModel
 from solver_backend.types import Cameras
 
 SIZE = (640, 576)

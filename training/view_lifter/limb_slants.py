@@ -10,9 +10,18 @@ from torch import nn
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.priors.limb_slants import BONES, CLASSES, bone_slants, flip_chances, slant_classes
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.priors.view_lifter import features, interpreted, load_view_lifter, look_at
+from solver_backend.priors.view_lifter import (
+    BONES,
+    CLASSES,
+    bone_slants,
+    features,
+    flip_chances,
+    interpreted,
+    load_view_lifter,
+    look_at,
+    slant_classes,
+)
 from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.loop import run_training

@@ -11,9 +11,14 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
-from solver_backend.body.label_segments import named_bone
-from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, least_markers, name_markers
-from solver_backend.body.side_by_place import places_by_side
+from solver_backend.body.marker_names import (
+    LEAST_MARKERS,
+    is_unnamed,
+    least_markers,
+    name_markers,
+    named_bone,
+    places_by_side,
+)
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings

@@ -23,7 +23,7 @@ from solver_backend.fitters.one_view.faults import bridge_repeats, diagnose_cuts
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.lifted_take import lift_take, surest_feet
-from solver_backend.priors.limb_slants import load_limb_slants
+from solver_backend.priors.view_lifter import load_limb_slants
 from solver_backend.residuals.floor import FloorTerm
 from solver_backend.residuals.relative_positions import RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm

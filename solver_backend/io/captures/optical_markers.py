@@ -10,7 +10,6 @@ import numpy as np
 
 from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.label_segments import named_bone
 from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import (
@@ -20,8 +19,9 @@ from solver_backend.body.marker_names import (
     is_unnamed,
     least_markers,
     name_markers,
+    named_bone,
+    places_by_side,
 )
-from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS

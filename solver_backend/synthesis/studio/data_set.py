@@ -17,7 +17,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.studio_results import ShotRecord
 from solver_backend.exchange.version import VERSION
 from solver_backend.io.files import read_json
-from solver_backend.synthesis.studio.errors import DiskTooSmall, OtherDataSet
+from solver_backend.synthesis.studio.checked_values import DiskTooSmall, OtherDataSet
 from solver_backend.synthesis.studio.make_shot import DONE, make_shot, read_shot
 from solver_backend.synthesis.studio.shots import Shot, list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of

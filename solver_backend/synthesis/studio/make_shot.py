@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
+import numpy as np
+
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
@@ -18,24 +20,89 @@ from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthesis.studio.film import film
-from solver_backend.synthesis.studio.hands.of_stage import (
-    finger_turns,
-    hidden_of,
-    with_found_hands,
-    with_true_hands,
-)
-from solver_backend.synthesis.studio.histograms import poses_of, views_of
+from solver_backend.synthesis.studio.person_hands import finger_turns, hidden_of, with_found_hands, with_true_hands
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
+from solver_backend.synthesis.studio.sensor_pictures import (
+    Backdrop,
+    InfraredModel,
+    TimeOfFlightModel,
+    backdrop,
+    infrared,
+    look,
+    measure_depth,
+    sphere_light,
+)
 from solver_backend.synthesis.studio.shots import Shot
+from solver_backend.synthesis.studio.sight import marker_sight
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
 from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
-from solver_backend.synthesis.studio.writers.coco import coco_text
-from solver_backend.synthesis.studio.writers.pictures import PictureWriter
-from solver_backend.synthesis.studio.writers.pose2sim import write_trial
-from solver_backend.synthesis.studio.writers.scene_file import write_body, write_scene
+from solver_backend.synthesis.studio.writers.annotations import coco_text, write_body, write_scene, write_trial
+from solver_backend.synthesis.studio.writers.contact_sheet import poses_of, views_of
+from solver_backend.synthesis.studio.writers.pictures import EXR, PictureWriter
 from solver_backend.types import Capture, Motion
+
+Keep = Callable[[str, int, int, np.ndarray], None]
+"""Takes kind, view, frame and picture."""
+_CHUNK = 16
+"""Frames whose surfaces are held at a time."""
+
+
+def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
+    """Film a shot; return (C, F, M) the share of each marker that each camera sees, float32.
+
+    Where nothing is filmed the shares are those of sight lines.
+
+    Args:
+        spec: what is filmed.
+        stage: the shot.
+        keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
+            uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and metres before any sensor.
+        on_frame: called with each frame that is done.
+    """
+    kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
+    cameras = stage.cameras
+    markers = np.zeros((len(cameras), stage.num_frames, stage.markers.shape[1]), np.float32)
+    coloured = "rgb" in spec.film and bool(stage.labels)
+    if not kinds and not coloured:
+        return marker_sight(stage)
+    behind = [backdrop(stage, view) for view in range(len(cameras))]
+    for start in range(0, stage.num_frames, _CHUNK):
+        frames = np.arange(start, min(start + _CHUNK, stage.num_frames))
+        surfaces = stage.surface(frames)
+        for frame, surface in zip(frames.tolist(), surfaces, strict=True):
+            for view in range(len(cameras)):
+                markers[view, frame] = _shoot(spec, stage, behind[view], kinds, (view, frame), surface, keep)
+            on_frame(frame + 1)
+    return markers
+
+
+def _shoot(
+    spec: Spec, stage: Stage, behind: Backdrop, kinds: list[str], place: tuple[int, int], surface: np.ndarray,
+    keep: Keep,
+) -> np.ndarray:  # fmt: skip
+    """Film one picture; return the shares of markers seen."""
+    view, frame = place
+    seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
+    rng = stage.shot.rng(spec, f"pixels {view} {frame}")
+    model = InfraredModel()
+    if "infrared" in kinds or "depth" in kinds:
+        light = sphere_light(seen.spheres, (len(seen.depth), seen.depth.shape[1]), model)
+        if "infrared" in kinds:
+            keep("infrared", view, frame, infrared(seen.depth, seen.cosine, seen.label, light, model, rng))
+        if "depth" in kinds:
+            sensor = TimeOfFlightModel(range_m=stage.shot.array.range_m)
+            keep("depth", view, frame, measure_depth(seen.depth, seen.cosine, light, seen.spheres, sensor, rng))
+    if "masks" in kinds:
+        keep("masks", view, frame, seen.label)
+    if seen.normal is not None:
+        turned = seen.normal @ stage.cameras.R[view].T.astype(np.float32)
+        if "normals" in kinds:
+            keep("normals", view, frame, np.round(turned * 127.5 + 127.5).astype(np.uint8))
+        if EXR in kinds:
+            keep(EXR, view, frame, np.concatenate([turned, seen.depth[..., None]], axis=-1, dtype=np.float32))
+    return seen.spheres.seen.astype(np.float32)
+
 
 DONE = "shot.json"
 """Of a shot's folder: it is whole."""

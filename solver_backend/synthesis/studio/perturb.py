@@ -11,11 +11,15 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
 from solver_backend.synthesis.faults import Faults
-from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated, px_per_mm
-from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints
-from solver_backend.synthesis.studio.marker_sight import marker_sight
-from solver_backend.synthesis.studio.perturbation import sizes_of
-from solver_backend.synthesis.studio.spec import Spec
+from solver_backend.synthesis.simulation.keypoint_detector import (
+    Sight,
+    delayed,
+    detect_keypoints,
+    miscalibrated,
+    px_per_mm,
+)
+from solver_backend.synthesis.studio.sight import marker_sight
+from solver_backend.synthesis.studio.spec import Spec, sizes_of
 from solver_backend.synthesis.studio.stage import Stage, posed_markers
 from solver_backend.synthesis.studio.truth import OUTSIDE, VISIBLE, Truth
 from solver_backend.types import Capture, Keypoints2D, MarkerCloud, Motion

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.camera_calibration.pictures import opencv
-from solver_backend.synthesis.studio.scene.z_buffer import rasterise
+from solver_backend.synthesis.studio.z_buffer import rasterise
 
 PIXELS_PER_M, FINER = 400, 3
 """Of the picture; and by how much finer it is drawn before it is averaged down."""

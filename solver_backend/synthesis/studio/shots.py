@@ -10,11 +10,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body, load_body
-from solver_backend.synthesis.simulation.strange_body import strange_body
+from solver_backend.synthesis.simulation.cast import strange_body
 from solver_backend.synthesis.studio.camera_arrays import CameraRing
-from solver_backend.synthesis.studio.looks import StudioLook
 from solver_backend.synthesis.studio.motions import MotionSource, find_motions
-from solver_backend.synthesis.studio.spec import Spec
+from solver_backend.synthesis.studio.spec import Spec, StudioLook
 from solver_backend.types import NUM_BETAS
 
 _MOST_BETA = 2.5

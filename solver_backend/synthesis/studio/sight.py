@@ -7,7 +7,20 @@ the line ``t w`` from the camera, ``0 <= t <= 1``, and an ellipsoid ``(x - c)^T 
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import lru_cache
+
 import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.markers import marker_landmarks, skin_normals
+from solver_backend.cameras.projection import project
+from solver_backend.synthesis.simulation.cast import Person
+from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
+from solver_backend.synthesis.studio.stage import Stage
+from solver_backend.types import SMPL_JOINTS
 
 CLEARANCE_M = 0.035
 """A sight line ends this far before its point, which lies on the skin or a little below."""
@@ -70,3 +83,349 @@ def hidden_by_boxes(centres: np.ndarray, lines: np.ndarray, furniture: np.ndarra
         last = np.minimum(np.minimum(far[..., 0], far[..., 1]), far[..., 2])
         hidden |= (first <= last) & (first < 1) & (last > 0)
     return hidden
+
+
+_CELLS = 28
+"""Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees."""
+_FAR_M = 3.0
+"""Where a camera stands that is farther away, metres: sight lines are the same there; chosen by hand."""
+_GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
+
+
+@dataclass(frozen=True)
+class RigidSight:
+    """Of Q points that lie on rigid parts."""
+
+    point: np.ndarray
+    """(Q,) index of each point."""
+    bone: np.ndarray
+    """(Q,) bone whose frame its table is in."""
+    table: np.ndarray
+    """(Q, cells) bool: hidden from there."""
+    parts: np.ndarray
+    """(Q, J) bool: the parts that the table stands for."""
+
+    def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
+        """Return (F, C, Q) bool of (C, 3) camera centres, (F, K, 3) points and (F, J, 3, 3) rotations of the bones."""
+        way = (centres[:, None] - points[:, None, self.point]).astype(np.float32)
+        local = np.einsum("fqji,fcqj->fcqi", turn[:, self.bone].astype(np.float32), way, optimize=True)
+        return self.table[np.arange(len(self.point)), _cell(local)]
+
+
+def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
+    """Return the tables of a body's mean shape.
+
+    Args:
+        body: the body.
+        landmarks: K points; those that one of head and hands carries alone get a table.
+        counted: (J, K) bool: the part can hide the point.
+    """
+    face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
+    at, bone, tables, parts = [], [], [], []
+    ways = _directions()
+    for group in _GROUPS:
+        bones = [body.recorded_joints[SMPL_JOINTS.index(name)] for name in group]
+        carried = np.flatnonzero(landmarks.weights[:, bones].sum(axis=1) > 0.85)
+        target = landmarks.anchors[carried].sum(axis=1)
+        of_group = np.flatnonzero(np.isin(face_part, bones))
+        if not len(carried) or not len(of_group):
+            continue
+        used, faces = np.unique(body.faces[of_group], return_inverse=True)
+        skin, faces = body.v_template[used], faces.reshape(-1, 3)
+        can = counted[face_part[of_group]][:, carried]
+        table = np.zeros((len(carried), len(ways)), dtype=bool)
+        for cell, way in enumerate(ways):
+            frame = _looking(-way)
+            middle = target.mean(axis=0) + _FAR_M * way
+            face, point = stabbed_faces((skin - middle) @ frame.T, faces, (target - middle) @ frame.T)
+            table[point[can[face, point]], cell] = True
+        at.append(carried)
+        bone.append(np.full(len(carried), bones[0]))
+        tables.append(table)
+        parts.append(np.tile(np.isin(np.arange(len(body.parents)), bones), (len(carried), 1)))
+    return RigidSight(*(np.concatenate(found) for found in (at, bone, tables, parts)))
+
+
+def _directions() -> np.ndarray:
+    """Return (cells, 3) unit vectors of the middles of the octahedral map's cells."""
+    ticks = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
+    x, y = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
+    z = 1 - np.abs(x) - np.abs(y)
+    below = z < 0
+    x, y = (
+        np.where(below, (1 - np.abs(y)) * np.copysign(1, x), x),
+        np.where(below, (1 - np.abs(x)) * np.copysign(1, y), y),
+    )
+    ways = np.stack([x, y, z], axis=1)
+    return ways / np.linalg.norm(ways, axis=1, keepdims=True)
+
+
+def _cell(ways: np.ndarray) -> np.ndarray:
+    """Return (...) the cell of each (..., 3) direction of any length."""
+    x, y, z = np.moveaxis(ways / np.abs(ways).sum(axis=-1, keepdims=True), -1, 0)
+    below = z < 0
+    u = np.where(below, (1 - np.abs(y)) * np.copysign(1, x), x)
+    v = np.where(below, (1 - np.abs(x)) * np.copysign(1, y), y)
+    i, j = (np.clip(((side + 1) * (0.5 * _CELLS)).astype(np.int32), 0, _CELLS - 1) for side in (u, v))
+    return i * _CELLS + j
+
+
+def _looking(way: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) rotation to the frame of a camera that looks along a direction."""
+    side = np.cross(way, [0.0, 1.0, 0.0] if abs(way[1]) < 0.9 else [1.0, 0.0, 0.0])
+    side /= np.linalg.norm(side)
+    return np.stack([side, np.cross(way, side), way])
+
+
+_SLAB_M = 0.08
+"""Parts are cut across their longest axis into slabs of about this length, an ellipsoid each."""
+_MOST_SLABS = 8
+_ALONG, _ACROSS = 0.7, 1.03
+"""Half axes of an ellipsoid: along by its slab's length, across by the slab's elliptic cross-section; tuned by how
+often sight lines end as at the mesh (``tests/synthesis/studio/test_sight.py``)."""
+_LEAST_M = 0.008
+_DIRECTIONS = 26
+_SPREAD = 120
+"""Points spread over the whole skin beside those at its parts' ends."""
+
+
+@dataclass(frozen=True)
+class PosedProxy:
+    """A proxy in F frames, world metres."""
+
+    middle: np.ndarray
+    """(F, S, 3)."""
+    shape: np.ndarray
+    """(F, S, 3, 3) float32, 1/m^2."""
+    points: np.ndarray
+    """(F, P, 3)."""
+    turn: np.ndarray
+    """(F, J, 3, 3) global rotations of the bones."""
+
+
+@dataclass(frozen=True)
+class _Slab:
+    """A piece of a part."""
+
+    vertices: np.ndarray
+    """(n,) of the skin."""
+    weight: np.ndarray
+    """(n,) their areas, together 1."""
+    axis: np.ndarray
+    """(3,) it is cut across."""
+    bone: int
+
+
+@dataclass(frozen=True)
+class _Plan:
+    """What does not depend on the shape."""
+
+    slabs: tuple[_Slab, ...]
+    landmarks: Landmarks
+    share: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodyProxy:
+    """S ellipsoids and P points of the skin of one shape."""
+
+    landmarks: Landmarks
+    """The S middles of the ellipsoids, then the P points; they move as the skin does, without correctives."""
+    bone: np.ndarray
+    """(S,) bone that turns each ellipsoid."""
+    shape: np.ndarray
+    """(S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2."""
+    share: np.ndarray
+    """(P,) share of the skin that each point stands for."""
+
+    def posed(self, person: Person) -> PosedProxy:
+        """Return the proxy in a person's F frames, world metres."""
+        found = pose_landmarks(person.body, self.landmarks, person.betas, person.orient, person.local, person.transl)
+        count = len(self.bone)
+        turn = found.skeleton.G[:, self.bone].astype(np.float32)
+        shape = turn @ self.shape.astype(np.float32) @ np.swapaxes(turn, -1, -2)
+        return PosedProxy(found.points[:, :count], shape, found.points[:, count:], found.skeleton.G)
+
+
+def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
+    """Return the proxy of a body of (10,) betas, fitted to its skin at rest."""
+    plan = _plan(body)
+    skin = body.v_template + body.shapedirs @ betas
+    shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in plan.slabs])
+    return BodyProxy(plan.landmarks, np.array([slab.bone for slab in plan.slabs]), shapes, plan.share)
+
+
+@lru_cache(maxsize=8)
+def _plan(body: Body) -> _Plan:
+    skin = body.v_template
+    area = _vertex_areas(skin, body.faces)
+    part = body.weights.argmax(axis=1)
+    slabs: list[_Slab] = []
+    ends = []
+    for bone in np.unique(part).tolist():
+        chosen = np.flatnonzero(part == bone)
+        ends.append(_extremes(skin, chosen))
+        slabs += _slabs(skin, area, chosen, bone)
+    points = _spread(skin, np.unique(np.concatenate(ends)), _SPREAD)
+    share = np.bincount(_nearest(skin, skin[points]), minlength=len(points)) / len(skin)
+    mix = np.zeros((len(slabs) + len(points), len(skin)))
+    for row, slab in enumerate(slabs):
+        mix[row, slab.vertices] = slab.weight
+    mix[len(slabs) + np.arange(len(points)), points] = 1.0
+    names = tuple(f"proxy {i}" for i in range(len(mix)))
+    landmarks = Landmarks.of_points(names, skin, body.shapedirs, body.weights, mix)
+    return _Plan(tuple(slabs), landmarks, share)
+
+
+def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) -> list[_Slab]:
+    """Return a part cut into slabs across its longest axis."""
+    centred = skin[chosen] - np.average(skin[chosen], axis=0, weights=area[chosen])
+    axis = np.linalg.eigh((centred * area[chosen, None]).T @ centred)[1][:, -1]
+    along = centred @ axis
+    low, high = float(along.min()), float(along.max())
+    count = int(np.clip(round((high - low) / _SLAB_M), 1, _MOST_SLABS))
+    which = np.clip(((along - low) / (high - low) * count).astype(int), 0, count - 1)
+    pieces = [chosen[which == i] for i in range(count)]
+    return [_Slab(piece, area[piece] / area[piece].sum(), axis, bone) for piece in pieces if len(piece) > 8]
+
+
+def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return the (3, 3) matrix of a slab's ellipsoid; a ring of half axes a and b has variances a^2/2 and b^2/2."""
+    centred = points - weight @ points
+    along = centred @ axis
+    flat = centred - np.outer(along, axis)
+    spread, turn = np.linalg.eigh((flat * weight[:, None]).T @ flat)
+    across = np.maximum(_ACROSS * np.sqrt(2 * np.maximum(spread[1:], 0)), _LEAST_M)
+    # Of the three directions the first is the axis itself, along which nothing is left.
+    frame = np.column_stack([axis, turn[:, 1:]])
+    return (frame / np.array([max(_ALONG * np.ptp(along), _LEAST_M), *across]) ** 2) @ frame.T
+
+
+def _vertex_areas(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    across = np.cross(skin[faces[:, 1]] - skin[faces[:, 0]], skin[faces[:, 2]] - skin[faces[:, 0]])
+    each = np.repeat(np.linalg.norm(across, axis=1) / 6, 3)
+    return np.bincount(faces.ravel(), each, minlength=len(skin)) + 1e-12
+
+
+def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    """Return the vertices of a part that lie farthest in directions spread over the sphere (Fibonacci lattice)."""
+    i = np.arange(_DIRECTIONS) + 0.5
+    z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
+    ways = np.stack([np.sqrt(1 - z**2) * np.cos(turn), np.sqrt(1 - z**2) * np.sin(turn), z])
+    return chosen[np.unique((skin[chosen] @ ways).argmax(axis=0))]
+
+
+def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
+    """Return the points with as many more, each the farthest from all before it."""
+    off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
+    found = points.tolist()
+    for _ in range(more):
+        found.append(int(off.argmax()))
+        off = np.minimum(off, ((skin - skin[found[-1]]) ** 2).sum(axis=1))
+    return np.array(found)
+
+
+def _nearest(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
+    return _squares(skin, points).argmin(axis=1)
+
+
+def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Return (V, P) squared distances, less the squared length of each of the skin's."""
+    return (points**2).sum(axis=1) - 2 * skin @ points.T
+
+
+class BodySight:
+    """Who of some cameras sees past a body.
+
+    Args:
+        body: the body.
+        betas: (10,) its shape.
+        landmarks: K keypoints; the same object again finds its tables made.
+    """
+
+    def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
+        self.proxy = body_proxy(body, betas)
+        self._rigid, counted = _tables(body, landmarks)
+        self._counted = counted[self.proxy.bone]
+
+    def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
+        """Return (F, C, K) bool: the body stands in the sight line of its keypoint.
+
+        Args:
+            centres: (C, 3) of the cameras, metres.
+            lines: (F, C, K, 3) from ``sight_lines``.
+            points: (F, K, 3) the keypoints, metres.
+            posed: the proxy in these frames.
+        """
+        hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
+        hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
+        return hidden
+
+
+def pose_proxy(sight: BodySight, person: Person, frames: slice) -> PosedProxy:
+    """Return the proxy in some of a person's frames."""
+    return sight.proxy.posed(
+        Person(person.body, person.betas, person.orient[frames], person.local[frames], person.transl[frames])
+    )
+
+
+def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
+    """Return (K, T) bool: the face is of a part that the point lies in; of SMPL's joints all parts that meet there."""
+    own = own_faces(body, names)
+    part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
+    for k, name in enumerate(names):
+        if name in SMPL_JOINTS and not own[k].any():
+            joint = body.recorded_joints[SMPL_JOINTS.index(name)]
+            meeting = [joint, body.parents[joint], *(j for j, p in enumerate(body.parents) if p == joint)]
+            own[k] = np.isin(part, meeting)
+    return own
+
+
+@lru_cache(maxsize=8)
+def _tables(body: Body, landmarks: Landmarks) -> tuple[RigidSight, np.ndarray]:
+    """Return the tables of head and hands, and (J, K) bool: the part's ellipsoids can hide the keypoint."""
+    part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
+    own = own_parts(body, landmarks.names)
+    counted = np.stack([~own[:, part == bone].any(axis=1) for bone in range(len(body.parents))])
+    rigid = rigid_sight(body, landmarks, counted)
+    for point, parts in zip(rigid.point, rigid.parts, strict=True):
+        counted[parts, point] = False
+    return rigid, counted
+
+
+_TURNED_AWAY = -0.4
+"""Cosine between the skin's normal and the way to the camera from which on a limb hides the marker on it, which stands
+9.5 mm off; tuned by what rendered pictures show (``tests/synthesis/studio/test_marker_sight.py``)."""
+_CHUNK = 64
+"""Frames that are looked at together."""
+
+
+def marker_sight(stage: Stage) -> np.ndarray:
+    """Return (C, F, M) float32, 1 where a camera sees a marker and 0 elsewhere: the picture's answer for 9 in 10."""
+    cameras, person = stage.cameras, stage.person
+    seen = np.zeros((len(cameras), stage.num_frames, len(stage.labels)), np.float32)
+    if not len(stage.labels):
+        return seen
+    proxy = body_proxy(person.body, person.betas)
+    bone, normal = _carried(person.body, stage.labels)
+    counted = proxy.bone[:, None] != bone
+    px = project(cameras, stage.markers)
+    with np.errstate(invalid="ignore"):
+        within = ((px >= -0.5) & (px < cameras.image_size[:, None, None] - 0.5)).all(axis=-1)
+    for start in range(0, stage.num_frames, _CHUNK):
+        chunk = slice(start, start + _CHUNK)
+        part = Person(person.body, person.betas, person.orient[chunk], person.local[chunk], person.transl[chunk])
+        posed, points = proxy.posed(part), stage.markers[chunk]
+        lines = sight_lines(cameras.centres, points)
+        hidden = hidden_by_ellipsoids(cameras.centres, lines, posed.middle, posed.shape, counted)
+        hidden |= hidden_by_boxes(cameras.centres, lines, stage.room.furniture)
+        facing = -(lines * np.einsum("fkij,kj->fki", posed.turn[:, bone], normal)[:, None]).sum(axis=-1)
+        hidden |= facing < _TURNED_AWAY * np.linalg.norm(lines, axis=-1)
+        seen[:, chunk] = within[:, chunk] & ~np.swapaxes(hidden, 0, 1)
+    return seen
+
+
+@lru_cache(maxsize=8)
+def _carried(body: Body, labels: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Return (M,) the bone that moves each marker most, and the (M, 3) skin's normals at rest."""
+    return marker_landmarks(body, labels).weights.argmax(axis=1), skin_normals(body, labels)

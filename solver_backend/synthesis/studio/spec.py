@@ -8,17 +8,137 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.files import read_json
-from solver_backend.synthesis.faults import Faults
+from solver_backend.synthesis.faults import (
+    MEASURED_DETECTOR,
+    OPTICAL_MARKERS,
+    CameraFaults,
+    DetectorFaults,
+    Faults,
+    MarkerFaults,
+)
 from solver_backend.synthesis.studio.camera_arrays import CameraRing, build_camera_array
-from solver_backend.synthesis.studio.checked_values import CheckedValues
-from solver_backend.synthesis.studio.errors import StudioInvalid
-from solver_backend.synthesis.studio.looks import StudioLook, read_look
+from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.synthesis.studio.motions import CHOREOGRAPHY
-from solver_backend.synthesis.studio.perturbation import PRESETS, read_faults
 from solver_backend.types import JointSet
+
+CLOTHES = ("bare", "suit", "shirt_trousers", "tee_shorts", "tee_trousers", "tunic_leggings", "random")
+HAIR = ("none", "short", "long", "random")
+LIGHT = ("day", "dim", "night", "random")
+
+
+@dataclass(frozen=True)
+class StudioLook:
+    """What a shot looks like; what is 'random' is drawn by the shot's own seed."""
+
+    name: str
+    clothes: str = "suit"
+    """A key of ``CLOTHES``."""
+    hair: str = "random"
+    """A key of ``HAIR``."""
+    light: str = "day"
+    """A key of ``LIGHT``; of colour pictures alone, infrared brings its own."""
+    furniture: int = 0
+    """Pieces that stand about the person and hide parts of it."""
+    room: bool = True
+    """Walls and a ceiling; a floor alone if not."""
+
+
+_PRESETS: dict[str, dict[str, Any]] = {
+    "suit": {"clothes": "suit", "hair": "short"},
+    "bare": {"clothes": "bare", "hair": "none"},
+    "everyday": {"clothes": "random", "hair": "random", "furniture": 2},
+    "cluttered": {"clothes": "random", "hair": "random", "furniture": 5},
+    "night": {"clothes": "random", "hair": "random", "light": "night", "furniture": 2},
+    "varied": {"clothes": "random", "hair": "random", "light": "random", "furniture": 3},
+}
+"""Values of a look by the name of a preset; chosen by hand."""
+
+
+def read_look(description: Any) -> StudioLook:
+    """Return a look from the name of a preset or an object.
+
+    Raises:
+        StudioInvalid: a key or preset is unknown, or a value is impossible.
+    """
+    given = {"preset": description} if isinstance(description, str) else description
+    values = CheckedValues(given, "look", ("preset", *StudioLook.__dataclass_fields__))
+    preset = values.choice("preset", "suit", _PRESETS) if "preset" in values else ""
+    rest = {key: value for key, value in given.items() if key != "preset"}
+    values = CheckedValues({"name": preset or "look", **_PRESETS.get(preset, {}), **rest}, "look", values_of_a_look())
+    return StudioLook(
+        values.text("name", "look"), values.choice("clothes", "suit", CLOTHES), values.choice("hair", "random", HAIR),
+        values.choice("light", "day", LIGHT), values.whole("furniture", 0, 0, 20), values.flag("room", True),
+    )  # fmt: skip
+
+
+def values_of_a_look() -> tuple[str, ...]:
+    """Return the keys of a look."""
+    return tuple(StudioLook.__dataclass_fields__)
+
+
+def draw_light(light: str, rng: np.random.Generator) -> str:
+    """Return a light with 'random' replaced by a draw."""
+    drawn = str(rng.choice([name for name in LIGHT if name != "random"]))
+    return drawn if light == "random" else light
+
+
+_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {
+    "bias_mm": ("detector", "view_bias_mm"), "drift_mm": ("detector", "drift_mm"),
+    "jitter_mm": ("detector", "jitter_mm"), "missing": ("detector", "missing"),
+    "occluded_missing": ("detector", "occluded_missing"), "outliers": ("detector", "outliers"),
+    "swaps_per_minute": ("detector", "swaps_per_minute"), "anatomy_mm": ("anatomy_mm",),
+    "calibration_mm": ("cameras", "calibration_mm"), "delay_frames": ("cameras", "delay_frames"),
+    "marker_mm": ("markers", "measurement_mm"), "placement_mm": ("markers", "placement_mm"),
+    "skin_mm": ("markers", "skin_mm"), "marker_gaps": ("markers", "hidden"), "marker_views": ("markers", "least_views"),
+    "marker_swaps_per_minute": ("markers", "swaps_per_minute"), "ghosts": ("markers", "ghosts"),
+}  # fmt: skip
+"""Where a description's keys stand in ``Faults``; 0 leaves a fault out."""
+_LARGEST = {"missing": 0.9, "occluded_missing": 0.95, "outliers": 0.9, "marker_gaps": 0.9, "ghosts": 0.9}
+PRESETS: dict[str, Faults] = {
+    "none": Faults(),
+    "jitter": Faults(DetectorFaults(jitter_mm=5.0)),
+    "detector": Faults(MEASURED_DETECTOR, 8.0, CameraFaults(8.0)),
+    "good_detector": Faults(
+        DetectorFaults(
+            view_bias_mm=4.0, drift_mm=6.0, jitter_mm=3.0, missing=0.002, occluded_missing=0.3, outliers=0.002
+        ),
+        5.0,
+        CameraFaults(2.0),
+    ),
+    "optical_markers": Faults(markers=replace(OPTICAL_MARKERS, swaps_per_minute=1.0, ghosts=0.001)),
+    "depth_markers": Faults(
+        markers=MarkerFaults(measurement_mm=4.0, placement_mm=8.0, skin_mm=1.5, hidden=0.15, ghosts=0.01)
+    ),
+}
+"""'detector' is the measured one, 'optical_markers' the demo take's; the others are chosen."""
+
+
+def read_faults(description: Any) -> Faults:
+    """Return faults from the name of a preset or an object, which may name a preset to start from.
+
+    Raises:
+        StudioInvalid: a key or preset is unknown, or a value is impossible.
+    """
+    given = {"preset": description} if isinstance(description, str) else description
+    values = CheckedValues(given, "perturb", ("preset", *_PERTURBATION_KEYS))
+    faults = PRESETS[values.choice("preset", "none", PRESETS)]
+    for key, known in sizes_of(faults).items():
+        part, *rest = _PERTURBATION_KEYS[key]
+        value: Any = values.number(key, known, 0.0, _LARGEST.get(key, 1000.0))
+        faults = replace(faults, **{part: replace(getattr(faults, part), **{rest[0]: value}) if rest else value})
+    return faults
+
+
+def sizes_of(faults: Faults) -> dict[str, float]:
+    """Return the sizes of faults by the keys of a description."""
+    parts = {"": faults, "detector": faults.detector, "cameras": faults.cameras, "markers": faults.markers}
+    return {key: getattr(parts["".join(path[:-1])], path[-1]) for key, path in _PERTURBATION_KEYS.items()}
+
 
 VERSION = 1
 KINDS = ("infrared", "depth", "masks", "normals", "rgb")

@@ -10,15 +10,13 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.errors import CameraInsideBody, NobodySeen
-from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
-from solver_backend.synthesis.studio.hands.of_stage import skin_with_hands
-from solver_backend.synthesis.studio.looks import draw_light
-from solver_backend.synthesis.studio.scene.costume import CornerSums, Costume, draw_outfit, dress
-from solver_backend.synthesis.studio.scene.room import Room, furnish
-from solver_backend.synthesis.studio.scene.z_buffer import in_camera
+from solver_backend.synthesis.studio.checked_values import CameraInsideBody, NobodySeen
+from solver_backend.synthesis.studio.costume import CornerSums, Costume, draw_outfit, dress
+from solver_backend.synthesis.studio.person_hands import MovingHands, move_hands, skin_with_hands
+from solver_backend.synthesis.studio.room import Room, furnish
 from solver_backend.synthesis.studio.shots import Shot, cast
-from solver_backend.synthesis.studio.spec import Spec
+from solver_backend.synthesis.studio.spec import Spec, draw_light
+from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import Cameras, JointSet
 
 CLEARANCE_M = 0.1

@@ -14,8 +14,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
-from solver_backend.synthesis.studio.sight import hidden_by_boxes, sight_lines
+from solver_backend.synthesis.studio.sight import BodySight, hidden_by_boxes, pose_proxy, sight_lines
 from solver_backend.synthesis.studio.stage import Stage
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet, Motion
 

@@ -9,9 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from assets_procedural.detail.eyes import IRIS_M
 from assets_procedural.layout import JOINT
-from assets_procedural.mesh.parts import EYEBALL, IRIS, LIPS, NAIL, PUPIL
-from assets_procedural.quality.contact_sheet import BakedBody, read_baked
-from assets_procedural.quality.poses import EXTREMES, Degrees, rotations
+from assets_procedural.mesh.charts import EYEBALL, IRIS, LIPS, NAIL, PUPIL
+from assets_procedural.quality.contact_sheet import EXTREMES, BakedBody, Degrees, read_baked, rotations
 from assets_procedural.skeleton.skinning import pose_skeleton
 
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from assets_procedural.arrays import LIPS, NONE
 from assets_procedural.detail.fingers import DIGITS, finger_knots, relax_fingers
 from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces, zip_rings
-from assets_procedural.mesh.features import LIPS, NONE
 from assets_procedural.mesh.meshing import euler_number
 from assets_procedural.skeleton.joints import load_joints
 from solver_backend.exchange.errors import BodyInvalid

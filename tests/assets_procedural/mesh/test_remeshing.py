@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from skimage.measure import marching_cubes
 
-from assets_procedural.mesh.half_mesh import HalfMesh
 from assets_procedural.mesh.meshing import check_closed, euler_number, mirror_half
-from assets_procedural.mesh.remeshing import remesh
+from assets_procedural.mesh.remeshing import HalfMesh, remesh
 from solver_backend.exchange.errors import BodyInvalid
 
 Array = np.ndarray

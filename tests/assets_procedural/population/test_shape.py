@@ -9,12 +9,17 @@ import numpy as np
 import pytest
 
 from assets_procedural.detail.fingers import STRAIGHTENED
-from assets_procedural.population.anthropometry import Measures, place_measures
-from assets_procedural.population.fields import RestFrame, build_fields, displace
-from assets_procedural.population.shape import population_mean
-from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, load_statistics, summarise
+from assets_procedural.population.shape import RestFrame, build_fields, displace, population_mean
+from assets_procedural.population.statistics import (
+    MEASURES,
+    NUM_LENGTHS,
+    Measures,
+    load_statistics,
+    place_measures,
+    summarise,
+)
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
-from assets_procedural.skeleton.regressor import fit_regressor
+from assets_procedural.skeleton.joints import fit_regressor
 from solver_backend.exchange.errors import FileDamaged
 
 
@@ -87,7 +92,7 @@ def test_lengths_are_joint_distances(on_floor: tuple[np.ndarray, np.ndarray, Mea
 
 
 def test_tape_around_a_cylinder_is_its_girth() -> None:
-    from assets_procedural.population.anthropometry import place_tape
+    from assets_procedural.population.statistics import place_tape
 
     angle = np.linspace(0, 2 * np.pi, 200, endpoint=False)
     ring = np.stack([np.cos(angle), 0 * angle, np.sin(angle)], 1)

@@ -23,15 +23,15 @@ from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.synthesis.embedded import temporal_noise
-from solver_backend.synthesis.simulation import camera_errors, cast, keypoint_detector
-from solver_backend.synthesis.simulation import occlusion as faces
+from solver_backend.synthesis.simulation import cast, keypoint_detector
+from solver_backend.synthesis.simulation import keypoint_detector as faces
 from solver_backend.types import Capture
 from tests.benchmarks.comparison import validation_takes
 from tests.benchmarks.comparison.validation_takes import take_named
 
 FOLDER = Path(__file__).resolve().parents[3] / "build" / "benchmark_captures"
 _SOURCES = (
-    benchmark, filming, cast, camera_errors, keypoint_detector, occlusion, faces, bad_input, temporal_noise,
+    benchmark, filming, cast, keypoint_detector, keypoint_detector, occlusion, faces, bad_input, temporal_noise,
     validation_takes,
 )  # fmt: skip
 TAKES = (

@@ -23,8 +23,7 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.hands.hand_sight import hidden_points
-from solver_backend.synthesis.studio.hands.moving_hands import points_of_hands
+from solver_backend.synthesis.studio.person_hands import hidden_points, points_of_hands
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.hands.hand_sheet import draw_sheet
 

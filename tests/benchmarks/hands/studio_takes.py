@@ -17,9 +17,13 @@ from solver_backend.fitters.hands.hand_view_term import sort_hands
 from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unpacked
-from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
-from solver_backend.synthesis.studio.hands.hand_sight import hidden_points
-from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
+from solver_backend.synthesis.studio.person_hands import (
+    HandFaults,
+    MovingHands,
+    detect_hands,
+    hidden_points,
+    move_hands,
+)
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of

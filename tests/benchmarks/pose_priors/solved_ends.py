@@ -17,8 +17,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import SPoser
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.embedded.demo import demo_capture, detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Capture, JointSet, Keypoints2D, MarkerCloud
 from tests.benchmarks.pose_priors.joint_ends import ends

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from assets_procedural.quality.poses import EXTREMES
+from assets_procedural.quality.contact_sheet import EXTREMES
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.correctives import CORRECTIVES, add_correctives, corrective_table

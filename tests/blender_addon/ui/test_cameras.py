@@ -16,7 +16,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
+from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from tests.support.narrow_layout import draw_panel
 
 

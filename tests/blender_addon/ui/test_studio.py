@@ -21,8 +21,7 @@ from blender_addon.ui.operators.base import SolverOperator, current
 from blender_addon.ui.operators.studio import benchmark_description, data_set_description
 from blender_addon.ui.panels import acquire as panels
 from solver_backend.synthesis.studio.camera_arrays import CameraRing, build_camera_array, camera_array_presets
-from solver_backend.synthesis.studio.perturbation import PRESETS
-from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, spec_of
+from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, PRESETS, spec_of
 from tests.support.panel_layout import Layout
 
 

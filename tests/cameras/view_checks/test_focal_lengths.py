@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.agreement.epipolar_fit import report_focal_lengths
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated
+from solver_backend.synthesis.simulation.keypoint_detector import miscalibrated
 from solver_backend.types import Cameras, Keypoints2D
 from tests.support.words import words
 

@@ -15,7 +15,7 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.hand_prior import load_hand_prior
-from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
+from solver_backend.synthesis.studio.person_hands import HandFaults, detect_hands
 from solver_backend.types import FLAG_RESTING, Capture, Motion
 from tests.support.handed_take import HandedTake, handed_take
 

@@ -21,7 +21,7 @@ from solver_backend.fitters.pipeline import calibrate_person, solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
+from solver_backend.synthesis.studio.person_hands import MovingHands, move_hands
 from solver_backend.types import Capture, MarkerCloud, Motion
 from tests.support.lone_marker_hand import LAYOUTS
 from tests.support.worn_markers import worn_markers

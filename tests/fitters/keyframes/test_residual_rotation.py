@@ -17,8 +17,7 @@ from solver_backend.fitters.keyframes.bundle_objective import REACH, ResidualRot
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import detect
+from solver_backend.synthesis.embedded.demo import demo_capture, detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.key_equations import dense, no_equations

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.fitters.one_view import measure
 from solver_backend.fitters.pipeline import solve
-from solver_backend.priors.limb_slants import SLANT, bone_slants, load_limb_slants
+from solver_backend.priors.view_lifter import SLANT, bone_slants, load_limb_slants
 from tests.support.limb_errors import flagged
 from tests.support.one_view_situations import filmed_walk
 from tests.support.short_solves import QUICK

@@ -17,8 +17,8 @@ from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.faults import MEASURED_DETECTOR
-from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated
 from solver_backend.synthesis.simulation.cast import running_floor
+from solver_backend.synthesis.simulation.keypoint_detector import delayed, miscalibrated
 from solver_backend.types import JointSet
 from tests.support.walking_take import EXACT, walk
 

@@ -10,8 +10,7 @@ import pytest
 
 from research.simulation.noise_measurement import measure_noise, millimetres_per_px
 from solver_backend.io.load import load_capture
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.detector import PX_PER_MM
+from solver_backend.synthesis.embedded.demo import PX_PER_MM, demo_capture
 from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.types import Keypoints2D
 from tests.support.recordings import BALANCING_TRIAL

@@ -9,7 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.synthesis.simulation.occlusion import own_faces, stabbed_faces
+from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import Cameras, JointSet
 
 NAMES = JointSet.BODY_25.keypoints

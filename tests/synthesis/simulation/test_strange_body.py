@@ -8,7 +8,7 @@ import pytest
 from research.simulation.model_error import exact_capture
 from solver_backend.body.body import load_body
 from solver_backend.fitters import solve
-from solver_backend.synthesis.simulation.strange_body import Strangeness, strange_body
+from solver_backend.synthesis.simulation.cast import Strangeness, strange_body
 from tests.support.walking_take import walk
 
 

@@ -8,13 +8,17 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project
-from solver_backend.synthesis.studio.film import film
-from solver_backend.synthesis.studio.scene.marker_spheres import see_spheres
-from solver_backend.synthesis.studio.sensors.infrared import InfraredModel, sphere_light
-from solver_backend.synthesis.studio.sensors.time_of_flight import TimeOfFlightModel, measure_depth
+from solver_backend.synthesis.studio.make_shot import film
+from solver_backend.synthesis.studio.sensor_pictures import (
+    InfraredModel,
+    TimeOfFlightModel,
+    measure_depth,
+    sphere_light,
+)
 from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of
 from solver_backend.synthesis.studio.stage import Stage, set_up
+from solver_backend.synthesis.studio.z_buffer import see_spheres
 from tests.support.blob_reading import lift, sightings, triangulated
 
 

@@ -24,8 +24,7 @@ from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
 from solver_backend.synthesis.studio.camera_arrays import build_camera_array
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set, plan, read_data_set
-from solver_backend.synthesis.studio.perturbation import read_faults
-from solver_backend.synthesis.studio.spec import spec_of
+from solver_backend.synthesis.studio.spec import read_faults, spec_of
 from solver_backend.synthesis.studio.writers.contact_sheet import card_text
 from solver_backend.types import Motion
 

@@ -9,8 +9,7 @@ from solver_backend.body.hand_skeleton import finger_overlap
 from solver_backend.body.hands import finger_rotations, with_fingers
 from solver_backend.cameras.projection import project
 from solver_backend.priors.hand_prior import load_hand_prior
-from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
-from solver_backend.synthesis.studio.hands.moving_hands import move_hands
+from solver_backend.synthesis.studio.person_hands import HandFaults, detect_hands, move_hands
 from solver_backend.types import Cameras
 from tests.support.handed_take import HandedTake, handed_take
 

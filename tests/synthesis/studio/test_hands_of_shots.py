@@ -14,9 +14,9 @@ from solver_backend.fitters.output.finger_turns import finger_turns_of
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthesis.studio.errors import StudioInvalid
-from solver_backend.synthesis.studio.hands.hand_occlusion import hidden_by_hands
+from solver_backend.synthesis.studio.checked_values import StudioInvalid
 from solver_backend.synthesis.studio.make_shot import make_shot
+from solver_backend.synthesis.studio.person_hands import hidden_by_hands
 from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of
 from solver_backend.synthesis.studio.stage import set_up

@@ -13,16 +13,15 @@ from solver_backend.exchange.errors import FileMissing, MocapError, MotionInvali
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.studio import data_set
-from solver_backend.synthesis.studio.aim import aim_point
-from solver_backend.synthesis.studio.camera_arrays import build_camera_array, camera_array_presets
-from solver_backend.synthesis.studio.data_set import check_data_set, make_data_set, open_data_set, plan
-from solver_backend.synthesis.studio.errors import (
+from solver_backend.synthesis.studio.camera_arrays import aim_point, build_camera_array, camera_array_presets
+from solver_backend.synthesis.studio.checked_values import (
     CameraInsideBody,
     DiskTooSmall,
     NobodySeen,
     OtherDataSet,
     StudioInvalid,
 )
+from solver_backend.synthesis.studio.data_set import check_data_set, make_data_set, open_data_set, plan
 from solver_backend.synthesis.studio.shots import cast, list_shots
 from solver_backend.synthesis.studio.spec import read_spec, spec_of
 from solver_backend.synthesis.studio.stage import require_sight, set_up

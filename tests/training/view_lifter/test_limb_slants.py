@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from solver_backend.priors.limb_slants import load_limb_slants
-from solver_backend.priors.view_lifter import load_view_lifter
+from solver_backend.priors.view_lifter import load_limb_slants, load_view_lifter
 from tests.support.swaying_corpus import job as plain_job
 from tests.support.swaying_corpus import turning
 from training.view_lifter.limb_slants import LimbSlantSettings, train_limb_slants

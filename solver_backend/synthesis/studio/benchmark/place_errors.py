@@ -16,15 +16,12 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.synthesis.faults import Faults
-from solver_backend.synthesis.simulation.camera_errors import miscalibrated, px_per_mm
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints
-from solver_backend.synthesis.studio.aim import aim_point
-from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
-from solver_backend.synthesis.studio.camera_arrays import CameraRing
+from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints, miscalibrated, px_per_mm
+from solver_backend.synthesis.studio.camera_arrays import CameraRing, aim_point
 from solver_backend.synthesis.studio.motions import MotionSource
 from solver_backend.synthesis.studio.shots import seeded
-from solver_backend.synthesis.studio.sight import sight_lines
+from solver_backend.synthesis.studio.sight import BodySight, pose_proxy, sight_lines
 from solver_backend.types import Cameras, JointSet
 
 _POSES, _DRAWS = 5, 8

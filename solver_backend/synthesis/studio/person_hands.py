@@ -1,0 +1,343 @@
+"""Hands of a shot: fingers that move, what cameras see of them, and what a detector makes of that."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_angles import NUM_ANGLES
+from solver_backend.body.hand_skeleton import HandSkeleton, finger_overlap
+from solver_backend.body.hands import by_joint, hand_of_shape, with_fingers
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.priors.hand_prior import HandPrior, load_hand_prior
+from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
+from solver_backend.synthesis.simulation.cast import Person
+from solver_backend.synthesis.studio.sight import BodySight, hidden_by_ellipsoids, pose_proxy, sight_lines
+from solver_backend.types import UNSEEN_POINT, Cameras, Capture, JointSet
+from solver_backend.types.shapes import Bool, Float
+
+_WRIST, _KNUCKLE = 0, 9
+BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])
+"""(21,) points beyond the knuckles."""
+
+
+@dataclass(frozen=True)
+class HandFaults:
+    """How much a detector of hands is off; lengths are shares of a palm, wrist to middle knuckle.
+
+    ``whole``, ``drift`` and ``jitter`` are those of MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
+    videos), as ``python -m tests.benchmarks.hands.real_noise`` measures them: 0.05, 0.10 and 0.036 with cameras
+    that were refined, as the studio's cameras are off by themselves; 0.03, 0.04 and 0.016 on palms of 60 to 140 px.
+    """
+
+    whole: float = 0.05
+    """Standard deviation per axis of an error of the whole hand, alike for ``drift_s``."""
+    drift: float = 0.10
+    """The same of each point."""
+    jitter: float = 0.036
+    """Of each point, anew in every frame."""
+    drift_s: float = 0.3
+    """Time in which drift becomes another."""
+    guessed: float = 2.5
+    """How many times worse points are that something hides."""
+    least_seen: float = 0.5
+    """Share of the points that must be seen for a hand to be found."""
+    missing: float = 0.06
+    """Share of the frames in which a hand is not found though it is seen ..."""
+    missing_s: float = 0.15
+    """... for so long."""
+    wrong: float = 0.01
+    """Share in which it is found elsewhere, a palm or two away."""
+    exchanged: float = 0.005
+    """Share of the frames in which left and right are exchanged."""
+    held: bool = False
+    """Whether hands hold a thing that hides fingers beyond the knuckles: these are guesses, found half as often."""
+    gloved: bool = False
+    """Whether they wear gloves: every point is a guess, found half as often."""
+    small_px: float = 15.0
+    """Palms of fewer pixels: errors grow with the square of what is missing."""
+
+
+def detect_hands(
+    cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
+) -> np.ndarray:
+    """Return (C, F, 2, 21, 3) x, y in pixels and confidence; NaN with 0 where a hand is not found.
+
+    Args:
+        cameras: C cameras.
+        points: (F, 2, 21, 3) metres, left first.
+        hidden: (C, F, 2, 21) whether something stands before a point.
+        fps: frames per second.
+        faults: of the detector.
+        rng: seeded source of randomness.
+    """
+    hidden = hidden | faults.gloved
+    if faults.held:
+        hidden = hidden | BEYOND
+    px = project(cameras, points)
+    palm = np.linalg.norm(px[..., _KNUCKLE, :] - px[..., _WRIST, :], axis=-1)
+    # Seen end on a palm is short; the detector looks at the hand, not at the palm.
+    size = np.fmax(palm, np.nanmax(np.linalg.norm(px - px[..., :1, :], axis=-1), axis=-1) / 2)
+    unit = (size * np.maximum(1.0, (faults.small_px / np.maximum(size, 1.0)) ** 2))[..., None, None]
+    keep = float(np.exp(-1.0 / (faults.drift_s * fps)))
+    whole = faults.whole * autoregressive((*px.shape[:3], 1, 2), keep, rng)
+    own = faults.drift * autoregressive(px.shape, keep, rng) + faults.jitter * rng.normal(size=px.shape)
+    error = whole + own * np.where(hidden, faults.guessed, 1.0)[..., None]
+    shape = px.shape[:3]
+    wrong = bursts(rng.random(shape), faults.wrong, max(1.0, 0.2 * fps))
+    away = rng.normal(size=(*shape, 1, 2))
+    error = error + np.where(wrong[..., None, None], 1.5 * away / np.linalg.norm(away, axis=-1, keepdims=True), 0.0)
+    xy = px + unit * error
+    inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None, None])).all(-1)
+    lost = bursts(rng.random(shape), faults.missing, max(1.0, faults.missing_s * fps))
+    enough = (~hidden & inside).mean(-1) >= faults.least_seen
+    # What hides the fingers of every view hides them from a detector that knows such hands; it misses every other one.
+    if faults.held or faults.gloved:
+        enough = bursts(rng.random(shape), 0.5, max(1.0, faults.missing_s * fps)) & inside.all(-1)
+    found = ~lost & enough
+    confidence = np.clip(0.9 - 0.25 * hidden + 0.08 * rng.normal(size=hidden.shape), 0.05, 1.0)
+    hands = np.concatenate([xy, confidence[..., None]], axis=-1)
+    hands[~(found[..., None] & inside)] = UNSEEN_POINT
+    exchanged = bursts(rng.random(shape[:2]), faults.exchanged, max(1.0, 0.2 * fps))
+    return np.where(exchanged[..., None, None, None], hands[:, :, ::-1], hands)
+
+
+FINGER_M, PALM_M = 0.008, 0.011
+"""Radius of a finger and half a palm's thickness (ANSUR II: fingers are 15 to 20 mm wide, hands 27 mm thick)."""
+_BONES = np.array(
+    [[0, 1 + 4 * finger] for finger in range(5)]
+    + [[1 + 4 * finger + k, 2 + 4 * finger + k] for finger in range(5) for k in range(3)]
+)
+"""Both points of each bone of a hand: metacarpals first, then three of each finger."""
+_RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)
+_CHUNK = 64
+"""Frames that are looked at together."""
+
+
+def hidden_by_hands(
+    centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
+) -> Bool[np.ndarray, "cameras frames 2 21"]:
+    """Return (C, F, 2, 21) whether a bone of either hand lies between a camera and a point.
+
+    A point is hidden where the line of sight, from outside of the bones that it is on, passes one nearer than its
+    radius: the least distance of two segments.
+
+    Args:
+        centres: (C, 3) metres.
+        points: (F, 2, 21, 3) metres, left first.
+    """
+    frames = len(points)
+    hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)
+    for start in range(0, frames, _CHUNK):
+        part = points[start : start + _CHUNK]
+        flat = part.reshape(len(part), -1, 3)
+        ends = part[:, :, _BONES].reshape(len(part), -1, 2, 3)
+        for camera, centre in enumerate(centres):
+            near = _segment_distances(flat, centre, ends) < np.tile(_RADII, 2)
+            hidden[camera, start : start + _CHUNK] = (near & ~_OWN).any(-1).reshape(len(part), 2, NUM_HAND_POINTS)
+    return hidden
+
+
+def _own_bones() -> np.ndarray:
+    """Return (42, 40) which bones a point is on: those that hold it; wrist and knuckles are on the palm."""
+    own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
+    knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
+    own[[0, *knuckles], :5] = True
+    both = np.zeros((2 * NUM_HAND_POINTS, 2 * len(_BONES)), bool)
+    for hand in range(2):
+        rows, columns = (slice(hand * count, (hand + 1) * count) for count in (NUM_HAND_POINTS, len(_BONES)))
+        both[rows, columns] = own
+    return both
+
+
+_OWN = _own_bones()
+
+
+def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray) -> np.ndarray:
+    """Return (f, P, B) metres between the segments from (f, P, 3) points to a camera and those of (f, B, 2, 3) bones.
+
+    The nearest point of the line of sight to the bone's line, brought onto the bone, then back onto the line of sight.
+    """
+    sight = centre - points
+    bone = ends[:, :, 1] - ends[:, :, 0]
+    between = points[:, :, None] - ends[:, None, :, 0]
+    a = (sight * sight).sum(-1)[:, :, None]
+    c = (bone * bone).sum(-1)[:, None, :]
+    b = np.einsum("fpi,fbi->fpb", sight, bone)
+    d = np.einsum("fpi,fpbi->fpb", sight, between)
+    e = np.einsum("fbi,fpbi->fpb", bone, between)
+    along = np.clip((b * e - c * d) / np.maximum(a * c - b * b, 1e-12), 0.0, 1.0)
+    on_bone = np.clip((b * along + e) / np.maximum(c, 1e-12), 0.0, 1.0)
+    along = np.clip((b * on_bone - d) / np.maximum(a, 1e-12), 0.0, 1.0)
+    gap = between + along[..., None] * sight[:, :, None] - on_bone[..., None] * bone[:, None]
+    return np.linalg.norm(gap, axis=-1)
+
+
+_SIGHT_CHUNK = 32
+"""Frames that are looked at together."""
+
+
+def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
+    """Return (C, F, 2, 21) bool: the body, without the hand itself, stands between a camera and a point.
+
+    Args:
+        person: F frames.
+        cameras: C cameras.
+        points: (F, 2, 21, 3) metres, left first.
+    """
+    frames, _, count = points.shape[:3]
+    sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
+    joints, bone = person.body.layout.joints, sight.proxy.bone
+    own = [[j for j, name in enumerate(joints) if name in (f"{s}_wrist", f"{s}_hand")] for s in SIDES]
+    counted = np.repeat(np.stack([~np.isin(bone, parts) for parts in own], axis=1), count, axis=1)
+    hidden = np.zeros((frames, len(cameras), 2 * count), dtype=bool)
+    flat = points.reshape(frames, -1, 3)
+    for start in range(0, frames, _SIGHT_CHUNK):
+        chunk = slice(start, start + _SIGHT_CHUNK)
+        posed = pose_proxy(sight, person, chunk)
+        lines = sight_lines(cameras.centres, flat[chunk])
+        hidden[chunk] = hidden_by_ellipsoids(cameras.centres, lines, posed.middle, posed.shape, counted)
+    return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
+
+
+SPREAD = 0.7
+"""Share of the prior's deviations that fingers move by: the prior is as wide as its widest source."""
+SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7
+"""Frequencies of the movement; gestures take half a second to open or close a hand."""
+SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())
+"""Shares of a pose, between a relaxed hand and itself, that are tried until fingers do not run through one another."""
+TOUCH_M = 0.002
+"""Overlap of fingers that touch."""
+EASE_S = 0.2
+"""Half the time in which a hand relaxes before such a pose, and returns after it."""
+_WAVES = 4
+"""Waves that each angle is the sum of; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class MovingHands:
+    """Both hands of a person over F frames, left first."""
+
+    skeletons: tuple[HandSkeleton, HandSkeleton]
+    """Their bones."""
+    angles: np.ndarray
+    """(F, 2, A) radians."""
+    points: np.ndarray
+    """(F, 2, 21, 3) metres of ``HAND_POINTS``."""
+
+    def rotations(self) -> np.ndarray:
+        """Return (F, 30, 3, 3) rotations of the finger joints, in SMPL-H's order."""
+        both = [by_joint(s.local_rotations(self.angles[:, side])) for side, s in enumerate(self.skeletons)]
+        return np.concatenate(both, axis=1)
+
+
+def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHands:
+    """Return hands that move as the prior of hands has it, each for itself, at the wrists of a person.
+
+    Args:
+        person: F frames of a body that ships, or of a file with fingers.
+        fps: frames per second.
+        rng: seeded source of randomness.
+
+    Raises:
+        BodyInvalid: the body has no finger joints.
+    """
+    body, frames = with_fingers(person.body), len(person.transl)
+    prior = load_hand_prior()
+    skeletons = hand_of_shape(body, person.betas, 0), hand_of_shape(body, person.betas, 1)
+    drawn = [_draw(prior, frames, fps, rng) for _ in SIDES]
+    angles = np.stack([_apart(s, a, prior.mean, fps) for s, a in zip(skeletons, drawn, strict=True)], axis=1)
+    return MovingHands(skeletons, angles, points_of_hands(person, skeletons, angles))
+
+
+def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton], angles: np.ndarray) -> np.ndarray:
+    """Return (F, 2, 21, 3) metres: the points of hands of these angles (F, 2, A) at the person's wrists."""
+    posed = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
+    found = []
+    for side, skeleton in enumerate(skeletons):
+        wrist = person.body.layout.joints.index(f"{SIDES[side]}_wrist")
+        own = skeleton.sites(skeleton.pose(angles[:, side]), skeleton.keypoints())
+        found.append(posed.joints[:, None, wrist] + (posed.G[:, None, wrist] @ own[..., None])[..., 0])
+    return np.stack(found, axis=1)
+
+
+def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -> np.ndarray:
+    """Return (F, A) angles: sums of slow waves with the prior's covariance, within its ranges."""
+    rate = rng.uniform(SLOWEST_HZ, FASTEST_HZ, (1, NUM_ANGLES, _WAVES))
+    phase = rng.uniform(0.0, 1.0, rate.shape)
+    waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)
+    drawn = prior.mean + SPREAD * waves @ np.linalg.cholesky(prior.covariance).T
+    return np.clip(drawn, prior.low, prior.high)
+
+
+def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F, A) angles that are nearer to a relaxed hand about frames in which fingers run through one another."""
+    need = np.ones(len(angles))
+    for share in SHARES:
+        mixed = relaxed + share * (angles - relaxed)
+        deep = finger_overlap(skeleton.sites(skeleton.pose(mixed), skeleton.keypoints())) > TOUCH_M
+        need = np.where(deep, np.minimum(need, share - SHARES[0] + SHARES[1]), need)
+    half = max(1, round(EASE_S * fps))
+    window = np.lib.stride_tricks.sliding_window_view(np.pad(need, 2 * half, mode="edge"), 2 * half + 1).min(axis=1)
+    eased = np.convolve(window, np.hanning(2 * half + 3)[1:-1] / (half + 1.0), mode="valid")
+    return relaxed + eased[:, None] * (angles - relaxed)
+
+
+def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> np.ndarray:
+    """Return the (n, V, 3) vertices of a person whose fingers move, in these frames."""
+    body = with_fingers(person.body)
+    local = np.concatenate([person.local[frames], hands.rotations()[frames]], axis=1)
+    return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
+
+
+def finger_turns(hands: MovingHands) -> np.ndarray:
+    """Return (F, 30, 3) axis-angles of the finger joints, in SMPL-H's order."""
+    return log_so3(hands.rotations())
+
+
+def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
+    """Return (C, F, 2, 21) whether the body, or a finger or palm of either hand, stands before a point."""
+    return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
+
+
+def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
+    """Return a clean capture with every point of the hands in the picture, hidden or not, and the truth of them.
+
+    Args:
+        capture: of the body.
+        cameras: of the shot.
+        hands: of the person.
+        hidden: (C, F, 2, 21), see ``hidden_of``.
+    """
+    assert capture.keypoints is not None
+    px = project(cameras, hands.points)
+    with np.errstate(invalid="ignore"):
+        inside = ((px >= -0.5) & (px < cameras.image_size[:, None, None, None] - 0.5)).all(-1)
+    found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)
+    found[~inside] = UNSEEN_POINT
+    truth = {"hand_points": hands.points, "hand_angles": hands.angles, "hand_hidden": hidden}
+    return replace(capture, keypoints=replace(capture.keypoints, hands=found), truth=capture.truth | truth)
+
+
+def with_found_hands(
+    capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray, fps: float, rng: np.random.Generator
+) -> Capture:
+    """Return a perturbed capture with the hands that a detector finds.
+
+    Args:
+        capture: of the body.
+        cameras: that filmed, as they are.
+        hands: of the person.
+        hidden: (C, F, 2, 21), see ``hidden_of``.
+        fps: frames per second.
+        rng: seeded source of randomness.
+    """
+    assert capture.keypoints is not None
+    found = detect_hands(cameras, hands.points, hidden, fps, HandFaults(), rng)
+    return replace(capture, keypoints=replace(capture.keypoints, hands=found))

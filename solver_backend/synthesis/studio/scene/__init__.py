@@ -1,1 +1,0 @@
-"""What stands before the cameras: the person in clothes, furniture, the room, and which surface each pixel sees."""

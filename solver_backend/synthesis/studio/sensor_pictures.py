@@ -1,0 +1,276 @@
+"""What one camera sees in one frame: surface, label, depth and normal of every pixel, and the sensors' pictures."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.synthesis.studio.costume import FURNITURE, LABELS, MARKER, ROOM
+from solver_backend.synthesis.studio.room import pixel_rays
+from solver_backend.synthesis.studio.stage import Stage
+from solver_backend.synthesis.studio.z_buffer import RADIUS_M, Spheres, ZBuffer, in_camera, rasterise, see_spheres
+
+
+@dataclass(frozen=True)
+class Backdrop:
+    """What a camera sees while nobody is there; the same in every frame."""
+
+    depth: np.ndarray
+    """(h, w) float32 metres."""
+    label: np.ndarray
+    """(h, w) uint8."""
+    normal: np.ndarray
+    """(h, w, 3) float32, world."""
+    cosine: np.ndarray
+    """(h, w) float32 between normal and sight line."""
+    towards: np.ndarray
+    """(h, w, 3) float32 unit vectors from the surfaces to the camera, world."""
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a camera sees in a frame."""
+
+    depth: np.ndarray
+    """(h, w) float32 metres along the axis, inf where nothing is; the person's and the room's, without markers."""
+    label: np.ndarray
+    """(h, w) uint8 index into the labels, with markers."""
+    cosine: np.ndarray
+    """(h, w) float32."""
+    normal: np.ndarray | None
+    """(h, w, 3) float32 unit normals of the world, None where nobody asked."""
+    spheres: Spheres
+    """The markers."""
+    person: ZBuffer
+    """The person alone."""
+
+
+def backdrop(stage: Stage, view: int) -> Backdrop:
+    """Return a camera's picture of room and furniture."""
+    cameras = stage.cameras
+    ray = pixel_rays(cameras, view) @ cameras.R[view]
+    depth, normal = stage.room.seen_by(cameras.centres[view], ray)
+    label = np.where(np.isfinite(depth), ROOM, 0).astype(np.uint8)
+    vertices, faces = stage.room.furniture_mesh()
+    if len(faces):
+        camera, px = in_camera(cameras, view, vertices)
+        width, height = cameras.image_size[view].tolist()
+        pieces = rasterise(px, camera[:, 2], faces, (width, height))
+        nearer = pieces.depth < depth
+        face = pieces.face[nearer]
+        across = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
+        unit = across / np.linalg.norm(across, axis=1, keepdims=True)
+        depth, label, normal = depth.copy(), label.copy(), normal.copy()
+        depth[nearer], label[nearer], normal[nearer] = pieces.depth[nearer], FURNITURE, unit[face]
+    towards = (-ray / np.linalg.norm(ray, axis=-1, keepdims=True)).astype(np.float32)
+    cosine = np.abs((normal * towards).sum(axis=-1)).astype(np.float32)
+    return Backdrop(depth, label, normal.astype(np.float32), cosine, towards)
+
+
+def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: int, *, normals: bool = False) -> Seen:
+    """Return what a camera sees of a dressed person before its backdrop.
+
+    Args:
+        stage: the shot.
+        view: which camera.
+        behind: its backdrop.
+        surface: (N, 3) the person's vertices in this frame.
+        frame: which frame, for the markers.
+        normals: also return the normals.
+    """
+    cameras, costume = stage.cameras, stage.costume
+    width, height = cameras.image_size[view].tolist()
+    camera, px = in_camera(cameras, view, surface)
+    person = rasterise(px, camera[:, 2], costume.faces, (width, height))
+    there = np.flatnonzero((person.depth < behind.depth).ravel())
+    face = person.face.reshape(-1)[there]
+    depth, label, cosine = behind.depth.copy(), behind.label.copy(), behind.cosine.copy()
+    used, which = np.unique(face, return_inverse=True)
+    a, b, c = (surface[costume.faces[used, i]] for i in range(3))
+    across = np.cross(b - a, c - a)
+    unit = (across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)).astype(np.float32)[which]
+    depth.reshape(-1)[there] = person.depth.reshape(-1)[there]
+    label.reshape(-1)[there] = costume.label[face]
+    towards = behind.towards.reshape(-1, 3)[there]
+    cosine.reshape(-1)[there] = np.abs((unit * towards).sum(axis=1))
+    normal = None
+    if normals:
+        normal = behind.normal.copy()
+        normal.reshape(-1, 3)[there] = unit
+    spheres = see_spheres(cameras, view, stage.markers[frame], depth)
+    label.reshape(-1)[spheres.pixel[spheres.cover >= 0.5]] = MARKER
+    return Seen(depth, label, cosine, normal, spheres, person)
+
+
+FULL = 65535
+"""Where the sensor saturates."""
+_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)
+"""Infrared reflectance by label, chosen."""
+_KERNEL_PX = 2
+"""Pixels to each side that a lens' blur reaches; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class InfraredModel:
+    """How bright things are, and the sensor's errors; all chosen to look like figure 5.5 of the thesis."""
+
+    flood: float = 9000.0
+    """Counts of a white surface square on at 1 m."""
+    retro: float = 6.0
+    """Times ``FULL`` that a retro-reflector gives at 2 m."""
+    least_retro: float = 1.3
+    """The same at least, as exposure goes with the room's size."""
+    blur_px: float = 0.65
+    """Standard deviation of the lens's blur of retro-reflections."""
+    shot_noise: float = 2.0
+    """Standard deviation at one count, growing with the root."""
+    read_noise: float = 12.0
+    """Standard deviation of counts in the dark."""
+
+
+def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
+    """Return (h, w) float32 counts that retro-reflective spheres send back, not yet saturated."""
+    height, width = shape
+    light = np.zeros(height * width, np.float32)
+    if not len(spheres.pixel):
+        return light.reshape(shape)
+    bright = FULL * np.maximum(model.retro * (2.0 / np.maximum(spheres.depth, 0.3)) ** 2, model.least_retro)
+    counts = bright[spheres.owner] * spheres.cover
+    steps = np.arange(-_KERNEL_PX, _KERNEL_PX + 1)
+    weights = np.exp(-0.5 * (steps / model.blur_px) ** 2)
+    weights /= weights.sum()
+    row, column = np.divmod(spheres.pixel, width)
+    for dy, wy in zip(steps.tolist(), weights.tolist(), strict=True):
+        for dx, wx in zip(steps.tolist(), weights.tolist(), strict=True):
+            y, x = row + dy, column + dx
+            inside = (y >= 0) & (y < height) & (x >= 0) & (x < width)
+            np.add.at(light, (y * width + x)[inside], (wx * wy * counts)[inside].astype(np.float32))
+    return light.reshape(shape)
+
+
+def infrared(
+    depth: np.ndarray, cosine: np.ndarray, label: np.ndarray, retro: np.ndarray, model: InfraredModel,
+    rng: np.random.Generator,
+) -> np.ndarray:  # fmt: skip
+    """Return the (h, w) uint16 picture: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
+
+    Args:
+        depth: (h, w) metres, inf where nothing is.
+        cosine: (h, w) of the angle between normal and sight line.
+        label: (h, w) index into the labels.
+        retro: (h, w) counts from ``sphere_light``.
+        model: the sensor.
+        rng: seeded source of randomness.
+    """
+    assert len(_ALBEDO) == len(LABELS)
+    surface = np.float32(model.flood) * _ALBEDO[label] * np.maximum(cosine, np.float32(0.05)) / depth**2
+    counts = np.minimum(surface + retro, np.float32(2 * FULL))
+    sigma = np.float32(model.shot_noise) * np.sqrt(counts) + np.float32(model.read_noise)
+    counts += sigma * rng.standard_normal(counts.shape, np.float32)
+    return np.clip(counts, 0, FULL).astype(np.uint16)
+
+
+@dataclass(frozen=True)
+class TimeOfFlightModel:
+    """The sensor's errors; of the size that Tölgyessy et al. 2021 measured on Azure Kinects, up to 3.9 m."""
+
+    constant_mm: float = 0.8
+    """Standard deviation at no distance."""
+    quadratic_mm: float = 0.55
+    """Added standard deviation at 1 m, growing with the square of the distance."""
+    grazing: float = 0.25
+    """Share by which noise grows with the tangent of the angle of incidence."""
+    edge_m: float = 0.06
+    """Neighbouring pixels farther apart than this are an edge."""
+    flying: float = 0.5
+    """Share of pixels at an edge whose depth lies between both surfaces."""
+    lost: float = 0.25
+    """Share of pixels at an edge that give no depth."""
+    range_m: tuple[float, float] = (0.5, 3.86)
+    """Nearest and farthest depth."""
+    ring_noise: float = 1.5
+    """Times the noise in the ring of a marker."""
+    surface_radii: float = 2.0 / 3.0
+    """How far before its middle a sphere sends light back, in radii: the mean over its disc."""
+
+    def sigma_m(self, depth: np.ndarray) -> np.ndarray:
+        """Return the standard deviation in metres of a surface square on, at depths in metres."""
+        return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
+
+
+def measure_depth(
+    depth: np.ndarray, cosine: np.ndarray, retro: np.ndarray, spheres: Spheres, model: TimeOfFlightModel,
+    rng: np.random.Generator,
+) -> np.ndarray:  # fmt: skip
+    """Return (h, w) uint16 millimetres along the axis, 0 where the sensor gives none.
+
+    Args:
+        depth: (h, w) true metres, inf where nothing is.
+        cosine: (h, w) of the angle between normal and sight line.
+        retro: (h, w) counts from ``sphere_light``.
+        spheres: whose ring lies where.
+        model: the sensor.
+        rng: seeded source of randomness.
+    """
+    low, high = model.range_m
+    true = np.minimum(depth, np.float32(100.0))
+    blind = retro >= FULL
+    if blind.any():
+        true, ring = _with_rings(true, blind, spheres, model.surface_radii * RADIUS_M)
+    else:
+        ring = np.zeros_like(blind)
+    slope = np.clip(1.0 / np.maximum(cosine, np.float32(0.1)), 1.0, 6.0) - 1.0
+    factor = np.where(ring, np.float32(model.ring_noise), 1.0 + np.float32(model.grazing) * slope)
+    sigma = np.float32(1e-3) * (np.float32(model.constant_mm) + np.float32(model.quadratic_mm) * true**2)
+    found = true + (sigma * factor).astype(np.float32) * rng.standard_normal(true.shape, np.float32)
+    # Edges are few: only they are looked at one by one.
+    near, far = _neighbours(true)
+    edge = np.flatnonzero(((far - near > np.float32(model.edge_m)) & ~ring).ravel())
+    draw, mix = rng.random(len(edge), np.float32), rng.random(len(edge), np.float32)
+    flat, near, far = found.reshape(-1), near.reshape(-1)[edge], np.minimum(far.reshape(-1)[edge], np.float32(high))
+    between = near + mix * np.maximum(far - near, 0.0)
+    flat[edge] = np.where(draw < model.flying, between, np.where(draw < model.flying + model.lost, 0.0, flat[edge]))
+    found[blind | (found < low) | (found > high)] = 0.0
+    return np.round(found * np.float32(1000.0)).astype(np.uint16)
+
+
+def _with_rings(
+    depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the depth with the nearest sphere's two pixels around blind patches, and (h, w) where that is.
+
+    A sphere's light comes from ``before_m`` before its middle.
+    """
+    height, width = depth.shape
+    owner = np.full(height * width, np.inf, np.float32)
+    np.minimum.at(owner, spheres.pixel, (spheres.depth[spheres.owner] - before_m).astype(np.float32))
+    around = owner.reshape(height, width)
+    grown = blind
+    for step in range(3):
+        around = np.minimum(around, _lowest_around(around))
+        if step < 2:
+            grown = ~(_lowest_around((~grown).astype(np.float32)) > 0) | grown
+    ring = grown & ~blind & np.isfinite(around) & (around < depth + 0.1)
+    return np.where(ring, around, depth), ring
+
+
+def _lowest_around(values: np.ndarray) -> np.ndarray:
+    """Return the least of each pixel's 3 x 3 neighbourhood."""
+    padded = np.pad(values, 1, mode="edge")
+    rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
+    return np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
+
+
+def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the nearest and the farthest of each pixel and its four neighbours."""
+    low, high = depth.copy(), depth.copy()
+    for here, there in (
+        ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
+        ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
+    ):
+        np.minimum(low[here], depth[there], out=low[here])
+        np.minimum(low[there], depth[here], out=low[there])
+        np.maximum(high[here], depth[there], out=high[here])
+        np.maximum(high[there], depth[here], out=high[there])
+    return low, high

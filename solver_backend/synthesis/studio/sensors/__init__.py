@@ -1,1 +1,0 @@
-"""What sensors make of a scene: the surface each pixel sees, and infrared and depth as devices measure them."""
