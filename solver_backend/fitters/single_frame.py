@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
 
-from solver_backend.body.state_layout import RESIDUAL
+from solver_backend.body.state_layout import RESIDUAL, StateLayout
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.model.codes import d_pose_d_key, decoded, state_layout
@@ -25,7 +25,8 @@ from solver_backend.priors.lifter import Lifted, load_lifter
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
+from solver_backend.solver.graduated import minimise
+from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings
 from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquations
 
 
@@ -44,28 +45,35 @@ def fit_frames(
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
     """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
-    states, result, layout = start, None, state_layout(prior).without(RESIDUAL)
+    problem = _FrameProblem(subject, prior, objective, state_layout(prior).without(RESIDUAL))
+    if problem.layout.turned and start.residual is None:
+        start = replace(start, residual=zeros((start.z.shape[0], len(prior.joints), 3), start.z))
+    stages = [(scale, settings) for scale in scales]
+    return minimise(problem, start, stages, select=_where, done=partial(progress, "Fitting frames"))
 
-    if layout.turned and states.residual is None:
-        still = zeros((states.z.shape[0], len(prior.joints), 3), states.z)
-        states = replace(states, residual=still)
 
-    def retract(s: FrameStates, step: Array) -> FrameStates:
-        return s.retract(step, layout)
+@dataclass(frozen=True)
+class _FrameProblem:
+    """Frames on their own as problems of least squares, side by side."""
 
-    for done, scale in enumerate(scales):
+    subject: Subject
+    prior: PosePrior
+    objective: FrameObjective
+    layout: StateLayout
 
-        def linearise(s: FrameStates, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
-            equations = frame_equations(subject, posed(prior, s), objective, scale, slice(None))
-            return equations.cost, LazyNormalEquations(
-                lambda: _reduced(equations.hessian, equations.gradient, d_pose_d_key(layout, prior, s.z, s.residual))
+    def linearise(self, state: FrameStates, scale: float) -> tuple[Array, LazyNormalEquations]:
+        """Return the costs of the frames and their equations, which are formed when a step is asked for."""
+        prior, layout = self.prior, self.layout
+        equations = frame_equations(self.subject, posed(prior, state), self.objective, scale, slice(None))
+        return equations.cost, LazyNormalEquations(
+            lambda: _reduced(
+                equations.hessian, equations.gradient, d_pose_d_key(layout, prior, state.z, state.residual)
             )
+        )
 
-        result = levenberg_marquardt(states, linearise, retract, settings, _where)
-        states = result.state
-        progress("Fitting frames", done + 1, len(scales))
-    assert result is not None
-    return result
+    def retract(self, state: FrameStates, step: Array) -> FrameStates:
+        """Return the states moved by a step."""
+        return state.retract(step, self.layout)
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:

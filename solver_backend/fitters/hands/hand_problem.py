@@ -8,6 +8,9 @@ import numpy as np
 
 from solver_backend.body.hand_angles import NUM_ANGLES
 from solver_backend.body.hand_skeleton import BONES, PAIRS, HandSites, HandSkeleton, finger_gaps
+from solver_backend.body.state_layout import Block, StateLayout
+from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, differences, matrices_by_keys
+from solver_backend.fitters.model.keyframe_curve import summed_by_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
 from solver_backend.priors.hand_prior import HandPrior
@@ -20,100 +23,10 @@ TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
 place, and the angles of the fingers."""
 DOF = FINGERS.stop
 """Numbers of a key."""
+KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))
+"""Layout of a key."""
 FLOOR = 1e-3
 """Precision that everything has."""
-HELD = 1e12
-"""Precision of what stays: its deviation of 1e-6 rad or m is none."""
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Pairs of the three keyframes that a frame depends on."""
-
-
-@dataclass(frozen=True)
-class KeyEquations:
-    """``½ Σ xᵀ H x + gᵀ x`` of K keys, in which a key meets the two after it."""
-
-    band: Float[np.ndarray, "keys 3 d d"]
-    """(K, 3, D, D) of each key with itself and the next two."""
-    g: Float[np.ndarray, "keys d"]
-    """(K, D) gradient."""
-
-    @classmethod
-    def empty(cls, num_keys: int) -> KeyEquations:
-        """Return equations without data; a floor keeps unseen parts still."""
-        band = np.zeros((num_keys, 3, DOF, DOF))
-        band[:, 0] = FLOOR * np.eye(DOF)
-        return cls(band, np.zeros((num_keys, DOF)))
-
-    def add_frames(self, rows: WindowRows, gradient: np.ndarray, hessian: np.ndarray) -> None:
-        """Add what the frames of N windows contribute to their keys, in place.
-
-        Args:
-            rows: N rows of n frames.
-            gradient: (N n, D) by the states of the frames.
-            hessian: (N n, D, D).
-        """
-        count, width = rows.frames.shape
-        shares, weight = lagrange(rows.time), rows.weight
-        by_keys = np.swapaxes(shares * weight[..., None], 1, 2) @ gradient.reshape(count, width, DOF)
-        mixes = np.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)
-        mixed = (mixes @ hessian.reshape(count, width, -1)).reshape(count, len(_PAIRS), DOF, DOF)
-        for a in range(3):
-            self.g[a : a + 2 * count - 1 : 2] += by_keys[:, a]
-        for pair, (a, b) in enumerate(_PAIRS):
-            self.band[a : a + 2 * count - 1 : 2, b - a] += mixed[:, pair]
-
-    def add_keys(self, gradient: np.ndarray, hessian: np.ndarray, part: slice) -> None:
-        """Add what is known of a part of each key alone: (K, d) gradients and (K, d, d) matrices, in place."""
-        self.g[:, part] += gradient
-        self.band[:, 0, part, part] += hessian
-
-    def add_acceleration(self, keys: np.ndarray, seconds: np.ndarray, precision: np.ndarray) -> float:
-        """Add ``½ Σ_k |a_k|²`` with precisions (D,) of the accelerations a_k, in place; return the cost.
-
-        ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))`` of keys that are h and h' apart.
-
-        Args:
-            keys: (K, D).
-            seconds: (K,) when they are.
-            precision: (D,).
-        """
-        before, after = np.diff(seconds)[:-1, None], np.diff(seconds)[1:, None]
-        both = before + after
-        stencil = 2.0 / (before * both), -2.0 / (before * after), 2.0 / (after * both)
-        count = len(keys) - 2
-        bent = sum(share * keys[i : i + count] for i, share in enumerate(stencil))
-        pulled = precision * bent
-        diagonal = np.diag(precision)
-        for i, a in enumerate(stencil):
-            self.g[i : i + count] += a * pulled
-            for j in range(i, 3):
-                self.band[i : i + count, j - i] += (a * stencil[j])[..., None] * diagonal
-        return 0.5 * float((pulled * bent).sum())
-
-    def hold(self, still: Bool[np.ndarray, " keys"]) -> None:
-        """Keep some keys where they are, in place: they meet no other and do not move."""
-        self.g[still] = 0.0
-        for apart in (1, 2):
-            self.band[np.flatnonzero(still[:-apart] | still[apart:]), apart] = 0.0
-        self.band[still, 0] = HELD * np.eye(DOF)
-
-    def block_tridiagonal(self) -> BlockTridiagonal:
-        """Return the equations in blocks of two keys, the last with a dummy."""
-        count = (len(self.g) + 1) // 2
-        diagonal = np.zeros((count, 2, DOF, 2, DOF))
-        upper = np.zeros((count - 1, 2, DOF, 2, DOF))
-        even, odd = self.band[::2], self.band[1::2]
-        diagonal[:, 0, :, 0] = even[:, 0]
-        diagonal[:-1, 1, :, 1] = odd[:, 0]
-        diagonal[-1, 1, :, 1] = np.eye(DOF)
-        diagonal[:-1, 0, :, 1] = even[:-1, 1]
-        diagonal[:-1, 1, :, 0] = np.swapaxes(even[:-1, 1], 1, 2)
-        upper[:, 0, :, 0] = even[:-1, 2]
-        upper[:, 1, :, 0] = odd[:, 1]
-        upper[:-1, 1, :, 1] = odd[:-1, 2]
-        g = np.concatenate([self.g, np.zeros((1, DOF))]).reshape(count, -1)
-        size = 2 * DOF
-        return BlockTridiagonal(diagonal.reshape(count, size, size), upper.reshape(count - 1, size, size), g)
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
@@ -301,32 +214,43 @@ class KeyModel:
     moving: Bool[np.ndarray, " keys"] | None = None
     """(K,) which keys move; None: all do."""
 
-    @property
-    def rows(self) -> WindowRows:
-        """The frames of all windows."""
-        return self.layout.rows()
-
-    def linearise(self, keys: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
+    def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
         """Return the (1,) cost and the normal equations of keys (K, D)."""
-        cost, equations = self.equations(keys, scale)
+        cost, equations = self.equations(state, scale)
         return np.array([cost]), equations.block_tridiagonal()
 
-    def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyEquations]:
-        """Return the cost of keys and their equations: data, the body's wrist, the prior of hands, accelerations."""
-        rows, equations = self.rows, KeyEquations.empty(len(keys))
-        costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
-        equations.add_frames(rows, gradient, hessian)
-        cost = float((costs * rows.weight.reshape(-1)).sum())
-        held, pull, precision = self.problem.prior.equations(keys[:, FINGERS])
-        equations.add_keys(pull, precision, FINGERS)
-        cost += float(held.sum()) + self._hold_wrist(keys, equations)
-        sigma = np.repeat(list(ACCELERATION.values()), (3, 3, NUM_ANGLES))
-        cost += equations.add_acceleration(keys, self.layout.key_times / self.problem.fps, sigma**-2.0)
-        if self.moving is not None:
-            equations.hold(~self.moving)
-        return cost, equations
+    def retract(self, state: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Return the keys moved by a step."""
+        return state + step.reshape(-1, DOF)[: len(state)]
 
-    def _hold_wrist(self, keys: np.ndarray, equations: KeyEquations) -> float:
+    def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
+        """Return the cost of keys and their equations: data, the body's wrist, the prior of hands, accelerations.
+
+        Accelerations are ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))`` of keys that are
+        h and h' apart.
+        """
+        rows, count = self.layout.rows(), self.layout.num_windows
+        costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
+        cost = float((costs * rows.weight.reshape(-1)).sum())
+        equations = KeyframeNormalEquations.empty(count, KEY, keys, floor=FLOOR, precision=np.float64)
+        each = np.broadcast_to(np.eye(DOF), (len(keys), DOF, DOF))
+        by_keys = matrices_by_keys(rows, hessian, each)
+        equations.add_windows(slice(0, count), by_keys)
+        shares = np.swapaxes(lagrange(rows.time) * rows.weight[..., None], 1, 2)
+        gradient = summed_by_keys(shares @ gradient.reshape(*rows.frames.shape, DOF))
+        equations.add_ends(by_keys[:, 2 * DOF :, 2 * DOF :], gradient)
+        held, pull, precision = self.problem.prior.equations(keys[:, FINGERS])
+        equations.add_each(FINGERS, precision, pull)
+        cost += float(held.sum()) + self._hold_wrist(keys, equations)
+        h = np.diff(self.layout.key_times / self.problem.fps)
+        before, after, both = h[:-1], h[1:], h[:-1] + h[1:]
+        stencil = 2.0 / (before * both), -2.0 / (before * after), 2.0 / (after * both)
+        sigma = np.repeat(list(ACCELERATION.values()), (3, 3, NUM_ANGLES))
+        equations.add_differences(keys / sigma, each / sigma, stencil, 1.0)
+        cost += 0.5 * float((differences(keys / sigma, stencil, 1.0)[0] ** 2).sum())
+        return cost, equations if self.moving is None else equations.with_fixed(~self.moving)
+
+    def _hold_wrist(self, keys: np.ndarray, equations: KeyframeNormalEquations) -> float:
         """Add the body's constraint on the wrist at each key, and return its cost."""
         covariance = self.problem.wrist.covariance
         if covariance is None:
@@ -336,5 +260,5 @@ class KeyModel:
         precision[:, TURN, TURN] = np.eye(3) / TURN_SIGMA**2
         precision[:, SHIFT, SHIFT] = np.linalg.inv(covariance[frames])
         pull = (precision @ keys[:, :6, None])[..., 0]
-        equations.add_keys(pull, precision, slice(0, 6))
+        equations.add_each(slice(0, 6), precision, pull)
         return 0.5 * float((pull * keys[:, :6]).sum())

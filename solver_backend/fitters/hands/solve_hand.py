@@ -27,7 +27,8 @@ from solver_backend.fitters.solution import Convergence
 from solver_backend.fitters.subject_calibration.variances import reweighted_by_points
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.graduated import minimise
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types.shapes import Bool, Float
 
 NEAR, DONE = 1e-2, 1e-3
@@ -58,19 +59,11 @@ def solve_keys(
         iterations: linearisations at most, per scale.
         alive: called before each linearisation.
     """
-    result = None
-    for scale in scales:
-
-        def linearise(x: np.ndarray, scale: float = scale):
-            alive()
-            return model.linearise(x, scale)
-
-        tolerance = NEAR if scale > scales[-1] else DONE
-        settings = LMSettings(max_iterations=iterations, tolerance=tolerance, promise=1.0)
-        result = levenberg_marquardt(keys, linearise, _moved, settings)
-        keys = result.state
-    assert result is not None
-    return HandKeys(keys, float(result.cost[0]), Convergence.of(result))
+    stages = [
+        (scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales
+    ]  # fmt: skip
+    found = minimise(model, keys, stages, alive)
+    return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:
@@ -85,10 +78,6 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
     covariance = np.zeros((model.problem.num_frames, *found.shape[1:]))
     covariance[rows.frames.reshape(-1)] = found
     return covariance
-
-
-def _moved(keys: np.ndarray, step: np.ndarray) -> np.ndarray:
-    return keys + step.reshape(-1, keys.shape[1])[: len(keys)]
 
 
 PALM = (0, 1, *KNUCKLES[1:])

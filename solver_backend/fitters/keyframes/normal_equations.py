@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 from typing import Any
@@ -33,6 +33,10 @@ FIXED = 1e12
 """Precision of what is fixed: beside it no measurement counts. Chosen by hand."""
 
 
+Stencil = Sequence[Array | float]
+"""Coefficients of neighbouring keys."""
+
+
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
     """Block-tridiagonal equations of n N + 1 keys; block w holds the n keys from n w on (the last ones dummies).
@@ -61,11 +65,17 @@ class KeyframeNormalEquations:
         return self.g.shape[1] // self.dof
 
     @classmethod
-    def empty(cls, num_windows: int, layout: StateLayout, like: Array, free: int = 2) -> KeyframeNormalEquations:
-        """Return the equations of N windows without any data; a floor keeps unseen parts still."""
-        single, dof = array_namespace(like).float32, layout.dof
-        floor = FLOOR * identity(free * dof, like, single)
-        diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + floor
+    def empty(
+        cls, num_windows: int, layout: StateLayout, like: Array, free: int = 2, *, floor: float = FLOOR,
+        precision: Any = None,
+    ) -> KeyframeNormalEquations:  # fmt: skip
+        """Return the equations of N windows without any data; a floor keeps unseen parts still.
+
+        Matrices are of single precision unless another is given.
+        """
+        single, dof = array_namespace(like).float32 if precision is None else precision, layout.dof
+        still = floor * identity(free * dof, like, single)
+        diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + still
         diagonal[-1, dof:, dof:] += identity((free - 1) * dof, like, single)
         met = dof + min(layout.turns.start, (free - 1) * dof)
         upper = zeros((num_windows, free * dof, met), like, single)
@@ -89,6 +99,61 @@ class KeyframeNormalEquations:
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
+
+    def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
+        """Add what each key has by itself: (K, n, n) matrices of n columns of its tangent, and derivatives by them."""
+        for parity in (0, 1):
+            at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
+            own = hessian[parity::2]
+            self.diagonal[: own.shape[0], at, at] += own
+            self.g[: own.shape[0], at] += gradient[parity::2]
+
+    def add_differences(
+        self, value: Array, tangents: Array, stencil: Stencil, weight: Array | float, first: int = 0
+    ) -> None:
+        """Add ``1/2 sum_k w_k |sum_i c_i x_{k+i}|²``.
+
+        Args:
+            value: (K, v) x of each key.
+            tangents: (K, v, d) x by the columns of a key from ``first`` on.
+            stencil: the coefficients c, numbers or (n,) one for each k.
+            weight: w, a number or (n,).
+            first: column of a key's tangent.
+        """
+        xp, single = array_namespace(value), self.diagonal.dtype
+        rest, weights = differences(value, stencil, weight)
+        count, rounded = rest.shape[0], xp.astype(tangents, single)  # matrices only steer the steps
+        parts = [(i, _along(c, 3) * rounded[i : count + i]) for i, c in enumerate(stencil)]
+        for i, left in parts:
+            left_T = xp.permute_dims(left, (0, 2, 1)) * xp.astype(weights, single)[:, None, None]
+            gradient = _times(tangents[i : count + i], (stencil[i] * weights)[:, None] * rest)
+            for j, right in parts:
+                if j >= i:
+                    self._scatter(i, j, xp.matmul(left_T, right), first)
+            for parity in range(min(2, count)):
+                keys = np.arange(i, i + count)[parity::2]
+                blocks, column = keys // 2, int(keys[0] % 2) * self.dof + first
+                self.g[blocks, column : column + gradient.shape[1]] += gradient[parity::2]
+
+    def _scatter(self, i: int, j: int, blocks: Array, first: int) -> None:
+        """Add blocks that couple the keys k + i and k + j, k = 0, 1, ..."""
+        xp = array_namespace(blocks)
+        size = blocks.shape[-1]
+        for parity in (0, 1):
+            chosen = blocks[parity::2]
+            if chosen.shape[0] == 0:
+                continue
+            rows = np.arange(len(chosen)) * 2 + parity + i
+            columns = np.arange(len(chosen)) * 2 + parity + j
+            row, column = int(rows[0] % 2) * self.dof + first, int(columns[0] % 2) * self.dof + first
+            if rows[0] // 2 == columns[0] // 2:
+                block = rows // 2
+                self.diagonal[block, row : row + size, column : column + size] += chosen
+                if i != j:
+                    chosen_T = xp.permute_dims(chosen, (0, 2, 1))
+                    self.diagonal[block, column : column + size, row : row + size] += chosen_T
+            else:
+                self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
         """Return the equations without the keys of a (n N + 1,) mask: they take no step and have no uncertainty."""
@@ -295,3 +360,23 @@ def _by_keys(xp: Any, mixed: Array, d_pose_d_keys: Array, pairs: list[tuple[int,
         if a != b:
             hessian[:, columns, rows] = xp.matrix_transpose(product)
     return hessian
+
+
+def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[Array, Array]:
+    """Return ``sum_i c_i x_{k+i}`` (n, d) of (K, d) values with the coefficients c of a stencil, and weights (n,)."""
+    xp = array_namespace(value)
+    count = max(0, value.shape[0] - len(stencil) + 1)
+    rest = xp.sum(xp.stack([_along(c, 2) * value[i : count + i] for i, c in enumerate(stencil)]), axis=0)
+    weights = constant(weight, value) * xp.ones_like(value[:count, 0])
+    return rest, weights
+
+
+def _along(coefficient: Array | float, ndim: int) -> Array | float:
+    """Return a coefficient that multiplies arrays of so many dimensions along their first."""
+    return coefficient if isinstance(coefficient, int | float) else coefficient[(slice(None), *[None] * (ndim - 1))]
+
+
+def _times(tangents: Array, by_value: Array) -> Array:
+    """Return (n, d): derivatives by the tangents (n, v, d) of values from those by the values (n, v)."""
+    xp = array_namespace(tangents)
+    return xp.matmul(xp.permute_dims(tangents, (0, 2, 1)), by_value[..., None])[..., 0]

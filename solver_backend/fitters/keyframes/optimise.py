@@ -25,7 +25,8 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.solution import Convergence
 from solver_backend.geometry.arrays import Array, array_namespace, index
 from solver_backend.priors.base import PosePrior
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.graduated import minimise
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.solver.normal_equations import LazyNormalEquations
 
 
@@ -179,28 +180,36 @@ def solve_keys(
         fixed: (n N + 1,) bool, the keys that stay; None for none.
         alive: called before each linearisation; it may raise to end the solve.
     """
-    xp = array_namespace(start.z)
-    rows, free = layout.rows(schedule.stride), model.free
-    decoded = model.frames.decode_fixed(start, rows)
+    rows = layout.rows(schedule.stride)
     fixed = np.zeros(layout.num_keys, dtype=bool) if fixed is None else fixed
-    keys, solution = hemisphere_aligned(start), None
+    problem = _KeyProblem(model, layout, rows, schedule.hessian_frames, model.frames.decode_fixed(start, rows), fixed)
+    settings = LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)
+    stages = [(scale, settings) for scale in schedule.scales]
+    found = minimise(problem, hemisphere_aligned(start), stages, alive)
+    return KeySolution(found.state, float(array_namespace(start.z).sum(found.cost)), Convergence.of(found))
 
-    def retract(state: Keyframes, step: Array) -> Keyframes:
-        return state.retract(xp.reshape(step, (-1, free.dof))[: layout.num_keys], free)
 
-    for scale in schedule.scales:
+@dataclass(frozen=True)
+class _KeyProblem:
+    """The keys of a model as a problem of least squares."""
 
-        def linearise(state: Keyframes, scale: float = scale) -> tuple[Array, LazyNormalEquations]:
-            alive()
-            cost, form = model.equations(rows, state, scale, schedule.hessian_frames, decoded)
-            return cost[None], LazyNormalEquations(lambda: form().with_fixed(fixed).block_tridiagonal())
+    model: BundleModel
+    layout: KeyframeLayout
+    rows: WindowRows
+    hessian_frames: int
+    decoded: list[Array] | None
+    fixed: np.ndarray
 
-        settings = LMSettings(schedule.iterations, schedule.tolerance, schedule.promise)
-        result = levenberg_marquardt(keys, linearise, retract, settings)
-        keys = result.state
-        solution = KeySolution(keys, float(xp.sum(result.cost)), Convergence.of(result))
-    assert solution is not None
-    return solution
+    def linearise(self, state: Keyframes, scale: float) -> tuple[Array, LazyNormalEquations]:
+        """Return the costs of the windows and their equations, which are formed when a step is asked for."""
+        cost, form = self.model.equations(self.rows, state, scale, self.hessian_frames, self.decoded)
+        return cost[None], LazyNormalEquations(lambda: form().with_fixed(self.fixed).block_tridiagonal())
+
+    def retract(self, state: Keyframes, step: Array) -> Keyframes:
+        """Return the keys moved by a step."""
+        free = self.model.free
+        by_key = array_namespace(step).reshape(step, (-1, free.dof))[: self.layout.num_keys]
+        return state.retract(by_key, free)
 
 
 CHUNK_WINDOWS = 100

@@ -78,12 +78,10 @@ class PropEquations:
     """(F - 1, 2) power densities q of the angular acceleration (rad²/s³) and of the acceleration (m²/s³)."""
     dt: float
     """Seconds between frames."""
-    scale: float
-    """Standard deviations from which on a marker is doubted."""
 
-    def linearise(self, state: PropState) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations."""
-        cost, diagonal, g = self.of_markers(state)
+    def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
+        """Return the (1,) cost and the normal equations; markers are doubted from so many standard deviations on."""
+        cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()
         weighted = (weight @ e[..., None])[..., 0]
@@ -101,21 +99,25 @@ class PropEquations:
         cost += 0.5 * float((e * weighted).sum() + (calm * rates**2).sum())
         return np.array([cost]), BlockTridiagonal(diagonal, upper, g)
 
+    def retract(self, state: PropState, step: np.ndarray) -> PropState:
+        """Return the state moved by a (1, 12 F) tangent step."""
+        return state.retract(step)
+
     def residuals(self, state: PropState) -> tuple[np.ndarray, np.ndarray]:
         """Return (F, M, 3) errors in metres, zero where nothing is seen, and (F, M, 3) the turned markers."""
         turned = self.rest @ np.swapaxes(state.R, -1, -2)
         return np.nan_to_num(turned + state.t[:, None] - self.points), turned
 
-    def weights(self, error: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def weights(self, error: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
         """Return (F, M) robust costs and weights of errors, zero where nothing is seen."""
         seen = np.isfinite(self.points).all(-1)
-        cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, self.scale)
+        cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, scale)
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
-    def of_markers(self, state: PropState) -> tuple[float, np.ndarray, np.ndarray]:
+    def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
         """Return the markers' cost, and what they add to the blocks (F, 12, 12) and the gradient (F, 12)."""
         error, turned = self.residuals(state)
-        cost, weight = self.weights(error)
+        cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
         lever = skew(turned)
         H, g = np.zeros((len(error), SIZE, SIZE)), np.zeros((len(error), SIZE))

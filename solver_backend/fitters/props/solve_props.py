@@ -34,7 +34,8 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.residuals.robust import graduated_scales
-from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+from solver_backend.solver.graduated import minimise
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import MarkerCloud
 
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
@@ -65,24 +66,19 @@ def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float)
     known = np.flatnonzero(np.isfinite(start.rest).all(-1))
     if len(known) < len(labels):
         return solve_prop(name, [labels[int(m)] for m in known], points[:, known], fps)
-    equations = PropEquations(points, start.rest, start.sigma_m, unrest_of(start, fps), 1.0 / fps, FIRST_SCALE)
+    equations = PropEquations(points, start.rest, start.sigma_m, unrest_of(start, fps), 1.0 / fps)
     state = PropState.of_poses(start.R, start.t, 1.0 / fps)
-    for scale in graduated_scales(SCALE, FIRST_SCALE, SCALES):
-        equations = replace(equations, scale=scale)
-        state = _minimised(equations, state)
+    stages = [(scale, STEPS) for scale in graduated_scales(SCALE, FIRST_SCALE, SCALES)]
+    state = minimise(equations, state, stages).state
     equations = _learned(equations, state)
-    state = _minimised(equations, state)
+    state = minimise(equations, state, stages[-1:]).state
     return _prop(name, labels, equations, state)
-
-
-def _minimised(equations: PropEquations, state: PropState) -> PropState:
-    return levenberg_marquardt(state, equations.linearise, PropState.retract, STEPS).state
 
 
 def _learned(equations: PropEquations, state: PropState) -> PropEquations:
     """Return the equations with the shape that the poses show, and the markers' spread about it."""
     error, _ = equations.residuals(state)
-    _, weight = equations.weights(error)
+    _, weight = equations.weights(error, SCALE)
     own = (np.nan_to_num(equations.points - state.t[:, None])) @ state.R
     total = weight.sum(axis=0)[:, None]
     mean = (weight[..., None] * own).sum(axis=0) / np.maximum(total, 1e-9)
@@ -98,8 +94,8 @@ def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations
     models".
     """
     error, _ = equations.residuals(state)
-    _, weight = equations.weights(error)
-    taken = float((equations.of_markers(state)[1] * _covariance(equations, state)).sum())
+    _, weight = equations.weights(error, SCALE)
+    taken = float((equations.of_markers(state, SCALE)[1] * _covariance(equations, state)).sum())
     free = 3.0 * float(weight.sum()) - taken
     if free <= 0.0:
         return equations
@@ -109,7 +105,7 @@ def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations
 
 def _covariance(equations: PropEquations, state: PropState) -> np.ndarray:
     """Return the (F, 12, 12) covariances of the frames' unknowns: the diagonal blocks of H⁻¹."""
-    return equations.linearise(state)[1].marginals()[0]
+    return equations.linearise(state, SCALE)[1].marginals()[0]
 
 
 def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: PropState) -> Prop:

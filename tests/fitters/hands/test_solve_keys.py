@@ -32,7 +32,7 @@ def solved(model: KeyModel, start: np.ndarray | None = None) -> np.ndarray:
 def test_the_gradient_is_that_of_the_cost(frames: int) -> None:
     model = model_of(hand_problem(frames)[0])
     keys = RNG.normal(0, 0.2, (model.layout.num_keys, DOF))
-    gradient, step = model.equations(keys, 3.0)[1].g, 1e-6
+    gradient, step = model.equations(keys, 3.0)[1].g.reshape(-1, DOF), 1e-6
     for k, d in zip(RNG.integers(0, len(keys), 25), RNG.integers(0, DOF, 25), strict=True):
         moved = [keys.copy(), keys.copy()]
         moved[0][k, d] -= step
@@ -41,22 +41,28 @@ def test_the_gradient_is_that_of_the_cost(frames: int) -> None:
         assert gradient[k, d] == pytest.approx(slope, rel=1e-4, abs=1e-3)
 
 
-def test_the_block_matrix_holds_the_band() -> None:
-    """Solved in blocks as in one dense matrix."""
-    model = model_of(hand_problem(19)[0])
-    keys = RNG.normal(0, 0.2, (model.layout.num_keys, DOF))
-    equations = model.equations(keys, 3.0)[1]
-    count = len(keys) * DOF
-    dense = np.zeros((len(keys), DOF, len(keys), DOF))
-    for j in range(3):
-        for k in range(len(keys) - j):
-            dense[k, :, k + j] = equations.band[k, j]
-            dense[k + j, :, k] = equations.band[k, j].T
-    step = equations.block_tridiagonal().solve(np.zeros(1))[0, :count]
-    np.testing.assert_allclose(dense.reshape(count, count) @ step, -equations.g.reshape(-1), rtol=1e-6, atol=1e-4)
+def test_the_block_matrix_is_the_derivative_of_the_gradient_where_keys_stand_unevenly() -> None:
+    """Without data all terms but the limits of joints are quadratic; solved in blocks as in one dense matrix."""
+    problem = hand_problem(19)[0]
+    blind = PositionTerm(np.zeros((19, *problem.sites.offset.shape)), np.zeros((19, len(problem.sites.offset))))
+    model = KeyModel(replace(problem, term=blind), KeyframeLayout(np.array([0, 4, 11, 18])))
+    keys = np.zeros((model.layout.num_keys, DOF))
+    keys[:, FINGERS] = problem.prior.mean
+    moved = RNG.normal(0, 1e-3, keys.shape)
+    equations, after = (model.equations(at, 3.0)[1] for at in (keys, keys + moved))
+    count = keys.size
+    dense = np.zeros((len(equations.g), 2 * DOF, len(equations.g), 2 * DOF))
+    for w, block in enumerate(equations.diagonal):
+        dense[w, :, w] = block
+    for w, block in enumerate(equations.upper):
+        dense[w, :, w + 1], dense[w + 1, :, w] = block, block.T
+    dense = dense.reshape(equations.g.size, -1)[:count, :count]
+    change = (after.g - equations.g).reshape(-1)[:count]
+    np.testing.assert_allclose(dense @ moved.reshape(-1), change, rtol=1e-5, atol=1e-4)
+    step = after.block_tridiagonal().solve(np.zeros(1))[0, :count]
+    np.testing.assert_allclose(dense @ step, -after.g.reshape(-1)[:count], rtol=1e-6, atol=1e-4)
     diagonal, _ = equations.block_tridiagonal().marginals()
-    inverse = np.linalg.inv(dense.reshape(count, count))
-    np.testing.assert_allclose(diagonal[0], inverse[: 2 * DOF, : 2 * DOF], rtol=1e-3, atol=1e-7)
+    np.testing.assert_allclose(diagonal[0], np.linalg.inv(dense)[: 2 * DOF, : 2 * DOF], rtol=1e-3, atol=1e-7)
 
 
 @pytest.mark.parametrize("side", [0, 1])

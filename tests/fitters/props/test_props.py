@@ -71,13 +71,13 @@ def test_the_jacobians_are_those_of_finite_differences():
     points = rng.normal(size=(frames, 4, 3))
     points[2, 1] = np.nan
     unrest = rng.uniform(1.0, 2.0, (frames - 1, 2)) * 1e6
-    equations = PropEquations(points, rng.normal(size=(4, 3)), 0.5, unrest, dt, 3.0)
-    _, system = equations.linearise(state)
+    equations = PropEquations(points, rng.normal(size=(4, 3)), 0.5, unrest, dt)
+    _, system = equations.linearise(state, 3.0)
     numeric = np.zeros(frames * SIZE)
     for i in range(len(numeric)):
         step = np.zeros((1, len(numeric)))
         step[0, i] = 1e-6
-        high, low = (equations.linearise(state.retract(sign * step))[0][0] for sign in (1, -1))
+        high, low = (equations.linearise(state.retract(sign * step), 3.0)[0][0] for sign in (1, -1))
         numeric[i] = (high - low) / 2e-6
     np.testing.assert_allclose(system.g.ravel(), numeric, rtol=1e-5, atol=1e-4)
 
