@@ -35,9 +35,6 @@ def labelled_like(
     """Return a capture whose points have the names of another's markers, and how.
 
     Args:
-        capture: whose points are named; the names that they have are not looked at.
-        like: a labelled take of the same person and layout.
-        progress: called as frames are read.
         network: the one that ships if None.
 
     Raises:
@@ -122,10 +119,6 @@ def labelled_as_person(
     """Return a capture that the network labelled, under the labels of the person, and what that named.
 
     Args:
-        capture: as the network left it: points outside its places have no names.
-        person: who wears the markers.
-        settings: whose body is the person's.
-        progress: called as stages advance.
         kept: names that the user or the file gave, which stay.
 
     Raises:
@@ -156,10 +149,7 @@ def person_of_nameless(
     """Return the person with the markers outside the network's places that its labelled takes show on bones.
 
     Args:
-        person: calibrated from these takes.
         captures: takes whose points had no names, as the network left them.
-        settings: whose body is the person's.
-        progress: called as stages advance.
     """
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:

@@ -57,7 +57,6 @@ def needs_labels(cloud: MarkerCloud) -> bool:
 
 
 def _names(cloud: MarkerCloud) -> MarkerNames:
-    """Return what the labels that somebody gave mean."""
     return name_markers([label for label in cloud.labels or () if not is_unnamed(label)], places_by_side(cloud))
 
 
@@ -90,8 +89,6 @@ def labelled_capture(
     """Return a capture whose points have names, and how they came by them; the same capture where it needs none.
 
     Args:
-        capture: with or without markers.
-        progress: called as frames are read.
         user_labels: assigned by the user, by column and frame; they hold for the whole stretch.
         network: the one that ships if None.
         always: label it even if it has names (which bind, see ``named_points``).

@@ -67,10 +67,6 @@ class Recipe(Protocol):
         """Return the poses, and how the search for them ended.
 
         Args:
-            problem: the measurements made ready.
-            subject: the person.
-            settings: scales, iterations and the rest.
-            progress: called as stages advance.
             each: solves the stretches of a long take, where the recipe cuts it into some.
         """
         ...
@@ -115,7 +111,6 @@ RECIPES: dict[str, Recipe] = {
 def _solve_take(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take at once, by the recipe of what was measured."""
     recipe = RECIPES[problem.measurements.source.recipe]
     return recipe(problem, subject, settings, progress, each)
 

@@ -71,7 +71,6 @@ class OwnPoints:
         """Return the own points of a person as one layer; none where there are none.
 
         Args:
-            cameras: C calibrated cameras.
             keypoints: of the person.
             located: these.
             sigma_px: standard deviation of a detection, broadcast against (C, F, K + N).
@@ -148,7 +147,6 @@ class PlacedPoints:
         return motion
 
     def _report(self, problem: Problem, solved: SolvedFrames) -> Iterator[Diagnostic]:
-        """Yield where each point is on its bone, and how far it is from its detections."""
         if not self.points:
             return
         count, poses = len(self.points), solved.frames if solved.fitted is None else solved.fitted
@@ -189,9 +187,7 @@ def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settin
 
     Args:
         full: with measurements of keypoints and placed points.
-        solved: poses of all frames, by the keypoints alone.
         placed: where the points are by these.
-        settings: of the solve.
     """
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)
@@ -210,7 +206,6 @@ def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settin
 
 
 def _measure(problem: Problem, own: OwnPoints, placed: PlacedPoints, like: Array) -> Problem:
-    """Return the problem with the placed points behind the keypoints."""
     measured = problem.measurements
     columns = [*range(own.keypoints.joint_set.num_keypoints), *(own.column(point) for point in placed.points)]
     xy, confidence = own.keypoints.xy[:, :, columns], own.keypoints.confidence[:, :, columns]

@@ -42,13 +42,8 @@ def solve(
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
     Args:
-        capture: calibrated cameras and 2D keypoints, or labelled optical markers.
-        settings: method, backend and the rest.
-        progress: called as stages advance.
         prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
-        start: an earlier motion of these frames at which several cameras start, such as that of one of them.
-        each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
@@ -74,11 +69,7 @@ def solve_problem(
     """Solve the motion of the person from measurements of any kind.
 
     Args:
-        problem: measurements made ready, in arrays of the settings' backend.
-        settings: method and the rest.
-        progress: called as stages advance.
         provenance: what the motion records besides.
-        each: solves the stretches of a long take; the global method's alone.
     """
     method = METHODS[settings.method]
     full, solved, convergence = _solve_body(problem, settings, progress, each)
@@ -107,7 +98,6 @@ def solve_problem(
 def _solve_body(
     problem: Problem, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> tuple[Problem, SolvedFrames, Convergence]:
-    """Return poses by the settings' method, solved again where layers add landmarks, and the problem with these."""
     method = METHODS[settings.method]
 
     def solve_once(problem: Problem) -> MethodResult:
@@ -176,11 +166,7 @@ def resolve_motion(
     Where nothing is pinned near by, the motion's own points are what is measured; about a pin the prior fills in.
 
     Args:
-        measured: the motion as it came.
-        motion: the motion to be changed: the same one, or an earlier change of it.
-        frame_range: what to solve again, and the pins.
         settings: as of ``solve``.
-        progress: called as stages advance.
 
     Raises:
         JobInvalid: the frame range is none of this motion.
@@ -197,7 +183,6 @@ def resolve_motion(
 
 
 def _sources(capture: Capture, settings: SolveSettings) -> dict[str, Any]:
-    """Return which files went into a solve."""
     path = resolve_body(settings.body)
     fingerprint = {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
     named = {"person": capture.person} if capture.person else {}

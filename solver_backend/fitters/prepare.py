@@ -82,7 +82,6 @@ def _prepare_markers(
     cloud: MarkerCloud, others: MarkerCloud | None, body: Body, prior: AutoencodingPrior, like: Array,
     settings: SolveSettings, progress: Progress, person: MarkerSubject | None,
 ) -> Problem:  # fmt: skip
-    """Return the body's markers, with those of hands and those that nobody wears as layers."""
     from solver_backend.fitters.hands.layer import Hands, split_hands
     from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers

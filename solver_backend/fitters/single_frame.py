@@ -200,7 +200,6 @@ def _lifted(subject: Subject, term: PositionTerm) -> Lifted:
 
 
 def _placed(subject: Subject, prior: AutoencodingPrior, lifted: Lifted) -> FrameStates:
-    """Return the lifted states of this subject, whose pelvis rests elsewhere than at the origin."""
     rest, z = constant(subject.body.rest_joints(to_numpy(subject.betas))[0], lifted.z), lifted.z
     if prior.metadata.get("sha256") != load_lifter().metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
         z = prior.encode(prior_on_body(load_sposer(), subject.body.layout).decode(z))
@@ -208,7 +207,6 @@ def _placed(subject: Subject, prior: AutoencodingPrior, lifted: Lifted) -> Frame
 
 
 def _from_poses(subject: Subject, prior: PosePrior, term: PositionTerm) -> FrameStates:
-    """Return each frame's best of the start poses."""
     xp = array_namespace(term.positions)
     starts = [_start(subject, prior, term, values) for values in _START_POSES]
     misfit = xp.stack([term(pose(subject, posed(prior, s)).points, 20.0).cost for s in starts])
@@ -216,7 +214,6 @@ def _from_poses(subject: Subject, prior: PosePrior, term: PositionTerm) -> Frame
 
 
 def _pick(choices: list[FrameStates], index: Array) -> FrameStates:
-    """Return for each frame the state of the choice at its index."""
     xp = array_namespace(index)
     frame = xp.arange(index.shape[0])
     stacked = [xp.stack([getattr(c, name) for c in choices])[index, frame] for name in ("z", "root", "transl")]

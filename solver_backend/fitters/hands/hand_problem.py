@@ -251,7 +251,6 @@ class KeyModel:
         return cost, equations if self.moving is None else equations.with_fixed(~self.moving)
 
     def _hold_wrist(self, keys: np.ndarray, equations: KeyframeNormalEquations) -> float:
-        """Add the body's constraint on the wrist at each key, and return its cost."""
         covariance = self.problem.wrist.covariance
         if covariance is None:
             return 0.0

@@ -91,7 +91,6 @@ class HandViewTerm:
         Args:
             error: (C, F, L, 2) px, 0 where nothing is measured.
             weight: (C, F, L) 1/px², 0 where nothing is measured.
-            scale: robust scale in standard deviations.
         """
         confidence = np.where(weight > 0, self.points.confidence, 0.0)
         per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
@@ -179,9 +178,7 @@ def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNo
     squares leave outliers out.
 
     Args:
-        views: whose cameras they are.
         xy: (C, n, 21, 2) px detected.
-        found: triangulated from these.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     points = np.asarray(found.points)
@@ -209,7 +206,6 @@ def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNo
 
 
 def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: float) -> float:
-    """Return the variance per axis of squared lengths in two dimensions, by their median."""
     known = square[used]
     return float(np.median(known)) / _MEDIAN if len(known) >= LEAST_POINTS else otherwise
 
@@ -232,7 +228,6 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
     ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
 
     Args:
-        views: detected points.
         side: 0 left, 1 right.
         wrists: (F, 3) metres.
         noise: of the detector.
@@ -283,7 +278,6 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     A frame's two hands in one view are exchanged where both lie nearer to each other's wrist; one alone where it does.
 
     Args:
-        views: as detected.
         wrists: (F, 2, 3) metres, of the solved body, left first.
         elbows: (F, 2, 3).
     """

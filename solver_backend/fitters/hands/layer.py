@@ -115,7 +115,6 @@ def split_hands(
 
 
 def _near(cloud: MarkerCloud, found: Mapping[int, Mapping[str, int]], own: Mapping[str, str]) -> dict[int, int]:
-    """Return the side by column of the markers without a place that stay near to a hand's."""
     labels = cloud.labels or ()
     places = {label: place for label, place in own.items() if hand_place(place) is None}
     unknown = set(name_markers([label for label in labels if not is_unnamed(label)], places).unknown)

@@ -55,11 +55,7 @@ def calibrated_hand(
 
     Args:
         positions: (F, L, 3) metres of the hand's markers, NaN where missing.
-        markers: these.
-        skeleton: of the hand.
         path: where a body has the wrist.
-        fps: frames per second.
-        settings: robust scale and iterations.
     """
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
@@ -147,7 +143,6 @@ def attach_markers(
     """Return the segments that markers move with: ``o_s = median_f G_sᵀ (x - p_s)``, the constant one of the nearest.
 
     Args:
-        problem: of the hand.
         states: (F, D) its poses.
         positions: (F, N, 3) metres, NaN where missing.
     """
@@ -180,7 +175,6 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
     """Return markers of a hand with those that were attached behind them.
 
     Args:
-        markers: of known places.
         labels: N of the others.
         extra: from ``attach_markers``.
     """
@@ -197,12 +191,8 @@ def worn_hand(
     """Return a hand of a body from its markers, those without a place attached and measured too, and what is doubtful.
 
     Args:
-        measured: markers of both hands.
         side: 0 left, 1 right.
-        skeleton: of the hand, of its size.
         path: where the body has the wrist.
-        fps: frames per second.
-        settings: robust scale and iterations.
     """
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
@@ -228,6 +218,5 @@ def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Floa
 
 
 def _from_line(place: np.ndarray, end: np.ndarray) -> float:
-    """Return how far a place is from the line from the origin to an end."""
     share = float(np.clip(place @ end / max(float(end @ end), 1e-12), 0.0, 1.0))
     return float(np.linalg.norm(place - share * end))

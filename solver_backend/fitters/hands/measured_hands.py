@@ -63,7 +63,6 @@ def hand_size(
     off. How sure that is shows in how well bones agree, and in how much was subtracted.
 
     Args:
-        skeleton: of the size that the body's shape gives it.
         points: (F, 21, 3) metres, NaN where a point is not located.
         spread: (F, 21) m², trace of the covariance by which points scatter about their hand.
     """
@@ -82,11 +81,7 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the size of a person's hands that is likeliest: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``.
-
-    Args:
-        hands: each as it was measured.
-    """
+    """Return the size of a person's hands that is likeliest: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
@@ -162,10 +157,6 @@ def measure_viewed_hands(
 
     Args:
         shown: detections of both hands.
-        body: with fingers.
-        solved: poses of the body.
-        fps: frames per second.
-        settings: as of the body.
         size: of the hands, where an earlier solve found it.
     """
     arms, skeletons = arm_paths(solved), _skeletons(body, solved)
@@ -222,7 +213,6 @@ def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, Located
     """Return the hands that one view shows, by side, none of their points located in space.
 
     Args:
-        views: of one camera.
         wrists: (F, 2, 3) metres, of the solved body, left first.
     """
     hands: dict[int, LocatedHand] = {}

@@ -53,11 +53,8 @@ def solve_keys(
     """Return the keys that minimise the model, solved at each robust scale from where the one before ended.
 
     Args:
-        model: the keys' objective.
         keys: (K, D) where to start.
         scales: Geman-McClure scales in standard deviations.
-        iterations: linearisations at most, per scale.
-        alive: called before each linearisation.
     """
     stages = [
         (scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales
@@ -94,11 +91,8 @@ def initial_keys(
     """Return (K, D) keys: means in time of the turns and angles that located points show, else the relaxed hand.
 
     Args:
-        skeleton: the hand.
         wrist: where the body has its wrist.
         points: (F, 21, 3) metres, NaN where a point is not located.
-        layout: of the keys.
-        prior: of hands.
     """
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
@@ -188,10 +182,7 @@ def solve_hand(
     """Return a hand solved over a take: all keys at once, with the noise of each view learned between two passes.
 
     Args:
-        problem: the hand.
         located: (F, 21, 3) metres to start from, NaN where a point is not located.
-        settings: robust scale, iterations, and whether noise is learned.
-        alive: called before each linearisation.
     """
     layout = KeyframeLayout.even(problem.num_frames, hand_window(problem.fps))
     keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
@@ -211,8 +202,6 @@ def solve_from(
     Args:
         model: the hand and where its keys stand.
         starts: (K, D) keys each.
-        settings: robust scale, iterations, and whether noise is learned.
-        alive: called before each linearisation.
     """
     problem, scale = model.problem, settings.robust_scale
     # Fingers that pass through one another on their way are no matter; where they end is.
@@ -243,13 +232,6 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
     """Return keys whose fingers run through one another less, where any do: solved from relaxed fingers there.
 
     Fingers that have passed through one another are kept on the wrong sides by what keeps them apart.
-
-    Args:
-        model: the hand.
-        found: its solved keys.
-        scale: of the last pass.
-        iterations: linearisations at most.
-        alive: called before each linearisation.
     """
     depth = finger_overlap(model.problem.points(frame_states(model, found.keys)))
     deep = np.flatnonzero(depth > THROUGH_M)
@@ -274,7 +256,6 @@ def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarra
     """Return (F, 5) fingers whose bends the data determine much better than the prior does.
 
     Args:
-        problem: the hand.
         spread: (F, D, D) covariances of the states.
     """
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)

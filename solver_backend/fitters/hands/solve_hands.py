@@ -64,9 +64,7 @@ def follow_hand(
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
 
     Args:
-        body: the body model.
         betas: (10,) shape.
-        frames: F poses.
         side: 0 left, 1 right.
         turn: (F, 3) rotation vectors of the wrist in the world.
         shift: (F, 3) metres.
@@ -148,10 +146,6 @@ def solve_hands(
 
     Args:
         shown: what views or markers show of the hands.
-        solved: the body's poses.
-        fps: frames per second.
-        settings: as of the body.
-        progress: called as the sides advance.
     """
     if len(solved.frames.transl) < LEAST_FRAMES:
         return solved, None
@@ -188,7 +182,6 @@ def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarr
     """Return the poses with an arm that follows its hand in n frames.
 
     Args:
-        solved: poses of the body.
         side: 0 left, 1 right.
         frames: (n,) numbers of the frames.
         turn: (n, 3) rotation vectors by which the wrist leaves where the body has it.
@@ -242,11 +235,7 @@ def solve_hands_again(
 
     Args:
         shown: what views or markers show of the hands.
-        solved: the body's poses in the whole take, the range's among them.
         earlier: the motion before, with its fingers.
-        frame_range: what is solved again.
-        settings: as of the body.
-        progress: called as the sides advance.
     """
     if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
@@ -277,9 +266,6 @@ def solve_hand_range(
     Args:
         measured: the hand over the whole take, its wrist where the body has it now.
         still: (F, A) radians of the earlier solve, in pinned frames those of the pins.
-        frame_range: what is solved again.
-        settings: robust scale, iterations, and whether noise is learned.
-        alive: called before each linearisation.
     """
     problem = measured.problem
     layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))

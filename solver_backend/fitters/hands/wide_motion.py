@@ -30,8 +30,6 @@ def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, obje
     """Return a motion with fingers; those that nobody sees rest relaxed, and are flagged.
 
     Args:
-        motion: of the body without, its arms following the hands.
-        hands: solved beside it.
         statistics: what the motion records of them.
     """
     body = with_hand_size(hands.body, hands.size) if hands.size != 1.0 else hands.body
@@ -104,11 +102,7 @@ def with_fingers_of(
     where nothing was measured, fades linearly to the next pin or end.
 
     Args:
-        motion: solved again, without fingers.
         earlier: as it was; the motion is returned as it is where this has no fingers.
-        solved: the frames solved again.
-        hands: hands solved again, by side.
-        body: of both.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -146,7 +140,6 @@ def with_fingers_of(
 
 
 def _beside(motion: Motion, earlier: Motion, kept: int) -> dict[str, Any]:
-    """Return arrays of a motion's joints with those of the earlier one's fingers behind them."""
     parts: dict[str, Any] = {}
     for name in ("joint_sigma", "joint_covariance", "resting"):
         own, before = getattr(motion, name), getattr(earlier, name)

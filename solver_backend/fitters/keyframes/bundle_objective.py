@@ -88,7 +88,6 @@ class MotionPrior:
                 equations.add_differences(value, tangents, stencil, weight, equations.layout[name].start)
 
     def _stencils(self, sigma: float) -> list[tuple[tuple[int, ...], Array | float]]:
-        """Return coefficients of what is bounded, and precisions: acceleration, and between unseen keys speed."""
         weight = 1.0 / (sigma * self.spacing_s**2) ** 2
         if self.unseen is None or not self.unseen.any():
             return [((1, -2, 1), weight)]
@@ -251,11 +250,8 @@ def bundle_objective(
     """Return what the global method minimises.
 
     Args:
-        problem: the measurements made ready.
-        layout: windows of the keys, which stand half a window apart.
         window: frames of a window.
         points: the data, and contacts where feet stand.
-        settings: how strongly terms act; a term that a setting switches on is added here.
         residuals: keys may leave the prior's manifold.
         looseness: joints may leave the manifold by so many times the prior's error.
     """

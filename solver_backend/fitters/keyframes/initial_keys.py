@@ -60,7 +60,6 @@ def keys_of_frames(
 
 
 def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the seen frames before and after each time and its share of the interval; twice the nearest elsewhere."""
     index = np.searchsorted(seen, times)
     before, after = seen[np.maximum(index - 1, 0)], seen[np.minimum(index, len(seen) - 1)]
     before = np.where(index == 0, after, before)
@@ -87,11 +86,9 @@ def dense_layout(
     noise: 15.1 and 15.4 m/s² in one dance seen exactly and with the measured noise, 4.3 and 4.8 in one walk.
 
     Args:
-        model: what makes poses of the keys.
         layout: windows of the first solution, which is returned where they are close enough.
         keys: the first solution.
         window: frames of its windows.
-        fps: frames per second.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -107,7 +104,6 @@ def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
 
     Args:
         points: (F, L, 3) metres, NaN where missing.
-        fps: frames per second.
         apart: frames between keys.
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))

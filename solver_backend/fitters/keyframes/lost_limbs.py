@@ -91,13 +91,7 @@ def resolve_lost_limbs(
     is lost for longer than a chunk is no lost limb, and stays too.
 
     Args:
-        measurements: what locates the points.
-        model: what evaluates the keys.
-        layout: windows of the keys.
-        keys: of a solution.
         points: (F, L, 3) its landmarks.
-        start: makes the keys that lost windows start from.
-        schedule: of the solution's last pass.
         frames: numbers of the F frames; all of the layout if None.
     """
     lost = _lost_windows(measurements, layout, points, frames)
@@ -161,11 +155,6 @@ def resolve_outlier_markers(
 
     Args:
         measurements: the markers of a calibrated person: a motion's own keypoints, which a clean-up solves, are none.
-        model: what evaluates the keys; they may leave the manifold.
-        layout: windows of the keys.
-        keys: of a solution.
-        schedule: of the last pass, from a scale at which far markers draw.
-        frames: numbers of those that are looked at.
 
     Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
     """

@@ -254,9 +254,7 @@ def data_equations(
 
     Args:
         data: what evaluates the frames.
-        keys: n N + 1 keys.
         rows: the frames of N windows.
-        scale: of Geman-McClure's penalty.
         hessian_frames: frames of a window whose Hessians are formed.
         decoded: see ``FrameData.decode_fixed``; None decodes here.
     """
@@ -277,7 +275,6 @@ def data_equations(
 
 
 def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
-    """Return the ranges of windows that are worked on at a time."""
     return rows.blocks(block_size(BLOCK_FRAMES, keys.z))
 
 
@@ -372,7 +369,6 @@ def differences(value: Array, stencil: Stencil, weight: Array | float) -> tuple[
 
 
 def _along(coefficient: Array | float, ndim: int) -> Array | float:
-    """Return a coefficient that multiplies arrays of so many dimensions along their first."""
     return coefficient if isinstance(coefficient, int | float) else coefficient[(slice(None), *[None] * (ndim - 1))]
 
 

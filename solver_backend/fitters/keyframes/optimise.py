@@ -145,11 +145,7 @@ def solve_sliding(
     """Solve window after window: the first key fixed, the n others free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
-        model: what evaluates the keys.
-        layout: windows of the take.
         start: n N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
-        schedule: robust scales and iterations.
-        progress: called after each window.
     """
     keys, found = start, []
     fixed = np.arange(layout.free + 1) == 0
@@ -173,10 +169,6 @@ def solve_keys(
     """Solve the free keyframes at once: normal equations are block-tridiagonal, a step is linear in the take's length.
 
     Args:
-        model: what evaluates the keys.
-        layout: windows of the frames.
-        start: n N + 1 keys.
-        schedule: robust scales and iterations.
         fixed: (n N + 1,) bool, the keys that stay; None for none.
         alive: called before each linearisation; it may raise to end the solve.
     """
@@ -303,14 +295,9 @@ def solve_long(
     what order, the keys are the same (the red-black order of Gauss and Seidel; Young 1971).
 
     Args:
-        model: what evaluates the keys.
-        layout: windows of the take.
-        start: 2N + 1 keys.
-        schedule: robust scales and iterations.
         alive: called before each linearisation; it may raise to end the solve.
         windows: how many are solved at a time.
         overlap: how many beyond them, on both sides, are solved along in the first round.
-        each: solves the chunks of a round.
     """
     keys, found = hemisphere_aligned(start), []
     for first, beyond in ((0, overlap), (1, 1)):

@@ -35,10 +35,6 @@ def joint_covariance(
     what does not average out, by joint.
 
     Args:
-        model: what evaluated the keys.
-        layout: windows of the keys.
-        keys: the solution.
-        frames: the poses of all frames of the layout.
         system: normal equations at the solution.
         inflation: factor on the variance that the noise's correlation in time demands.
         constant_m: (J,) standard deviation per axis of what does not average out, metres.
@@ -92,11 +88,6 @@ def covariance_of_joints(
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
     Args:
-        model: what evaluated the keys.
-        layout: windows of the take.
-        keys: the solution.
-        frames: F poses.
-        scale: of Geman-McClure's penalty.
         inflation: see ``joint_covariance``.
         constant_m: see ``joint_covariance``.
         chunk_windows: windows at a time.
@@ -155,8 +146,6 @@ def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int
 
     Args:
         points: (F, L, 3) landmarks of a solution.
-        term: what was measured in these frames.
-        scale: robust scale, beyond which a measurement is no inlier.
         num_frames: n.
 
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated

@@ -39,8 +39,6 @@ def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, f
     Args:
         again: the motion with some frames solved again.
         before: the motion before.
-        frame_range: with the pins.
-        frames: numbers of the frames that were solved again.
     """
     pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
     if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
@@ -113,11 +111,7 @@ def frames_in_place(
     """Return the poses of the whole take: the earlier ones, and in the frames that moved the new ones.
 
     Args:
-        problem: the measurements made ready.
-        subject: the person.
-        motion: the earlier solve.
         before: its poses.
-        solved: the frames solved again.
         covariance: (n, 24, 6) of the joints in the frames of the layout (see ``packed``).
     """
     layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
@@ -137,10 +131,6 @@ def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: Solve
     """Return the earlier motion with the frames that moved replaced; all others stay as they are, bit for bit.
 
     Args:
-        problem: the measurements made ready.
-        motion: the earlier solve.
-        solved: the frames solved again.
-        frames: poses of the whole take with these in their places.
         scale: see ``build_motion``.
 
     Raises:
@@ -183,7 +173,6 @@ def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple
     ends and beyond, except at the ends of the take.
 
     Args:
-        frame_range: what is solved again.
         num_frames: F of the take.
         window: frames of a window.
     """

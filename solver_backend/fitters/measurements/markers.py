@@ -66,8 +66,6 @@ def measure_markers(
 
     Args:
         cloud: every marker labelled by a name that a layout knows (see ``LayoutFile.place_of``).
-        body: on whose skin they sit.
-        like: array that sets kind, type and device.
         sigma_m: standard deviation of a marker against the body, per axis.
         own: places that the user gave, see ``name_markers``.
 
@@ -86,8 +84,6 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     Args:
         cloud: F frames of L labelled markers. The tracker's own error adds to the place's: covariances
             Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² + residual²``.
-        landmarks: the L places of the markers on the body.
-        like: array that sets kind, type and device.
         sigma_m: (L,) standard deviation of each marker against the body, per axis.
 
     Raises:
@@ -123,8 +119,6 @@ def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray)
     """Return measured markers as those of a calibrated person.
 
     Args:
-        measured: L markers.
-        subject: who wears them.
         sigma_m: (L,) standard deviation of each marker around where the body has it, per axis.
     """
     assert isinstance(measured.source, LocatedPoints)
@@ -138,7 +132,6 @@ def _require_labels(cloud: MarkerCloud) -> tuple[str, ...]:
 
 
 def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the place of every marker."""
     labels, layouts = _require_labels(cloud), load_layouts()
     names = name_markers(labels, own)
     if unknown := sorted({label.rpartition(":")[2] for label in (*names.unknown, *names.virtual)}):
@@ -166,10 +159,7 @@ def measure_landmarks(
     """Return what landmarks at known places of the body measure.
 
     Args:
-        landmarks: the L points on the body.
         points: (F, L, 3) world metres, NaN where a landmark was not located.
-        fps: frames per second.
-        like: array that sets kind, type and device.
         sigma_m: standard deviation of a landmark, per axis.
 
     Raises:
@@ -205,10 +195,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
     """Return the motion's own body points as measurements, but for the frames about a pinned one.
 
     Args:
-        body: the body the motion is of.
-        motion: F frames.
         pinned: frames whose poses somebody set.
-        like: array that sets kind, type and device.
 
     Raises:
         MotionInvalid: the motion is of another body or layout.
@@ -231,13 +218,6 @@ def measure_network_landmarks(
 ) -> Measurements:
     """Return what the network has for each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
 
-    Args:
-        cloud: F frames of points in any order.
-        body: whose landmarks they are.
-        like: array that sets kind, type and device.
-        joints: its 24 joints too, beside its 53 markers.
-        progress: called as frames are read.
-
     Raises:
         NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
     """
@@ -259,12 +239,7 @@ def measure_directly(
     """Return what the network has for the frames of a recording of markers.
 
     Args:
-        capture: with markers.
-        body: whose landmarks they are.
-        like: array that sets kind, type and device.
-        settings: name which of them.
         person: who is known, if anybody.
-        progress: called as frames are read.
 
     Raises:
         JobInvalid: the recording is none of markers.

@@ -184,7 +184,6 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
     """Return (C, F, L) pixels by which a fitted body may miss detections: ``sqrt(sigma² + (f m / z)²)``.
 
     Args:
-        cameras: C cameras of focal lengths f.
         points: (F, L, 3) located points, NaN where there is none; a frame's depth z is their median's.
         sigma_px: (L,) of the detector.
     """

@@ -47,10 +47,6 @@ def measure_views(
     """Return what the views of a capture measure, after faults of single views were found and repaired.
 
     Args:
-        capture: calibrated cameras and 2D keypoints.
-        body: whose landmarks the keypoints are.
-        like: array that sets kind, type and device.
-        progress: called as stages advance.
         estimate_sync: see ``check_capture``.
         sync: see ``check_capture``.
 
@@ -71,11 +67,7 @@ def measurements_of(
     """Return the measurements of a capture that is triangulated and taken as it is.
 
     Args:
-        capture: calibrated cameras and 2D keypoints.
         triangulation: of these.
-        body: whose landmarks the keypoints are.
-        like: array that sets kind, type and device.
-        found: before.
         model_error: allow for what a body cannot follow beside the detector's noise (see ``fit_sigma_px``).
 
     Raises:
@@ -111,7 +103,6 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     """Return the capture with its confidences read by a noise map, and a note that reports it.
 
     Args:
-        capture: keypoints of one person.
         path: file of the noise map; empty leaves the capture as it is.
 
     Raises:
@@ -152,13 +143,6 @@ def begin_at(
     """Return what several cameras measure, starting at a motion; its poses hold where too few points are located.
 
     The motion's world may be another: it is turned, scaled and shifted onto the located points of all frames.
-
-    Args:
-        measurements: of the views.
-        motion: of the same frames and body.
-        body: whose landmarks were located.
-        prior: whose codes the start is in.
-        like: array that sets kind, type and device.
 
     Raises:
         MotionInvalid: the motion is of other frames or another body.
@@ -215,7 +199,6 @@ class HeldMotion:
 
 
 def _placed(points: np.ndarray, measurements: Measurements) -> tuple[float, np.ndarray, np.ndarray]:
-    """Return scale, rotation and shift that bring a motion's points onto those that were located."""
     both = measurements.located & np.isfinite(points).all(-1)
     if both.sum() < LEAST_POINTS:
         return 1.0, np.eye(3), np.zeros(3)

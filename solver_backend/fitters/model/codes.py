@@ -94,7 +94,6 @@ def d_pose_d_state(
     """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
 
     Args:
-        layout: of the state, n numbers.
         by_code: (F, 3 J, c) of the J joints by the code; None where it is no unknown.
         by_root: (F, 6, 6) of the root's turn and translation by the state's; the identity if None.
         weight: (F,) share of the state's rotation vectors; one if None.

@@ -291,7 +291,6 @@ class KeyframeCurve:
         (W·n, d) codes.
 
         Args:
-            prior: decoder of the codes.
             decoded: (W·n, J, 3, 3) what codes that stay decode to; the product then has no part by them.
         """
         if decoded is None:
@@ -326,7 +325,6 @@ class KeyframeCurve:
         return xp.concat(parts, axis=-1)
 
     def _placed(self, local: Array) -> PosedFrames:
-        """Return the poses with these rotations of the joints."""
         return PosedFrames(self.root.rotation, local, self.root.transl)
 
 

@@ -214,10 +214,6 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
     ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
     ``KeyframeLayout.spline_shares``) and Lagrange's w; neighbouring keys lie close together, so codes and quaternions
     are taken as points of space. Control points are off the spheres that the spline's points are brought back to.
-
-    Args:
-        keys: 2 N + 1 keys, solved on the parabolas of N windows.
-        layout: of these windows.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)

@@ -111,10 +111,7 @@ def frame_equations(
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the tangent of its pose, see ``PoseLayout``.
 
     Args:
-        subject: the person.
-        frames: F poses.
         objective: what evaluates them.
-        scale: of Geman-McClure's penalty.
         hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all,
             in the poses' own.
     """

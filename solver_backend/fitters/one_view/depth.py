@@ -143,7 +143,6 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
     number of frames takes them away.
 
     Args:
-        solved: with the covariances of the bundle.
         one: what is open.
         joints: (J,) joints of the body whose covariances there are.
     """
@@ -194,7 +193,6 @@ def _all_joints(solved: SolvedFrames) -> np.ndarray:
 
 
 def _diagnose_steps(solved: SolvedFrames, problem: Problem, joints: np.ndarray) -> list[Diagnostic]:
-    """Return where the person moves without a step, and that no foot stands."""
     names, seen = problem.body.layout.joints, problem.measurements.seen
     root, feet = joints[:, 0], joints[:, [names.index("left_ankle"), names.index("right_ankle")]]
     found: list[Diagnostic] = []
@@ -229,9 +227,7 @@ def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames
     distance in the smoothed direction. Lengths stay.
 
     Args:
-        solved: the take.
         one: the camera's place and the line of sight to the person.
-        fps: frames per second.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:

@@ -50,7 +50,6 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
     Args:
         xy: (F, K, 2) pixels.
         seen: (F, K) bool.
-        fps: frames per second.
     """
     both = seen[1:] & seen[:-1]
     step = np.linalg.norm(np.where(both[..., None], np.diff(xy, axis=0), np.nan), axis=-1)
@@ -74,7 +73,6 @@ def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> 
         root: (F, 3) the body's middle, world metres, Z up.
         feet: (F, 2, 3) the ankles.
         seen: (F,) bool, the person is in the picture.
-        fps: frames per second.
     """
     if len(root) < GLIDE_S * fps + 2:
         return []
@@ -115,7 +113,6 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
     """Return the detections of one view with exchanged limbs given back to their sides, and where.
 
     Args:
-        camera: its name.
         keypoints: of this one view.
     """
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
@@ -151,7 +148,6 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
         xy: (F, K, 2) pixels.
         seen: (F, K) bool.
         pairs: left and right keypoint of each pair.
-        fps: frames per second.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)

@@ -68,8 +68,6 @@ def size_of(
     """Return how large the person is: of the known shape or stature, else by the floor.
 
     Args:
-        capture: states the stature, and whether the floor was found from the person.
-        body: whose stature is the average's.
         betas: the known shape, or None.
         points, names, seen, camera_height, sigma: see ``measured_size``.
     """
@@ -129,7 +127,6 @@ def _at_odds(measured: tuple[float, float], factor: float, sigma: float) -> bool
 
 
 def _size_of_shape(body: Body, betas: tuple[float, ...]) -> float:
-    """Return how many times as tall as the average's the skeleton of a shape is."""
     names = body.layout.joints
     top, bottom = names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
     height = [
@@ -166,12 +163,7 @@ def measure_one_view(
     """Return what the one camera that sees the person measures.
 
     Args:
-        capture: cameras and keypoints, of which one view has detections.
-        body: whose landmarks the keypoints are.
-        prior: decoder of poses.
-        like: array that sets kind, type and device.
         betas: shape of the person, None where it is unknown.
-        progress: called as stages advance.
 
     Raises:
         NoDetections: in no frame enough keypoints are detected to place a body.
@@ -249,14 +241,12 @@ def measure_one_view(
 
 
 def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keypoints2D:
-    """Return the detections of all views with those of one replaced."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     xy[view], confidence[view] = detected.xy[0], detected.confidence[0]
     return replace(keypoints, xy=xy, confidence=confidence)
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:
-    """Return for each landmark the SMPL joint that carries most of it."""
     names = [body.layout.joints[j] for j in np.argmax(landmarks.weights, axis=1)]
     return np.array([SMPL_JOINTS.index(name) if name in SMPL_JOINTS else 0 for name in names])
 

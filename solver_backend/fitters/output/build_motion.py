@@ -119,10 +119,7 @@ def build_motion(
     """Return the Motion of F solved frames.
 
     Args:
-        measurements: what was solved from.
-        solved: F poses.
         layers: what was solved beside the body's own points.
-        scale: robust scale in standard deviations, beyond twice which a measurement counts as an outlier.
         provenance: stored as it is.
     """
     subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
@@ -168,7 +165,6 @@ def _turns(rotations: Array) -> np.ndarray:
 
 
 def _found(provenance: dict[str, Any], solved: SolvedFrames) -> dict[str, Any]:
-    """Return the diagnostics that a motion records, where these poses add any."""
     if not solved.diagnostics:
         return {}
     return {"diagnostics": [*provenance.get("diagnostics", ()), *(item.as_dict() for item in solved.diagnostics)]}

@@ -33,8 +33,6 @@ def with_finger_turns(
     A finger's joint is as uncertain as its wrist: what gloves and clips leave open is not known.
 
     Args:
-        motion: with or without fingers; those it has are replaced.
-        body: of the motion.
         turns: (F, 30, 3) axis-angles of the finger joints in SMPL-H's order, from the body's rest.
         resting: (F, 30) joints that nothing informs; None: all are informed.
 
@@ -75,5 +73,4 @@ def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
 
 
 def _widened(values: np.ndarray, fingers: np.ndarray) -> np.ndarray:
-    """Return values of the body's joints with those of the fingers behind them."""
     return np.concatenate([values[:, :FIRST_FINGER], fingers], axis=1)

@@ -81,12 +81,9 @@ def resting_shares(
     between informed frames with its third power up to ``BETWEEN``.
 
     Args:
-        body: whose tree and rest skeleton.
-        landmarks: L landmarks.
         offsets: (L, 3) of the landmarks in the rest frame, metres.
         located: (F, L) bool.
         seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
-        fps: frames per second.
         pinned: frames whose poses somebody set, which informs every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
@@ -130,7 +127,6 @@ def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
 
 
 def _distance(frames: np.ndarray, informed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how many frames each is from the nearest informed one, infinite without any, and if it is between two."""
     if not len(informed):
         return np.full(len(frames), np.inf), np.zeros(len(frames), dtype=bool)
     after = np.searchsorted(informed, frames)
@@ -146,8 +142,6 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     """Return the poses with the parts that no landmark informs at rest; the same object where there are none.
 
     Args:
-        measurements: what was solved from.
-        solved: F poses.
         pinned: see ``resting_shares``.
     """
     subject, frames = solved.subject, solved.frames
@@ -211,7 +205,6 @@ def _spread_out(
 
 
 def _rested(body: Body, root: np.ndarray, local: np.ndarray, shares: dict[str, np.ndarray]) -> np.ndarray:
-    """Return the local rotations, each part's turned from the fit's to those at rest by its share."""
     frames = np.flatnonzero(np.any([share > 0.0 for share in shares.values()], axis=0))
     fitted, joints, found = local[frames].astype(np.float64), body.layout.joints, local.copy()
     # From the trunk outwards: what hangs is hung on a trunk that rests already.
@@ -226,7 +219,6 @@ def _rested(body: Body, root: np.ndarray, local: np.ndarray, shares: dict[str, n
 
 
 def _below(layout: BodyLayout, part: str) -> tuple[str, ...]:
-    """Return the joints whose places the turns of a part move."""
     moved, turned = set(), {layout.joints.index(name) for name in PARTS[part] if name in layout.joints}
     for j, parent in enumerate(layout.parents):
         if parent in turned or parent in moved:
@@ -235,7 +227,6 @@ def _below(layout: BodyLayout, part: str) -> tuple[str, ...]:
 
 
 def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagnostic]:
-    """Yield what rests: parts that rest in the same frames together."""
     by_runs: dict[tuple[tuple[int, int], ...], list[str]] = {}
     for part, share in shares.items():
         by_runs.setdefault(tuple(true_runs(share > 0.0)), []).append(part)

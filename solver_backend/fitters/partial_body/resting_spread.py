@@ -97,7 +97,6 @@ def with_resting_spread(
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
         shown: by the pelvis.
-        layout: names of the J joints.
         below: joints whose places each part's turns move.
         shares: (F,) of each part, s.
     """
@@ -175,8 +174,6 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     without a trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
 
     Args:
-        body: whose tree.
-        landmarks: L landmarks.
         offsets: (L, 3) of the landmarks in the rest frame, metres.
         located: (F, L) bool.
     """
@@ -218,7 +215,6 @@ def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tu
 
 
 def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> set[int]:
-    """Return the joints on the paths between joints of a tree; not across, only where one is above the other."""
     lines = {j: _line(j, parents) for j in near}
     found = set(near)
     for line in lines.values():
@@ -232,7 +228,6 @@ def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> 
 
 
 def _line(j: int, parents: Sequence[int]) -> list[int]:
-    """Return a joint and those above it, up to the root."""
     line = [j]
     while parents[line[-1]] >= 0:
         line.append(int(parents[line[-1]]))

@@ -34,7 +34,6 @@ class Props:
         """Return the markers of a recording that a person does not wear and no program computed.
 
         Args:
-            cloud: all markers beside those of other prefixes.
             worn: labels of the person's.
             layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
             others: markers of other prefixes.

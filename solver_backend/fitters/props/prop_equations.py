@@ -221,7 +221,6 @@ def _on_a_line(rest: np.ndarray) -> bool:
 
 
 def _least_turned(rest: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the shortest rotations that lay the markers' line where these lay it."""
     axis = np.linalg.svd(rest)[2][0]
     to = R @ axis
     across, along = np.cross(axis, to), to @ axis
@@ -233,13 +232,11 @@ def _least_turned(rest: np.ndarray, R: np.ndarray) -> np.ndarray:
 
 
 def _freedom(seen: np.ndarray) -> float:
-    """Return the share of the measured numbers that the poses leave free, usually."""
     numbers = 3.0 * float(np.median(seen.sum(axis=1)))
     return (numbers - 6.0) / numbers if numbers > 6.0 else 1.0
 
 
 def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the poses with those of frames in between: straight lines, of unit quaternions of one sign too."""
     at, frames = np.flatnonzero(posed), np.arange(len(t))
     quat = quat_from_matrix(R[at])
     flip = np.cumprod(np.where((quat[1:] * quat[:-1]).sum(-1) < 0, -1.0, 1.0))
@@ -264,10 +261,6 @@ def unrest_of(start: PropStart, fps: float) -> np.ndarray:
 
     The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis where acceleration is
     white noise of density q.
-
-    Args:
-        start: poses of frames.
-        fps: frames per second.
     """
     frames = len(start.t)
     lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))
@@ -288,7 +281,6 @@ def unrest_of(start: PropStart, fps: float) -> np.ndarray:
 
 
 def _around(values: np.ndarray, width: int) -> np.ndarray:
-    """Return the sums of the values around each, a whole width of them; fewer at the ends."""
     sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
     at = np.arange(len(values))
     return sums[np.minimum(at + width // 2 + 1, len(values))] - sums[np.maximum(at - width // 2, 0)]

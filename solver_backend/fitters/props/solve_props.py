@@ -57,7 +57,6 @@ def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float)
         name: what it is called.
         labels: M labels.
         points: (F, M, 3) world metres, NaN where missing.
-        fps: frames per second.
     """
     if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
         return None
@@ -76,7 +75,6 @@ def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float)
 
 
 def _learned(equations: PropEquations, state: PropState) -> PropEquations:
-    """Return the equations with the shape that the poses show, and the markers' spread about it."""
     error, _ = equations.residuals(state)
     _, weight = equations.weights(error, SCALE)
     own = (np.nan_to_num(equations.points - state.t[:, None])) @ state.R
@@ -109,7 +107,6 @@ def _covariance(equations: PropEquations, state: PropState) -> np.ndarray:
 
 
 def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: PropState) -> Prop:
-    """Return the prop with the standard deviations of its poses, the inverse of the Hessian's blocks."""
     equations = _of_true_spread(equations, state)
     blocks = _covariance(equations, state)
     turn, place = blocks[:, :3, :3], blocks[:, 3:6, 3:6]
@@ -152,13 +149,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
 def solve_props(
     markers: Props, solved: SolvedFrames, progress: Progress
 ) -> tuple[tuple[Prop, ...], list[Diagnostic]]:  # fmt: skip
-    """Return the props among the markers of a take that nobody wears, and what was found of them.
-
-    Args:
-        markers: what nobody wears.
-        solved: the person's poses, whose bones carry some of the markers.
-        progress: called as props are solved.
-    """
+    """Return the props among the markers of a take that nobody wears, and what was found of them."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
@@ -190,7 +181,6 @@ def _bones(solved: SolvedFrames, frames: np.ndarray) -> BonePoses:
 
 
 def _in_its_own_axes(prop: Prop) -> Prop:
-    """Return a prop whose points are those of its axes in these axes."""
     origin = prop.points[0]
     return prop.in_axes(origin, nearest_rotation((prop.points[1:] - origin).T))
 

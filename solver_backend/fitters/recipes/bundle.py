@@ -185,7 +185,6 @@ def run_passes(
     Args:
         bundle: where to start.
         passes: one after the other.
-        progress: called with the number of the pass before each linearisation.
         stage: its name.
         after: what is done with the keys of the last pass.
     """
@@ -204,12 +203,7 @@ def start_take(
     """Return the bundle before its first pass.
 
     Args:
-        problem: the take.
-        subject: what does not change over it.
-        settings: of the solve.
         schedule: of the first pass.
-        each: how stretches of a long take are solved.
-        progress: called as frames are fitted.
     """
     window = problem.frames_of(settings.refine_window)
     layout = KeyframeLayout.even(problem.num_frames, window)

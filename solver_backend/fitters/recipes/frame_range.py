@@ -50,14 +50,6 @@ def solve_range(
     frames fitted anew, the one that ends lower is kept; then feet that stand in it are drawn to where they stand, those
     that stand beyond the range to where they stand there.
 
-    Args:
-        problem: the measurements made ready.
-        subject: the person; shape and bias are taken from the motion.
-        motion: the earlier solve.
-        frame_range: what to solve again.
-        settings: as of the earlier solve.
-        progress: called as stages advance.
-
     Raises:
         JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
@@ -142,7 +134,6 @@ def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyfram
 
 
 def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, frame_range: FrameRange) -> Keyframes:
-    """Return the keys with the pinned poses in their places."""
     for pin in frame_range.pins:
         index = int(np.flatnonzero(layout.key_times == pin.frame)[0])
         count = keys.residual.shape[1]
@@ -165,14 +156,6 @@ def solve_again(
     progress: Progress,
 ) -> Solution:  # fmt: skip
     """Return the motion with a frame range solved again; all other frames stay as they are, bit for bit.
-
-    Args:
-        problem: the measurements made ready.
-        subject: the person; shape and bias are taken from the motion.
-        motion: the earlier solve, with or without fingers.
-        frame_range: what to solve again, and the pins.
-        settings: as of the earlier solve.
-        progress: called as stages advance.
 
     Raises:
         JobInvalid: the take does not have the frame range.

@@ -83,9 +83,7 @@ class PersonFollower:
         """Fit a frame and return where it has the landmarks.
 
         Args:
-            term: how far they are from what was measured.
             dt: seconds since the last frame.
-            start: makes the pose that a person starts from.
             steps: at least, of Gauss-Newton; as few as follow a person if None.
         """
         if self.pose is None:
@@ -235,7 +233,6 @@ class LiveFit(PersonFollower):
         return LiveFrame(self.pose, landmarks, float(np.median(off[seen])) if seen.any() else float("nan"), off)
 
     def _start(self, target: np.ndarray) -> PosedFrames:
-        """Return the rest pose laid over the markers of the trunk."""
         body, rest = self.subject.body, self.subject.landmarks.anchors.sum(axis=1)
         trunk = [i for i, name in enumerate(MARKERS) if name.endswith(_TRUNK)]
         _, R, t = umeyama(rest[trunk], target[trunk])

@@ -191,10 +191,7 @@ def solve_in_stages(
     """Fit shape and poses by least squares, then poses by a loss.
 
     Args:
-        problem: the measurements; their located points are used, and nothing of their noise.
         subject: whose shape is found, if neither the settings nor a subject file know it.
-        settings: method and the rest.
-        progress: called as stages advance.
         loss: of the second stage.
     """
     like, measured = subject.betas, problem.measurements
@@ -227,7 +224,6 @@ def solve_in_stages(
 
 
 def _bridged(parts: list[CodedFrames], seen: np.ndarray, num_frames: int) -> CodedFrames:
-    """Return states of all frames: unseen ones between their seen neighbours, codes on straight lines."""
     z, root, transl = (np.concatenate([getattr(part, name) for part in parts]) for name in ("z", "root", "transl"))
     between = bridged_states(FrameStates(spherical_normalisation(z), root, transl), seen, num_frames)
     frame = np.arange(num_frames)

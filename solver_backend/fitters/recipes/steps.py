@@ -119,8 +119,6 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     """Return the poses of all frames and how the last pass ended.
 
     Args:
-        bundle: after its last pass.
-        progress: called as covariances are formed.
         stride: see ``joint_covariance``.
     """
     assert bundle.solution is not None
