@@ -31,7 +31,7 @@ LEAST_SEEN = 10
 
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
-) -> tuple[Capture, LikeTake]:  # fmt: skip
+) -> tuple[Capture, LikeTake]:
     """Return a capture whose points have the names of another's markers, and how.
 
     Args:
@@ -47,8 +47,9 @@ def labelled_like(
     if len(reference.labels or ()) < LEAST_MARKERS:
         raise MarkersUnknown(
             f"The take to name after holds {len(reference.labels or ())} named markers; {LEAST_MARKERS} are needed.",
-            where=like.name, hint="Choose a take in which somebody named the markers.",
-        )  # fmt: skip
+            where=like.name,
+            hint="Choose a take in which somebody named the markers.",
+        )
     persistent = has_own_names(cloud)
     proposed = _proposed(cloud, reference, progress, network, persistent=persistent)
     take = label_like(cloud, reference_of(reference), persistent=persistent, proposed=proposed)
@@ -60,9 +61,11 @@ def labelled_like(
     doubts = [diagnostic("points_not_named", extent="take", percent=100.0 * unknown)] if unsure else []
     kept = without_doubt_of_labels(capture.problems)
     return replace(
-        capture, markers=take.cloud(cloud), notes=(*without_doubt_of_labels(capture.notes), note),
+        capture,
+        markers=take.cloud(cloud),
+        notes=(*without_doubt_of_labels(capture.notes), note),
         problems=(*kept, *doubts),
-    ), take  # fmt: skip
+    ), take
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
@@ -71,9 +74,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     least = min(LEAST_SEEN, len(cloud.positions))
-    kept = [
-        i for i, label in enumerate(labels) if not is_unnamed(label) and label not in virtual and seen[i] >= least
-    ]  # fmt: skip
+    kept = [i for i, label in enumerate(labels) if not is_unnamed(label) and label not in virtual and seen[i] >= least]
     return cloud.columns(kept, tuple(labels[i] for i in kept))
 
 
@@ -113,9 +114,13 @@ def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
 
 
 def labelled_as_person(
-    capture: Capture, person: MarkerSubject, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
+    capture: Capture,
+    person: MarkerSubject,
+    settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+    *,
     kept: Collection[str] = (),
-) -> Capture:  # fmt: skip
+) -> Capture:
     """Return a capture that the network labelled, under the labels of the person, and what that named.
 
     Args:
@@ -143,9 +148,11 @@ def labelled_as_person(
 
 
 def person_of_nameless(
-    person: MarkerSubject, captures: Sequence[Capture], settings: SolveSettings = SolveSettings(),
+    person: MarkerSubject,
+    captures: Sequence[Capture],
+    settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
-) -> MarkerSubject:  # fmt: skip
+) -> MarkerSubject:
     """Return the person with the markers outside the network's places that its labelled takes show on bones.
 
     Args:

@@ -83,9 +83,13 @@ def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
 
 
 def labelled_capture(
-    capture: Capture, progress: Progress = silent, *, user_labels: UserLabels | None = None,
-    network: PointNetwork | None = None, always: bool = False,
-) -> tuple[Capture, LabelledTake | None]:  # fmt: skip
+    capture: Capture,
+    progress: Progress = silent,
+    *,
+    user_labels: UserLabels | None = None,
+    network: PointNetwork | None = None,
+    always: bool = False,
+) -> tuple[Capture, LabelledTake | None]:
     """Return a capture whose points have names, and how they came by them; the same capture where it needs none.
 
     Args:
@@ -108,9 +112,13 @@ def labelled_capture(
         return unread, None
     try:
         take = label_take(
-            cloud, network or load_network(), fit_average_person, progress,
-            {**named_points(cloud), **(user_labels or {})}, persistent=persistent,
-        )  # fmt: skip
+            cloud,
+            network or load_network(),
+            fit_average_person,
+            progress,
+            {**named_points(cloud), **(user_labels or {})},
+            persistent=persistent,
+        )
     except (FileMissing, NoDetections):
         if always:
             raise
@@ -122,16 +130,18 @@ def labelled_capture(
     if not (always or persistent) and share < LEAST_UNNAMED:
         unlike = MarkersUnknown(
             f"The points have no names, and the labelling network, which knows whole bodies, names only "
-            f"{100 * share:.0f} % of them: too few to find one person.", where=capture.name,
+            f"{100 * share:.0f} % of them: too few to find one person.",
+            where=capture.name,
             hint="Label the take in the program that recorded it; or name it with `label`, correct the labels in "
             "Blender or with --labels, and solve the labelled file.",
-        )  # fmt: skip
+        )
         return _by_own_names(capture, unlike), None
     return replace(
-        capture, markers=take.cloud(cloud),
+        capture,
+        markers=take.cloud(cloud),
         notes=(*without_doubt_of_labels(capture.notes), named_in(take, persistent=persistent)),
         problems=(*without_doubt_of_labels(capture.problems), *unnamed_in(take)),
-    ), take  # fmt: skip
+    ), take
 
 
 def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
@@ -150,12 +160,16 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
     if persistent:
         doubt = diagnostic("network_not_used", reason="people", count=count, most=GHOST)
         return replace(capture, problems=(*capture.problems, doubt))
-    return _by_own_names(capture, MarkersUnknown(
-        f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
-        f"markers of one person, {GHOST} at most.", where=capture.name,
-        hint="Label the points in the program that recorded them, each person under a prefix of their own, or leave "
-        "one person's points in the file.",
-    ))  # fmt: skip
+    return _by_own_names(
+        capture,
+        MarkersUnknown(
+            f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
+            f"markers of one person, {GHOST} at most.",
+            where=capture.name,
+            hint="Label the points in the program that recorded them, each person under a prefix of their own, or leave "
+            "one person's points in the file.",
+        ),
+    )
 
 
 def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:

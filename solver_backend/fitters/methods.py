@@ -132,9 +132,10 @@ def require_one_view(settings: SolveSettings, where: str) -> None:
     if not METHODS[settings.method].solves_one_view:
         able = _named(method.name for method in METHODS.values() if method.solves_one_view)
         raise JobInvalid(
-            f"The method '{settings.method}' needs two cameras.", where=where,
+            f"The method '{settings.method}' needs two cameras.",
+            where=where,
             hint=f"One camera is solved by the method {able}.",
-        )  # fmt: skip
+        )
 
 
 def require_network(settings: SolveSettings, where: str) -> None:
@@ -143,8 +144,9 @@ def require_network(settings: SolveSettings, where: str) -> None:
         able = [method.name for method in METHODS.values() if method.fits_network]
         raise JobInvalid(
             f"The landmarks '{settings.landmarks}' are for the method {_named(able)} without a marker layout.",
-            where=where, hint=f"Use --method {able[0]}, or leave --landmarks out.",
-        )  # fmt: skip
+            where=where,
+            hint=f"Use --method {able[0]}, or leave --landmarks out.",
+        )
 
 
 def require_curves(settings: SolveSettings, where: str) -> None:
@@ -153,9 +155,10 @@ def require_curves(settings: SolveSettings, where: str) -> None:
         able = _named(method.name for method in METHODS.values() if method.has_curves)
         names = " and ".join(settings.other_curves)
         raise JobInvalid(
-            f"The method '{settings.method}' has no setting {names}.", where=where,
+            f"The method '{settings.method}' has no setting {names}.",
+            where=where,
             hint=f"Choose the method {able}, or leave {names} out.",
-        )  # fmt: skip
+        )
 
 
 def require_start(settings: SolveSettings, capture: Capture) -> None:
@@ -163,15 +166,17 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
     where = capture.name
     if capture.keypoints is None or capture.is_one_view:
         raise JobInvalid(
-            "A motion to start at is for takes of several cameras.", where=where,
+            "A motion to start at is for takes of several cameras.",
+            where=where,
             hint="Leave --start out, or read the capture with the camera that was added.",
-        )  # fmt: skip
+        )
     if not METHODS[settings.method].starts_at:
         able = _named(method.name for method in METHODS.values() if method.starts_at)
         raise JobInvalid(
-            f"The method '{settings.method}' does not start at a motion.", where=where,
+            f"The method '{settings.method}' does not start at a motion.",
+            where=where,
             hint=f"Choose the method {able}, or leave --start out.",
-        )  # fmt: skip
+        )
 
 
 def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:

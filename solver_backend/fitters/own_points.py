@@ -195,9 +195,7 @@ def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settin
     codes = full.prior.encode(to_numpy(poses.local)[:, : len(full.prior.joints)])
     start = FrameStates(constant(codes, poses.transl), poses.root, poses.transl)
     offsets = np.concatenate([to_numpy(subject.offsets), np.zeros((count, 3))])
-    subject = replace(
-        subject, landmarks=full.measurements.landmarks, offsets=constant(offsets, subject.offsets)
-    )  # fmt: skip
+    subject = replace(subject, landmarks=full.measurements.landmarks, offsets=constant(offsets, subject.offsets))
     sigma = np.r_[np.full(len(offsets) - count, ShapePrior.offset_sigma_m), np.full(count, PLACE_SIGMA_M)]
     known = ShapePrior(offset_sigma_m=sigma, free_betas=settings.betas is None)
     objective = full.objective.select(frames)

@@ -35,10 +35,15 @@ from solver_backend.types import Capture, MarkerSubject, Motion
 
 
 def solve(
-    capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
-    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None, start: Motion | None = None,
+    capture: Capture,
+    settings: SolveSettings = SolveSettings(),
+    progress: Progress = silent,
+    *,
+    prior: AutoencodingPrior | None = None,
+    person: MarkerSubject | None = None,
+    start: Motion | None = None,
     each: Stretches = in_turn,
-) -> Solution:  # fmt: skip
+) -> Solution:
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
     Args:
@@ -63,9 +68,12 @@ def solve(
 
 
 def solve_problem(
-    problem: Problem, settings: SolveSettings, progress: Progress = silent,
-    provenance: Mapping[str, Any] | None = None, each: Stretches = in_turn,
-) -> Solution:  # fmt: skip
+    problem: Problem,
+    settings: SolveSettings,
+    progress: Progress = silent,
+    provenance: Mapping[str, Any] | None = None,
+    each: Stretches = in_turn,
+) -> Solution:
     """Solve the motion of the person from measurements of any kind.
 
     Args:
@@ -141,9 +149,12 @@ def calibrate_person(
 
 
 def resolve_range(
-    capture: Capture, motion: Motion, frame_range: FrameRange, settings: SolveSettings = SolveSettings(),
+    capture: Capture,
+    motion: Motion,
+    frame_range: FrameRange,
+    settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
-) -> Solution:  # fmt: skip
+) -> Solution:
     """Solve some frames of an earlier motion again, through poses that a person pinned; see ``solve_range``.
 
     Raises:
@@ -158,9 +169,12 @@ def resolve_range(
 
 
 def resolve_motion(
-    measured: Motion, motion: Motion, frame_range: FrameRange, settings: SolveSettings = SolveSettings(),
+    measured: Motion,
+    motion: Motion,
+    frame_range: FrameRange,
+    settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
-) -> Solution:  # fmt: skip
+) -> Solution:
     """Solve some frames of a motion again without its recording, through poses that a person pinned.
 
     Where nothing is pinned near by, the motion's own points are what is measured; about a pin the prior fills in.

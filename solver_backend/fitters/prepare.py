@@ -26,9 +26,13 @@ from solver_backend.types import Capture, MarkerCloud, MarkerSubject, Motion
 
 
 def prepare(
-    capture: Capture, settings: SolveSettings, progress: Progress, prior: AutoencodingPrior | None = None,
-    person: MarkerSubject | None = None, start: Motion | None = None,
-) -> Problem:  # fmt: skip
+    capture: Capture,
+    settings: SolveSettings,
+    progress: Progress,
+    prior: AutoencodingPrior | None = None,
+    person: MarkerSubject | None = None,
+    start: Motion | None = None,
+) -> Problem:
     """Return a capture made ready for a solver: its views, or its markers where it has no keypoints.
 
     Raises:
@@ -40,9 +44,10 @@ def prepare(
     require_curves(settings, capture.name)
     if not METHODS[settings.method].per_frame and capture.num_frames < 4:
         raise TakeTooShort(
-            f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
+            f"The bundle needs 4 frames, the take has {capture.num_frames}.",
+            where=capture.name,
             hint="Use the method 'frame' for single images.",
-        )  # fmt: skip
+        )
     if start is not None:
         require_start(settings, capture)
     body, like = load_chosen_body(settings.body), make_origin(settings.backend)
@@ -62,9 +67,14 @@ def prepare(
 
 
 def _measure_views(
-    capture: Capture, body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings, progress: Progress,
+    capture: Capture,
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+    settings: SolveSettings,
+    progress: Progress,
     start: Motion | None,
-) -> Measurements:  # fmt: skip
+) -> Measurements:
     from solver_backend.fitters.measurements.views import begin_at, measure_views
 
     seen = without_views(capture, settings.leave_out)
@@ -79,9 +89,15 @@ def _measure_views(
 
 
 def _prepare_markers(
-    cloud: MarkerCloud, others: MarkerCloud | None, body: Body, prior: AutoencodingPrior, like: Array,
-    settings: SolveSettings, progress: Progress, person: MarkerSubject | None,
-) -> Problem:  # fmt: skip
+    cloud: MarkerCloud,
+    others: MarkerCloud | None,
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+    settings: SolveSettings,
+    progress: Progress,
+    person: MarkerSubject | None,
+) -> Problem:
     from solver_backend.fitters.hands.layer import Hands, split_hands
     from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers

@@ -120,20 +120,34 @@ _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
     {"left_shoulder": (0, 0, 0.9), "right_shoulder": (0, 0, -0.9)},
     {"left_shoulder": (0, -1.3, -0.2), "right_shoulder": (0, 1.3, 0.2)},
     {
-        "left_hip": (-1.5, 0, 0), "right_hip": (-1.5, 0, 0), "left_knee": (1.6, 0, 0), "right_knee": (1.6, 0, 0),
-        "left_shoulder": (0, 0, -1.1), "right_shoulder": (0, 0, 1.1),
+        "left_hip": (-1.5, 0, 0),
+        "right_hip": (-1.5, 0, 0),
+        "left_knee": (1.6, 0, 0),
+        "right_knee": (1.6, 0, 0),
+        "left_shoulder": (0, 0, -1.1),
+        "right_shoulder": (0, 0, 1.1),
     },
     {
-        "left_hip": (-0.7, 0, 0), "right_hip": (0.3, 0, 0), "left_knee": (0.4, 0, 0), "right_knee": (0.6, 0, 0),
-        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "left_hip": (-0.7, 0, 0),
+        "right_hip": (0.3, 0, 0),
+        "left_knee": (0.4, 0, 0),
+        "right_knee": (0.6, 0, 0),
+        "left_shoulder": (0, 0, -1.2),
+        "right_shoulder": (0, 0, 1.2),
+        "left_elbow": (0, -0.8, 0),
         "right_elbow": (0, 0.8, 0),
     },
     {
-        "left_hip": (0.3, 0, 0), "right_hip": (-0.7, 0, 0), "left_knee": (0.6, 0, 0), "right_knee": (0.4, 0, 0),
-        "left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2), "left_elbow": (0, -0.8, 0),
+        "left_hip": (0.3, 0, 0),
+        "right_hip": (-0.7, 0, 0),
+        "left_knee": (0.6, 0, 0),
+        "right_knee": (0.4, 0, 0),
+        "left_shoulder": (0, 0, -1.2),
+        "right_shoulder": (0, 0, 1.2),
+        "left_elbow": (0, -0.8, 0),
         "right_elbow": (0, 0.8, 0),
     },
-)  # fmt: skip
+)
 """Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
 
 STAGE = "Fitting single frames"

@@ -47,9 +47,10 @@ class Convergence:
         """Return how several ended."""
         found = list(parts)
         return cls(
-            sum(part.parts for part in found), sum(part.converged for part in found),
+            sum(part.parts for part in found),
+            sum(part.converged for part in found),
             max(part.iterations for part in found),
-        )  # fmt: skip
+        )
 
     @property
     def status(self) -> str:

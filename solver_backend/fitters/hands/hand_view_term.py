@@ -241,8 +241,10 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
     confidence = np.where(alone[:, None], ALONE * confidence, confidence)
     points = ReprojectionTerm(
         CameraArrays.of(views.cameras, sigma),
-        np.where(seen[..., None], xy, 0.0), np.where(seen, confidence, 0.0) / sigma**2, np.where(seen, confidence, 0.0),
-    )  # fmt: skip
+        np.where(seen[..., None], xy, 0.0),
+        np.where(seen, confidence, 0.0) / sigma**2,
+        np.where(seen, confidence, 0.0),
+    )
     return HandViewTerm(points, noise.whole_px)
 
 

@@ -111,7 +111,7 @@ def split_hands(
         {side: points[:, list(columns.values())] for side, columns in found.items()},
         {side: tuple(labels[c] for c in columns) for side, columns in beside.items() if columns},
         {side: points[:, columns] for side, columns in beside.items() if columns},
-    )  # fmt: skip
+    )
 
 
 def _near(cloud: MarkerCloud, found: Mapping[int, Mapping[str, int]], own: Mapping[str, str]) -> dict[int, int]:

@@ -48,9 +48,13 @@ class MarkerHand:
 
 
 def calibrated_hand(
-    positions: Float[np.ndarray, "frames markers 3"], markers: HandMarkers, skeleton: HandSkeleton, path: WristPath,
-    fps: float, settings: SolveSettings,
-) -> MarkerHand:  # fmt: skip
+    positions: Float[np.ndarray, "frames markers 3"],
+    markers: HandMarkers,
+    skeleton: HandSkeleton,
+    path: WristPath,
+    fps: float,
+    settings: SolveSettings,
+) -> MarkerHand:
     """Return a hand of known size, its markers' offsets calibrated between the solves.
 
     Args:
@@ -181,7 +185,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
     both = (
         np.concatenate([getattr(markers.sites, part), getattr(extra.sites, part)])
         for part in ("finger", "segment", "offset")
-    )  # fmt: skip
+    )
     return HandMarkers((*markers.labels, *(labels[c] for c in extra.columns)), HandSites(*both))
 
 

@@ -56,9 +56,7 @@ def solve_keys(
         keys: (K, D) where to start.
         scales: Geman-McClure scales in standard deviations.
     """
-    stages = [
-        (scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales
-    ]  # fmt: skip
+    stages = [(scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales]
     found = minimise(model, keys, stages, alive)
     return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
 
@@ -223,9 +221,15 @@ def solve_from(
     points, J = shown.points(states), shown.jacobian(states)
     covariance = inflation * (J @ spread[:, None] @ np.swapaxes(J, -1, -2)) + CONSTANT_M**2 * np.eye(3)
     return SolvedHand(
-        problem, states[:, TURN], states[:, SHIFT], states[:, FINGERS], points, covariance,
-        informed_fingers(problem, spread), found.convergence,
-    )  # fmt: skip
+        problem,
+        states[:, TURN],
+        states[:, SHIFT],
+        states[:, FINGERS],
+        points,
+        covariance,
+        informed_fingers(problem, spread),
+        found.convergence,
+    )
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:

@@ -56,9 +56,13 @@ LOADING_M2 = 1e-4
 
 
 def follow_hand(
-    body: Body, betas: np.ndarray, frames: PosedFrames, side: int,
-    turn: Float[np.ndarray, "frames 3"], shift: Float[np.ndarray, "frames 3"],
-) -> PosedFrames:  # fmt: skip
+    body: Body,
+    betas: np.ndarray,
+    frames: PosedFrames,
+    side: int,
+    turn: Float[np.ndarray, "frames 3"],
+    shift: Float[np.ndarray, "frames 3"],
+) -> PosedFrames:
     """Return the poses with a wrist turned and moved; whatever does not hang on that arm stays bit for bit.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
@@ -225,9 +229,13 @@ class HandRange:
 
 
 def solve_hands_again(
-    shown: HandViews | HandClouds, solved: SolvedFrames, earlier: Motion, frame_range: FrameRange,
-    settings: SolveSettings, progress: Progress,
-) -> tuple[SolvedFrames, dict[int, HandRange]]:  # fmt: skip
+    shown: HandViews | HandClouds,
+    solved: SolvedFrames,
+    earlier: Motion,
+    frame_range: FrameRange,
+    settings: SolveSettings,
+    progress: Progress,
+) -> tuple[SolvedFrames, dict[int, HandRange]]:
     """Return poses whose arms agree with the hands in a range, and these hands by side.
 
     The hands keep the size that the earlier solve found. Without fingers in the earlier motion poses stay as they are
@@ -258,9 +266,12 @@ def solve_hands_again(
 
 
 def solve_hand_range(
-    measured: MeasuredHand, still: Float[np.ndarray, "frames a"], frame_range: FrameRange, settings: SolveSettings,
+    measured: MeasuredHand,
+    still: Float[np.ndarray, "frames a"],
+    frame_range: FrameRange,
+    settings: SolveSettings,
     alive: Callable[[], None] = lambda: None,
-) -> HandRange:  # fmt: skip
+) -> HandRange:
     """Return one hand of a frame range solved again, from where it was or from its located points.
 
     Args:

@@ -126,17 +126,19 @@ def with_fingers_of(
             parts["joint_sigma"][rows] = mean_sigma(parts["joint_covariance"][rows])
     turns[:, kept - 1 :] += _left_at_stops(turns[:, kept - 1 :], before, solved)
     sized = with_hand_size(with_fingers(body), float(earlier.provenance.get("hands", {}).get("size", 1.0)))
-    posed = forward_kinematics(
-        sized, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl
-    )  # fmt: skip
+    posed = forward_kinematics(sized, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     flags, resting = motion.flags, parts["resting"]
     if flags is not None and resting is not None:
         flags = flags.copy()
         flags[moved] |= np.where(resting[moved, kept:].any(axis=1), FLAG_RESTING, 0).astype(flags.dtype)
     return replace(
-        motion, body_pose=turns.reshape(motion.num_frames, -1), joints=posed.joints, body_layout=layout, flags=flags,
+        motion,
+        body_pose=turns.reshape(motion.num_frames, -1),
+        joints=posed.joints,
+        body_layout=layout,
+        flags=flags,
         **parts,
-    )  # fmt: skip
+    )
 
 
 def _beside(motion: Motion, earlier: Motion, kept: int) -> dict[str, Any]:

@@ -75,21 +75,26 @@ class FrameRange:
         if not 0 <= self.first < self.last < num_frames:
             raise JobInvalid(
                 f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames.",
-                where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.",
-            )  # fmt: skip
+                where="resolve",
+                hint=f"0 <= first < last <= {num_frames - 1}.",
+            )
         for pin in self.pins:
             if not self.first <= pin.frame <= self.last:
                 raise JobInvalid(
                     f"A pose is pinned at frame {pin.frame}, outside of frames {self.first} to {self.last}.",
-                    where="resolve", hint="Widen the stretch, or leave the pin out.",
-                )  # fmt: skip
+                    where="resolve",
+                    hint="Widen the stretch, or leave the pin out.",
+                )
 
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:
     if not isinstance(values, Mapping) or needed - set(values) or set(values) - needed - optional:
         known = ", ".join(sorted(needed | optional))
-        raise JobInvalid(f"{where} must hold {', '.join(sorted(needed))} and nothing unknown.", where=where,
-                         hint=f"Known keys: {known}.")  # fmt: skip
+        raise JobInvalid(
+            f"{where} must hold {', '.join(sorted(needed))} and nothing unknown.",
+            where=where,
+            hint=f"Known keys: {known}.",
+        )
 
 
 def _whole(values: Mapping[str, Any], key: str, where: str) -> int:

@@ -20,9 +20,7 @@ from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.types import Motion
 
 
-def initial_keys(
-    problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent
-) -> Keyframes:  # fmt: skip
+def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
     """Return keyframes fitted to the located points of the seen frames nearest to them, or taken from a rough motion.
 
     Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.

@@ -82,9 +82,15 @@ Start = Callable[[slice], Keyframes]
 
 
 def resolve_lost_limbs(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, points: Array,
-    start: Start, schedule: Schedule, frames: np.ndarray | None = None,
-) -> Keyframes:  # fmt: skip
+    measurements: Measurements,
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    points: Array,
+    start: Start,
+    schedule: Schedule,
+    frames: np.ndarray | None = None,
+) -> Keyframes:
     """Return the keys with lost limbs solved again from the points, where that lowers the cost; the very same if none.
 
     Points that are wrong for some frames look like a limb that the body lost, and only the cost separates them. What
@@ -148,9 +154,13 @@ def _anew(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
 
 
 def resolve_outlier_markers(
-    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule,
+    measurements: Measurements,
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    schedule: Schedule,
     frames: np.ndarray,
-) -> Keyframes:  # fmt: skip
+) -> Keyframes:
     """Return keys whose windows with far markers were solved again from wide scales on, where fewer stay far.
 
     Args:

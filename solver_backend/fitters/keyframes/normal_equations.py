@@ -66,9 +66,15 @@ class KeyframeNormalEquations:
 
     @classmethod
     def empty(
-        cls, num_windows: int, layout: StateLayout, like: Array, free: int = 2, *, floor: float = FLOOR,
+        cls,
+        num_windows: int,
+        layout: StateLayout,
+        like: Array,
+        free: int = 2,
+        *,
+        floor: float = FLOOR,
         precision: Any = None,
-    ) -> KeyframeNormalEquations:  # fmt: skip
+    ) -> KeyframeNormalEquations:
         """Return the equations of N windows without any data; a floor keeps unseen parts still.
 
         Matrices are of single precision unless another is given.
@@ -240,9 +246,13 @@ class DataEquations:
 
 
 def data_equations(
-    data: FrameData, keys: Keyframes, rows: WindowRows, scale: float, hessian_frames: int = HESSIAN_FRAMES,
+    data: FrameData,
+    keys: Keyframes,
+    rows: WindowRows,
+    scale: float,
+    hessian_frames: int = HESSIAN_FRAMES,
     decoded: list[Array] | None = None,
-) -> DataEquations:  # fmt: skip
+) -> DataEquations:
     """Return the cost of the frames and its Gauss-Newton equations by the keys, on all cores.
 
     ``E = Σ_f E_f(x_f)`` over the frames of all windows (thesis eqs. 6.6, 6.7), ``x_f`` on the curve through the

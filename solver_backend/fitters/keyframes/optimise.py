@@ -95,9 +95,13 @@ class BundleModel:
         return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
 
     def equations(
-        self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES,
+        self,
+        rows: WindowRows,
+        keys: Keyframes,
+        scale: float,
+        hessian_frames: int = HESSIAN_FRAMES,
         decoded: list[Array] | None = None,
-    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:  # fmt: skip
+    ) -> tuple[Array, Callable[[], KeyframeNormalEquations]]:
         """Return the objective (N,) of each window at these keys, and what forms their equations.
 
         What lies at a key that two windows share counts for the later one. See ``data_equations`` for ``decoded``.
@@ -313,9 +317,13 @@ def solve_long(
 
 
 def solve_in_single(
-    model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, alive: Callable[[], None],
+    model: BundleModel,
+    layout: KeyframeLayout,
+    start: Keyframes,
+    schedule: Schedule,
+    alive: Callable[[], None],
     each: Stretches,
-) -> KeySolution:  # fmt: skip
+) -> KeySolution:
     """Solve all keys as ``solve_long`` does, in single precision where they stand near enough to the origin for it."""
     xp = array_namespace(start.transl)
     if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:

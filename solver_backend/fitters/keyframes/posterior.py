@@ -25,9 +25,15 @@ ellipsoids of six benchmark takes hold what they should."""
 
 
 def joint_covariance(
-    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, system: BlockTridiagonal,
-    inflation: float, constant_m: np.ndarray, stride: int = 1,
-) -> Array:  # fmt: skip
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    frames: PosedFrames,
+    system: BlockTridiagonal,
+    inflation: float,
+    constant_m: np.ndarray,
+    stride: int = 1,
+) -> Array:
     """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
     S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
@@ -81,10 +87,18 @@ def joint_covariance(
 
 
 def covariance_of_joints(
-    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
-    constant_m: np.ndarray, chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    frames: PosedFrames,
+    scale: float,
+    inflation: float,
+    constant_m: np.ndarray,
+    chunk_windows: int = CHUNK_WINDOWS,
+    overlap: int = OVERLAP_WINDOWS,
+    stride: int = 1,
     done: Callable[[int, int], None] = lambda number, total: None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
     Args:

@@ -92,9 +92,13 @@ _OF_THE_TAKE = ("betas", "offsets", "marker_sigma")
 
 
 def contacts_in_place(
-    problem: Problem, subject: Subject, before: PosedFrames, frames: PosedFrames, layout: KeyframeLayout,
+    problem: Problem,
+    subject: Subject,
+    before: PosedFrames,
+    frames: PosedFrames,
+    layout: KeyframeLayout,
     frame_range: FrameRange,
-) -> Contacts:  # fmt: skip
+) -> Contacts:
     """Return which points of the feet stand in the earlier motion with the new frames in their places."""
     points = to_numpy(pose(subject, before).points)
     points[layout.frames] = to_numpy(pose(subject, frames).points)
@@ -105,9 +109,8 @@ def contacts_in_place(
 
 
 def frames_in_place(
-    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange,
-    covariance: np.ndarray,
-) -> SolvedFrames:  # fmt: skip
+    problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange, covariance: np.ndarray
+) -> SolvedFrames:
     """Return the poses of the whole take: the earlier ones, and in the frames that moved the new ones.
 
     Args:

@@ -249,12 +249,14 @@ def measure_directly(
     if capture.markers is None or capture.keypoints is not None:
         raise JobInvalid(
             f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not.",
-            where=capture.name, hint="Leave --landmarks out.",
-        )  # fmt: skip
+            where=capture.name,
+            hint="Leave --landmarks out.",
+        )
     if person is not None:
         raise SubjectInvalid(
             "A calibrated person cannot be combined with a network's landmarks.",
-            where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.",
-        )  # fmt: skip
+            where=capture.name,
+            hint="Give the shape by --betas, or leave --landmarks out.",
+        )
     joints = settings.landmarks == LANDMARKS_JOINTS
     return measure_network_landmarks(capture.markers, body, like, joints=joints, progress=progress)

@@ -61,9 +61,14 @@ def measure_views(
 
 
 def measurements_of(
-    capture: Capture, triangulation: Triangulation, body: Body, like: Array, found: tuple[Diagnostic, ...] = (), *,
+    capture: Capture,
+    triangulation: Triangulation,
+    body: Body,
+    like: Array,
+    found: tuple[Diagnostic, ...] = (),
+    *,
     model_error: bool = True,
-) -> Measurements:  # fmt: skip
+) -> Measurements:
     """Return the measurements of a capture that is triangulated and taken as it is.
 
     Args:
@@ -79,9 +84,10 @@ def measurements_of(
     points, covariance = triangulation.points[:, :count], triangulation.covariance[:, :count]
     if not seen_frames(np.asarray(points)).any():
         raise NoDetections(
-            "In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name,
+            "In no frame do two cameras agree on enough keypoints to place a body.",
+            where=capture.name,
             hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
-        )  # fmt: skip
+        )
     sigma_px = triangulation.sigma_px
     fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
     return Measurements(
@@ -115,13 +121,15 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     if capture.keypoints is None:
         raise JobInvalid(
             "A noise map is for a detector's confidences, and the capture has no keypoints.",
-            where=capture.name, hint="Leave out --noise for recordings of markers.",
-        )  # fmt: skip
+            where=capture.name,
+            hint="Leave out --noise for recordings of markers.",
+        )
     if capture.noise_map:
         raise JobInvalid(
             "The capture's confidences were weighted by a noise map when it was written.",
-            where=capture.name, hint="Leave out --noise here, or detect again without it.",
-        )  # fmt: skip
+            where=capture.name,
+            hint="Leave out --noise here, or detect again without it.",
+        )
     keypoints, note = noise.applied(capture.keypoints, capture.detector or noise.detector)
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
@@ -139,7 +147,7 @@ LEAST_POINTS = 12
 
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
-) -> Measurements:  # fmt: skip
+) -> Measurements:
     """Return what several cameras measure, starting at a motion; its poses hold where too few points are located.
 
     The motion's world may be another: it is turned, scaled and shifted onto the located points of all frames.
@@ -151,8 +159,9 @@ def begin_at(
     if motion.num_frames != measurements.num_frames:
         raise MotionInvalid(
             f"The motion to start at has {motion.num_frames} frames, the capture {measurements.num_frames}.",
-            where="start", hint="Solve one camera of this capture, over the same frames.",
-        )  # fmt: skip
+            where="start",
+            hint="Solve one camera of this capture, over the same frames.",
+        )
     poses = PosedFrames.of_motion(motion, np.zeros(1))
     landmarks = measurements.landmarks
     points = np.asarray(pose_landmarks(body, landmarks, motion.betas, poses.root, poses.local, poses.transl).points)

@@ -88,9 +88,12 @@ def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Arra
 
 
 def d_pose_d_state(
-    layout: StateLayout, by_code: Array | None, by_root: Array | None = None, weight: Array | None = None,
+    layout: StateLayout,
+    by_code: Array | None,
+    by_root: Array | None = None,
+    weight: Array | None = None,
     by_residual: Array | None = None,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
 
     Args:

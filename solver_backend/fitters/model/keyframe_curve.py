@@ -232,10 +232,15 @@ class KeyframeCurve:
 
     @classmethod
     def through(
-        cls, keys: Keyframes, time: np.ndarray, *, residuals: bool,
+        cls,
+        keys: Keyframes,
+        time: np.ndarray,
+        *,
+        residuals: bool,
         codes: Callable[[Array, Array], Interpolant] = sider_weights,
-        quats: Callable[[Array, Array], Interpolant] = sider_weights, screw: bool = False,
-    ) -> KeyframeCurve:  # fmt: skip
+        quats: Callable[[Array, Array], Interpolant] = sider_weights,
+        screw: bool = False,
+    ) -> KeyframeCurve:
         """Return the curve through the keys of W windows.
 
         Args:
@@ -343,9 +348,15 @@ def by_turns(quat: Array, by_quat: Array) -> Array:
 
 
 def key_poses(
-    prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool,
-    spline: bool = False, screw: bool = False,
-) -> PosedFrames:  # fmt: skip
+    prior: PosePrior,
+    keys: Keyframes,
+    layout: KeyframeLayout,
+    frames: np.ndarray | None = None,
+    *,
+    residuals: bool,
+    spline: bool = False,
+    screw: bool = False,
+) -> PosedFrames:
     """Return the poses of these frame numbers, or of all frames of the layout; ``screw`` as in ``through``."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 

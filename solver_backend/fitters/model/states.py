@@ -37,10 +37,11 @@ class Keyframes:
         """Return these keys where the (K,) mask is true, and the other's elsewhere."""
         xp = array_namespace(self.z)
         return Keyframes(
-            xp.where(mask[:, None], self.z, other.z), xp.where(mask[:, None], self.quat, other.quat),
+            xp.where(mask[:, None], self.z, other.z),
+            xp.where(mask[:, None], self.quat, other.quat),
             xp.where(mask[:, None], self.transl, other.transl),
             xp.where(mask[:, None, None], self.residual, other.residual),
-        )  # fmt: skip
+        )
 
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
         """Return (W, n + 1) keys: those of each of these windows, which have n free ones each."""

@@ -87,14 +87,19 @@ class FrameEquations:
         return self._form()
 
 
-def pose(
-    subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True
-) -> PosedLandmarks:  # fmt: skip
+def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True) -> PosedLandmarks:
     """Return the subject's landmarks in these poses; see ``pose_landmarks``."""
     return pose_landmarks(
-        subject.body, subject.landmarks, subject.betas, frames.root, frames.local, frames.transl,
-        offsets=subject.offsets, jacobian=jacobian, by_shape=by_shape,
-    )  # fmt: skip
+        subject.body,
+        subject.landmarks,
+        subject.betas,
+        frames.root,
+        frames.local,
+        frames.transl,
+        offsets=subject.offsets,
+        jacobian=jacobian,
+        by_shape=by_shape,
+    )
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
@@ -105,9 +110,12 @@ def points_of(subject: Subject, frames: PosedFrames) -> Array:
 
 
 def frame_equations(
-    subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float,
+    subject: Subject,
+    frames: PosedFrames,
+    objective: FrameObjective,
+    scale: float,
     hessian_frames: np.ndarray | slice | None = None,
-) -> FrameEquations:  # fmt: skip
+) -> FrameEquations:
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the tangent of its pose, see ``PoseLayout``.
 
     Args:
@@ -141,7 +149,7 @@ def frame_equations(
 
 def _hessian(
     terms: tuple[PoseTerm, ...], shifted: int, by_rotations: Array, information: Array, *factors: Array
-) -> Array:  # fmt: skip
+) -> Array:
     """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms; see ``without_shift``."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape

@@ -45,9 +45,12 @@ SHORTEST_S = 0.2
 STANDS_SHARE = 0.02
 """Of feet and frames; in fewer, nothing locates the floor. A walker's feet stand in half of them."""
 LIMB_ENDS = {
-    "left_wrist": "left arm", "right_wrist": "right arm", "left_ankle": "left leg", "right_ankle": "right leg",
+    "left_wrist": "left arm",
+    "right_wrist": "right arm",
+    "left_ankle": "left leg",
+    "right_ankle": "right leg",
     "head": "head",
-}  # fmt: skip
+}
 """Joints by which limbs are named."""
 
 

@@ -62,9 +62,15 @@ class Size:
 
 
 def size_of(
-    capture: Capture, body: Body, betas: tuple[float, ...] | None, points: np.ndarray, names: tuple[str, ...],
-    seen: np.ndarray, camera_height: float, sigma: np.ndarray,
-) -> Size:  # fmt: skip
+    capture: Capture,
+    body: Body,
+    betas: tuple[float, ...] | None,
+    points: np.ndarray,
+    names: tuple[str, ...],
+    seen: np.ndarray,
+    camera_height: float,
+    sigma: np.ndarray,
+) -> Size:
     """Return how large the person is: of the known shape or stature, else by the floor.
 
     Args:
@@ -89,7 +95,7 @@ def size_of(
 
 def measured_size(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float, sigma: np.ndarray
-) -> tuple[float, float] | None:  # fmt: skip
+) -> tuple[float, float] | None:
     """Return the size at which an average person's feet reach the floor, and its deviation; None: no foot shows it.
 
     All that one camera sees of a person ``s`` times as large is ``s`` times as far away: a foot at height h comes down
@@ -157,9 +163,13 @@ last longer, which ``open_depth`` adds to the deviations."""
 
 
 def measure_one_view(
-    capture: Capture, body: Body, prior: AutoencodingPrior, like: Array, betas: tuple[float, ...] | None,
+    capture: Capture,
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+    betas: tuple[float, ...] | None,
     progress: Progress,
-) -> Measurements:  # fmt: skip
+) -> Measurements:
     """Return what the one camera that sees the person measures.
 
     Args:
@@ -191,41 +201,61 @@ def measure_one_view(
     known = seen_frames(np.where(seen[..., None], average, np.nan))
     if not known.any():
         raise NoDetections(
-            "In no frame are enough keypoints detected to place a body.", where=capture.name,
+            "In no frame are enough keypoints detected to place a body.",
+            where=capture.name,
             hint="Check that the person is whole in the picture for some frames.",
-        )  # fmt: skip
+        )
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
     size = size_of(
-        capture, body, betas, (average - t) @ R, landmarks.names, seen, float(centre[2]),
+        capture,
+        body,
+        betas,
+        (average - t) @ R,
+        landmarks.names,
+        seen,
+        float(centre[2]),
         np.hypot(sigma[..., 0], sigma[..., 1] * sight[:, None, 2]),
-    )  # fmt: skip
+    )
     if size.at_odds[1]:
         found.append(
             diagnostic(
-                "stature_at_odds", given=size.factor * body.stature_m, source=size.source,
-                measured=size.at_odds[0] * body.stature_m, sigma=size.at_odds[1] * body.stature_m,
+                "stature_at_odds",
+                given=size.factor * body.stature_m,
+                source=size.source,
+                measured=size.at_odds[0] * body.stature_m,
+                sigma=size.at_odds[1] * body.stature_m,
             )
-        )  # fmt: skip
+        )
     shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
     points = (in_camera - t) @ R
     frames = np.flatnonzero(known)
     states = FrameStates(
-        constant(take.z[frames], like), constant((R.T @ take.view.root)[frames], like),
+        constant(take.z[frames], like),
+        constant((R.T @ take.view.root)[frames], like),
         constant(((places - t) @ R)[frames], like),
-    )  # fmt: skip
+    )
     lifted = RelativePositionTerm.of(
-        np.nan_to_num(points), _precision(sigma, sight, known, _joint_of(landmarks, body)),
-        1.0 / max(1.0, ALIKE_S * detected.fps), like,
-    )  # fmt: skip
+        np.nan_to_num(points),
+        _precision(sigma, sight, known, _joint_of(landmarks, body)),
+        1.0 / max(1.0, ALIKE_S * detected.fps),
+        like,
+    )
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
     deep = take.view.sigma_m[:, recorded, 1]
     assert take.view.hidden is not None
     one = OneView(
-        cameras.names[view], centre, size.sigma, capture.focal_sigma, size.source, capture.floor_from_person, sight,
-        deep, load_limb_slants()(take.view.hidden),
-    )  # fmt: skip
+        cameras.names[view],
+        centre,
+        size.sigma,
+        capture.focal_sigma,
+        size.source,
+        capture.floor_from_person,
+        sight,
+        deep,
+        load_limb_slants()(take.view.hidden),
+    )
     return Measurements(
         landmarks=landmarks,
         points=np.where(seen[..., None], points, np.nan),

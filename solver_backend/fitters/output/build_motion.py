@@ -113,9 +113,13 @@ class PosedTake:
 
 
 def build_motion(
-    measurements: Measurements, solved: SolvedFrames, layers: Sequence[SolvedLayer] = (), *, scale: float,
+    measurements: Measurements,
+    solved: SolvedFrames,
+    layers: Sequence[SolvedLayer] = (),
+    *,
+    scale: float,
     provenance: dict[str, Any],
-) -> Motion:  # fmt: skip
+) -> Motion:
     """Return the Motion of F solved frames.
 
     Args:

@@ -25,9 +25,11 @@ _WRISTS = tuple(
 
 
 def with_finger_turns(
-    motion: Motion, body: Body, turns: Float[np.ndarray, "frames 30 3"],
+    motion: Motion,
+    body: Body,
+    turns: Float[np.ndarray, "frames 30 3"],
     resting: Bool[np.ndarray, "frames 30"] | None = None,
-) -> Motion:  # fmt: skip
+) -> Motion:
     """Return a motion as wide as ``SMPL_HANDS``, its fingers turned so.
 
     A finger's joint is as uncertain as its wrist: what gloves and clips leave open is not known.
@@ -61,7 +63,7 @@ def with_finger_turns(
         flags = (flags | np.where(still.any(axis=1), FLAG_RESTING, 0)).astype(np.uint8)
     return replace(
         motion, body_pose=pose.reshape(frames, -1), joints=posed.joints, body_layout=layout, flags=flags, **parts
-    )  # fmt: skip
+    )
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:

@@ -35,11 +35,17 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.runs import true_runs
 
 LEADS: dict[str, tuple[str, float]] = {
-    "trunk": ("spine1", 0.08), "head": ("neck", 0.06), "left_upper_arm": ("left_shoulder", 0.06),
-    "right_upper_arm": ("right_shoulder", 0.06), "left_forearm": ("left_elbow", 0.06),
-    "right_forearm": ("right_elbow", 0.06), "left_thigh": ("left_hip", 0.06), "right_thigh": ("right_hip", 0.06),
-    "left_shank": ("left_knee", 0.06), "right_shank": ("right_knee", 0.06),
-}  # fmt: skip
+    "trunk": ("spine1", 0.08),
+    "head": ("neck", 0.06),
+    "left_upper_arm": ("left_shoulder", 0.06),
+    "right_upper_arm": ("right_shoulder", 0.06),
+    "left_forearm": ("left_elbow", 0.06),
+    "right_forearm": ("right_elbow", 0.06),
+    "left_thigh": ("left_hip", 0.06),
+    "right_thigh": ("right_hip", 0.06),
+    "left_shank": ("left_knee", 0.06),
+    "right_shank": ("right_knee", 0.06),
+}
 """The joint whose turn poses each part of ``PARTS``, and the least lever in metres of a landmark that informs it. The
 waist's markers have levers of 53 mm about the lowest joint of the spine and T12 131; C7 has 31 about the neck, the
 acromion 34 about the shoulder, the elbow's 31 about the elbow, and the tibia's tuberosity 74 about the knee."""
@@ -70,9 +76,14 @@ class PartShares:
 
 
 def resting_shares(
-    body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray, seen: np.ndarray, fps: float,
+    body: Body,
+    landmarks: Landmarks,
+    offsets: np.ndarray,
+    located: np.ndarray,
+    seen: np.ndarray,
+    fps: float,
     pinned: Sequence[int] = (),
-) -> PartShares:  # fmt: skip
+) -> PartShares:
     """Return how far each part that is not informed throughout is at rest, and how little is known of it.
 
     A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as
@@ -172,12 +183,18 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
     return replace(
-        solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
+        solved,
+        frames=frames,
+        covariance=covariance,
+        contacts=contacts,
+        fitted=fitted,
+        resting=resting > 0.0,
         diagnostics=(
-            *solved.diagnostics, *_diagnose(shares, measurements.source.REST),
+            *solved.diagnostics,
+            *_diagnose(shares, measurements.source.REST),
             *([diagnostic("place_assumed", part=where, mm=1000 * sigma_m)] if where else []),
         ),
-    )  # fmt: skip
+    )
 
 
 def _spread_out(

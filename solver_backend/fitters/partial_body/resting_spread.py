@@ -80,15 +80,20 @@ def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
     speed = np.linalg.norm(places[last, :2] - places[first, :2], axis=-1) * fps / np.maximum(last - first, 1)
     drop = float(np.quantile(places[:, 2], 0.95)) - places[:, 2]
     return Stance(
-        lean, np.clip((speed - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0),
+        lean,
+        np.clip((speed - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0),
         np.clip((drop - LOW_M) / (LOWEST_M - LOW_M), 0.0, 1.0),
-    )  # fmt: skip
+    )
 
 
 def with_resting_spread(
-    covariance: np.ndarray, rotations: np.ndarray, shown: Stance, layout: BodyLayout,
-    below: dict[str, tuple[str, ...]], shares: dict[str, np.ndarray],
-) -> np.ndarray:  # fmt: skip
+    covariance: np.ndarray,
+    rotations: np.ndarray,
+    shown: Stance,
+    layout: BodyLayout,
+    below: dict[str, tuple[str, ...]],
+    shares: dict[str, np.ndarray],
+) -> np.ndarray:
     """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
     k is ``growth`` by what the pelvis shows. Joints of ``BESIDE_MM`` have their variances added, times s.

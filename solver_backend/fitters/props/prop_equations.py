@@ -132,10 +132,15 @@ class PropEquations:
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return errors (F - 1, 12) between frames and their Jacobians by the frame before and the one after."""
         turn = turns(state.R[:-1], state.R[1:])
-        e = np.concatenate([
-            turn - self.dt * state.spin[:-1], np.diff(state.t, axis=0) - self.dt * state.velocity[:-1],
-            np.diff(state.spin, axis=0), np.diff(state.velocity, axis=0),
-        ], axis=1)  # fmt: skip
+        e = np.concatenate(
+            [
+                turn - self.dt * state.spin[:-1],
+                np.diff(state.t, axis=0) - self.dt * state.velocity[:-1],
+                np.diff(state.spin, axis=0),
+                np.diff(state.velocity, axis=0),
+            ],
+            axis=1,
+        )
         J = left_jacobian_inverse_so3(turn)
         after = np.tile(np.eye(SIZE), (len(e), 1, 1))
         before = -after

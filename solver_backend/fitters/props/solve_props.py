@@ -146,9 +146,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
 """Standard deviations from which on a prop's pose is hardly known."""
 
 
-def solve_props(
-    markers: Props, solved: SolvedFrames, progress: Progress
-) -> tuple[tuple[Prop, ...], list[Diagnostic]]:  # fmt: skip
+def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
     """Return the props among the markers of a take that nobody wears, and what was found of them."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:

@@ -41,9 +41,14 @@ class Solve(Protocol):
     """Minimises a model over keys."""
 
     def __call__(
-        self, model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, *,
+        self,
+        model: BundleModel,
+        layout: KeyframeLayout,
+        start: Keyframes,
+        schedule: Schedule,
+        *,
         alive: Callable[[], None],
-    ) -> KeySolution:  # fmt: skip
+    ) -> KeySolution:
         """Return the solution; ``alive`` is called before each linearisation."""
         ...
 
@@ -113,9 +118,18 @@ class Bundle:
 
     @classmethod
     def start(
-        cls, problem: Problem, subject: Subject, settings: SolveSettings, layout: KeyframeLayout, window: int,
-        keys: Keyframes, schedule: Schedule, solve: Solve, restart: Start, frames: np.ndarray | None = None,
-    ) -> Bundle:  # fmt: skip
+        cls,
+        problem: Problem,
+        subject: Subject,
+        settings: SolveSettings,
+        layout: KeyframeLayout,
+        window: int,
+        keys: Keyframes,
+        schedule: Schedule,
+        solve: Solve,
+        restart: Start,
+        frames: np.ndarray | None = None,
+    ) -> Bundle:
         """Return a bundle before its first pass, which fits keys on the manifold to the data."""
         free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
         posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
@@ -133,7 +147,7 @@ class Bundle:
 
     def with_objective(
         self, free: Collection[str], looseness: float = OFF_MANIFOLD, *, contacts: bool = True
-    ) -> Bundle:  # fmt: skip
+    ) -> Bundle:
         """Return the bundle with the objective that follows from what was learned so far.
 
         Args:
@@ -144,9 +158,14 @@ class Bundle:
         held = self.contacts if contacts else None
         term = () if held is None else (held.term(self.posed.keys.z, self.settings.foot_lock),)
         objective = bundle_objective(
-            self.problem, self.posed.layout, self.window, (self.data, *term), self.settings,
-            residuals=RESIDUAL in free, looseness=looseness,
-        )  # fmt: skip
+            self.problem,
+            self.posed.layout,
+            self.window,
+            (self.data, *term),
+            self.settings,
+            residuals=RESIDUAL in free,
+            looseness=looseness,
+        )
         layout = state_layout(self.problem.prior).only(free)
         return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))
 
@@ -197,9 +216,8 @@ def run_passes(
 
 
 def start_take(
-    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches,
-    progress: Progress,
-) -> Bundle:  # fmt: skip
+    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches, progress: Progress
+) -> Bundle:
     """Return the bundle before its first pass.
 
     Args:
@@ -209,6 +227,13 @@ def start_take(
     layout = KeyframeLayout.even(problem.num_frames, window)
     keys = initial_keys(problem, subject, layout, progress)
     return Bundle.start(
-        problem, subject, settings, layout, window, keys, schedule, partial(solve_in_single, each=each),
+        problem,
+        subject,
+        settings,
+        layout,
+        window,
+        keys,
+        schedule,
+        partial(solve_in_single, each=each),
         keys_of_frames(problem, subject, layout, keys),
-    )  # fmt: skip
+    )

@@ -40,9 +40,13 @@ STAGE = "Solving the stretch"
 
 
 def solve_range(
-    problem: Problem, subject: Subject, motion: Motion, frame_range: FrameRange, settings: SolveSettings,
+    problem: Problem,
+    subject: Subject,
+    motion: Motion,
+    frame_range: FrameRange,
+    settings: SolveSettings,
     progress: Progress,
-) -> tuple[SolvedRange, SolvedFrames]:  # fmt: skip
+) -> tuple[SolvedRange, SolvedFrames]:
     """Return some frames of a motion solved again, and the poses of the whole take with them in their places.
 
     Keys stand at the range's ends and at the pins, whose poses are fixed, and evenly between. A window on either side
@@ -70,9 +74,16 @@ def solve_range(
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
     both = Pass(Schedule((2 * scale, scale), 2 * settings.iterations, tolerance=1e-3), free)
     bundle = Bundle.start(
-        problem, subject, settings, layout, window, fixed, both.schedule, partial(solve_keys, fixed=~moving),
+        problem,
+        subject,
+        settings,
+        layout,
+        window,
+        fixed,
+        both.schedule,
+        partial(solve_keys, fixed=~moving),
         keys_of_frames(problem, subject, layout),
-    )  # fmt: skip
+    )
     bundle = replace(bundle, data=with_learned_noise(problem, subject, sampled, settings))
     found = [
         both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in enumerate((fixed, anew))
@@ -114,8 +125,10 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
     if motion.num_frames != problem.num_frames or abs(motion.fps - problem.fps) > 1e-3:
         raise MotionInvalid(
             f"The motion has {motion.num_frames} frames at {motion.fps:g} fps, the capture {problem.num_frames} at "
-            f"{problem.fps:g}.", where="resolve", hint="Choose the motion that was solved from this capture.",
-        )  # fmt: skip
+            f"{problem.fps:g}.",
+            where="resolve",
+            hint="Choose the motion that was solved from this capture.",
+        )
     motion.require_body(subject.body.id, subject.body.layout.recorded, where="resolve")
 
 
@@ -152,9 +165,13 @@ def _mixed(free: np.ndarray, anew: Keyframes, fixed: Keyframes) -> Keyframes:
 
 
 def solve_again(
-    problem: Problem, subject: Subject, motion: Motion, frame_range: FrameRange, settings: SolveSettings,
+    problem: Problem,
+    subject: Subject,
+    motion: Motion,
+    frame_range: FrameRange,
+    settings: SolveSettings,
     progress: Progress,
-) -> Solution:  # fmt: skip
+) -> Solution:
     """Return the motion with a frame range solved again; all other frames stay as they are, bit for bit.
 
     Raises:

@@ -203,9 +203,12 @@ class LiveFit(PersonFollower):
     """Follows a person by markers."""
 
     def __init__(
-        self, body: Body, landmarks: Landmarks | None = None, offsets: np.ndarray | None = None,
+        self,
+        body: Body,
+        landmarks: Landmarks | None = None,
+        offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         """Take the body, and where a person was calibrated, the 53 landmarks, their offsets and the shape."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)

@@ -187,7 +187,7 @@ def solve_noise_aware(
 
 def solve_in_stages(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, loss: LandmarkLoss
-) -> MethodResult:  # fmt: skip
+) -> MethodResult:
     """Fit shape and poses by least squares, then poses by a loss.
 
     Args:

@@ -37,9 +37,11 @@ def space_keys(bundle: Bundle) -> Bundle:
         return bundle
     keys = keys_at(posed.keys, posed.layout, dense.key_times)
     closer = replace(
-        bundle, posed=replace(posed, keys=keys, layout=dense), window=round(problem.num_frames / dense.num_windows),
+        bundle,
+        posed=replace(posed, keys=keys, layout=dense),
+        window=round(problem.num_frames / dense.num_windows),
         restart=keys_of_frames(problem, posed.subject, dense),
-    )  # fmt: skip
+    )
     return closer.with_objective([block.name for block in bundle.free.blocks])
 
 
@@ -49,9 +51,15 @@ def resolve_lost_limbs(bundle: Bundle) -> Bundle:
     # A limb that stands elsewhere has another code, so codes are free here whatever the pass freed.
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     keys = lost_limbs.resolve_lost_limbs(
-        bundle.problem.measurements, replace(bundle.model, free=free), posed.layout, posed.keys, posed.points,
-        bundle.restart, bundle.schedule, posed.frames,
-    )  # fmt: skip
+        bundle.problem.measurements,
+        replace(bundle.model, free=free),
+        posed.layout,
+        posed.keys,
+        posed.points,
+        bundle.restart,
+        bundle.schedule,
+        posed.frames,
+    )
     return bundle if keys is posed.keys else bundle.move(keys)
 
 

@@ -149,9 +149,16 @@ def solve_known_person(
     layout = KeyframeLayout.even(problem.num_frames, plan.window)
     keys = initial_keys(problem, subject, layout)
     bundle = Bundle.start(
-        problem, subject, settings, layout, plan.window, keys, plan.passes[0].schedule,
-        partial(solve_in_single, each=each), keys_of_frames(problem, subject, layout, keys),
+        problem,
+        subject,
+        settings,
+        layout,
+        plan.window,
+        keys,
+        plan.passes[0].schedule,
+        partial(solve_in_single, each=each),
+        keys_of_frames(problem, subject, layout, keys),
         np.arange(0, problem.num_frames, plan.stride),
-    )  # fmt: skip
+    )
     bundle = run_passes(bundle, plan.passes, progress, STAGE, plan.after)
     return solved_take(bundle, progress, plan.covariance_stride)
