@@ -19,8 +19,7 @@ from solver_backend.fitters.measurements.views import measurements_of
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
-from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture

@@ -16,8 +16,7 @@ from research.baselines.person import Prepared
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
-from solver_backend.fitters.model.codes import d_pose_d_state, decoded, decoder_jacobian
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames, d_pose_d_state, decoded, decoder_jacobian
 from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations
 from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed
 from solver_backend.geometry.rotations import exp_so3

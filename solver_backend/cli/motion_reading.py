@@ -13,7 +13,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
 from solver_backend.exchange.finger_joints import from_flat
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.fitters.output.finger_turns import with_finger_turns
+from solver_backend.fitters.hands.wide_motion import with_finger_turns
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.amass import AmassClip, motion_of

@@ -7,8 +7,7 @@ if TYPE_CHECKING:
     from solver_backend.exchange.solve_settings import SolveSettings
     from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
     from solver_backend.fitters.pipeline import resolve_range, solve, solve_problem
-    from solver_backend.fitters.problem import Problem
-    from solver_backend.fitters.solution import Solution
+    from solver_backend.fitters.problem import Problem, Solution
 
 __all__ = ["FrameRange", "Pin", "Problem", "Solution", "SolveSettings", "resolve_range", "solve", "solve_problem"]
 _HOMES = {

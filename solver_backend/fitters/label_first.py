@@ -166,8 +166,8 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
             f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
             f"markers of one person, {GHOST} at most.",
             where=capture.name,
-            hint="Label the points in the program that recorded them, each person under a prefix of their own, or leave "
-            "one person's points in the file.",
+            hint="Label the points in the program that recorded them, each person under a prefix of their own, or "
+            "leave one person's points in the file.",
         ),
     )
 

@@ -27,9 +27,8 @@ from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import FrameObjective, points_of
 from solver_backend.fitters.output.build_motion import PosedTake
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.single_frame import sample_frames
-from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy
 from solver_backend.residuals.reprojection import ReprojectionTerm

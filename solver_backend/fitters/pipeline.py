@@ -25,9 +25,8 @@ from solver_backend.fitters.methods import (
 )
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.prepare import first_subject, make_origin, prepare
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Convergence, MethodResult, Problem, Solution, SolvedFrames
 from solver_backend.fitters.recipes.frame_range import solve_again
-from solver_backend.fitters.solution import Convergence, MethodResult, Solution, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import load_sposer

@@ -102,7 +102,7 @@ def _prepare_markers(
     from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.fitters.measurements.sources import LocatedPoints
-    from solver_backend.fitters.props.layer import Props
+    from solver_backend.fitters.props.solve_props import Props
 
     markers, hands = split_hands(cloud, places_given(settings.layout))
     if METHODS[settings.method].finds_shape and person is None:

@@ -3,7 +3,7 @@
 import pytest
 
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.solution import Convergence
+from solver_backend.fitters.problem import Convergence
 from solver_backend.synthesis.embedded.demo import demo_capture
 
 

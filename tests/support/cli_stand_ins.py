@@ -8,7 +8,7 @@ from dataclasses import replace
 from types import ModuleType
 from typing import Any
 
-from solver_backend.fitters.solution import Solution
+from solver_backend.fitters.problem import Solution
 from solver_backend.types import SMPL_JOINTS, Motion
 from tests.support.scenes import small_capture, small_motion
 

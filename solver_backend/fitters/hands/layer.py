@@ -17,8 +17,7 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.base import NO_TERMS, SolvedLayer
 from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.output.build_motion import PosedTake
-from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.types import Cameras, Keypoints2D, MarkerCloud, Motion
 
 if TYPE_CHECKING:

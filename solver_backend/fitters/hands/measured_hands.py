@@ -26,7 +26,7 @@ from solver_backend.fitters.hands.hand_view_term import (
 )
 from solver_backend.fitters.hands.layer import HandClouds, HandViews
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior

@@ -22,8 +22,7 @@ from solver_backend.fitters.hands.hand_problem import (
 )
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, spline_states
-from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES
-from solver_backend.fitters.solution import Convergence
+from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES, Convergence
 from solver_backend.fitters.subject_calibration.variances import reweighted_by_points
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior

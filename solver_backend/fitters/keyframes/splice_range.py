@@ -15,8 +15,7 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
-from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.small_matrices import mean_sigma

@@ -13,9 +13,15 @@ from solver_backend.body.state_layout import StateLayout
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.markers import SIGMA_M
-from solver_backend.fitters.model.codes import d_pose_d_key, decoded, state_layout
 from solver_backend.fitters.model.keyframe_curve import turns_of
-from solver_backend.fitters.model.states import FrameStates, PosedFrames, rotations_of
+from solver_backend.fitters.model.states import (
+    FrameStates,
+    PosedFrames,
+    d_pose_d_key,
+    decoded,
+    rotations_of,
+    state_layout,
+)
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.partial_body.rest_parts import uninformed_parts
 from solver_backend.fitters.problem import Problem

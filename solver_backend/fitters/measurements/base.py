@@ -19,9 +19,8 @@ from solver_backend.types import Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.output.build_motion import PosedTake
-    from solver_backend.fitters.problem import Problem
+    from solver_backend.fitters.problem import Problem, SolvedFrames
     from solver_backend.fitters.recipes.bundle import Bundle
-    from solver_backend.fitters.solution import SolvedFrames
 
 NO_TERMS = FrameObjective(())
 """Of a layer that adds nothing to the objective."""

@@ -14,10 +14,9 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.base import NO_TERMS, RestWords, SolvedLayer
 from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.fitters.recipes.steps import learn_view_noise, learn_window_noise
-from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.metrics.positions import reprojection_px
 from solver_backend.residuals.terms import DataTerm
 from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Cameras, Keypoints2D, Motion

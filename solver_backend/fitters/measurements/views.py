@@ -24,8 +24,7 @@ from solver_backend.fitters.model.states import FrameStates, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.own_points import OwnPoints
-from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.small_matrices import unpacked

@@ -15,14 +15,6 @@ from typing import Protocol
 import numpy as np
 
 from solver_backend.body.state_layout import StateLayout
-from solver_backend.fitters.model.codes import (
-    CODES,
-    d_pose_d_state,
-    decoded,
-    decoded_with_vjp,
-    decoder_jacobian,
-    turned_with_vjp,
-)
 from solver_backend.fitters.model.keyframe_layout import (
     Interpolant,
     KeyframeLayout,
@@ -31,7 +23,17 @@ from solver_backend.fitters.model.keyframe_layout import (
     rows_of,
     shared,
 )
-from solver_backend.fitters.model.states import BLOCK_POSES, Keyframes, PosedFrames
+from solver_backend.fitters.model.states import (
+    BLOCK_POSES,
+    CODES,
+    Keyframes,
+    PosedFrames,
+    d_pose_d_state,
+    decoded,
+    decoded_with_vjp,
+    decoder_jacobian,
+    turned_with_vjp,
+)
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, index, zeros
 from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import map_blocks

@@ -17,9 +17,8 @@ from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.one_view.faults import glides
 from solver_backend.fitters.output.build_motion import PosedTake
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle
-from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.runs import true_runs

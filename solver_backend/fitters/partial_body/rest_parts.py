@@ -29,7 +29,7 @@ from solver_backend.fitters.partial_body.resting_spread import (
     with_assumed_spread,
     with_resting_spread,
 )
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.runs import true_runs

@@ -15,10 +15,9 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
-from solver_backend.fitters.hands.wide_motion import without_fingers
+from solver_backend.fitters.hands.wide_motion import finger_turns_of, with_finger_turns, without_fingers
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.output.finger_turns import finger_turns_of, with_finger_turns
 from solver_backend.fitters.pose_ndf.complete import (
     CompleteSettings,
     DenoiseSettings,

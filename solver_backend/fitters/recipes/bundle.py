@@ -16,10 +16,9 @@ from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, Bund
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.lost_limbs import Start
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, Stretches, solve_in_single
-from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, PosedFrames
+from solver_backend.fitters.model.states import Keyframes, PosedFrames, state_layout
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts

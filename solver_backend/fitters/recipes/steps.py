@@ -14,13 +14,12 @@ from solver_backend.fitters.keyframes import lost_limbs
 from solver_backend.fitters.keyframes.initial_keys import dense_layout, keys_of_frames
 from solver_backend.fitters.keyframes.optimise import Schedule
 from solver_backend.fitters.keyframes.posterior import covariance_of_joints, noise_inflation
-from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import control_points
-from solver_backend.fitters.model.states import hemisphere_aligned
+from solver_backend.fitters.model.states import hemisphere_aligned, state_layout
 from solver_backend.fitters.model.subject import points_of
+from solver_backend.fitters.problem import MethodResult, SolvedFrames
 from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
-from solver_backend.fitters.solution import MethodResult, SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.fitters.subject_calibration.shape import ShapePrior
 from solver_backend.fitters.subject_calibration.shape import refit_shape as refit

@@ -15,7 +15,7 @@ from solver_backend.fitters.marker_calibration.rough_motion import RATE_HZ
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.depth import OneCamera
-from solver_backend.fitters.problem import REFERENCE_FPS, Problem
+from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem
 from solver_backend.fitters.recipes.bundle import (
     FIXED_CODES,
     OFF_THE_MANIFOLD,
@@ -36,7 +36,6 @@ from solver_backend.fitters.recipes.steps import (
     solved_take,
     space_keys,
 )
-from solver_backend.fitters.solution import MethodResult
 
 
 def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:

@@ -19,7 +19,7 @@ from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.views import measure_views
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.demo import DEMO_BETAS, demo_capture
