@@ -22,10 +22,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
     """Return the text of a calibration as Pose2Sim and anipose have it; ours too.
 
     Args:
-        cameras: C cameras.
-        rmse_px: of the calibration, for people.
         scale: units of length a metre: 1 for Pose2Sim, 1000 for FreeMoCap.
-        tool: goes into the metadata.
     """
     parts = []
     for c, name in enumerate(cameras.names):
@@ -73,7 +70,6 @@ def coefficients(cameras: Cameras, index: int) -> np.ndarray:
 
 
 def _model(name: str) -> str:
-    """Return the line that names a lens model which is neither OpenCV's nor the fisheye."""
     return "" if name in ("opencv", "fisheye") else f"distortion_model = {_text(name)}\n"
 
 
@@ -130,11 +126,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
-    """Return COLMAP's name of a lens with two focal lengths and its terms.
-
-    Raises:
-        CalibrationInvalid: COLMAP has no such lens.
-    """
+    """Return COLMAP's name of a lens with two focal lengths and its terms."""
     for name, focals, places in LENS_MODELS[model].colmap:
         if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
             return name, terms[list(places)]
@@ -167,6 +159,13 @@ def _plain(name: str) -> str:
     return "".join(c for c in name if c.isprintable() and c not in "\"'\\")
 
 
+_INTRINSIC = (
+    *("focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"),
+    *("radialDistortion1", "radialDistortion2", "radialDistortion3", "tangentalDistortion1", "tangentalDistortion2"),
+    *("sensorMinU", "sensorMinV", "sensorMaxU", "sensorMaxV"),
+)
+
+
 def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
     """Return the text of the file: mm, 1/64 px, camera axes right, up and backward.
 
@@ -178,16 +177,21 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
     for c, name in enumerate(cameras.names):
         bent = cameras.distortion[c]
         if cameras.models[c] != DEFAULT_MODEL or bent[5:].any():
-            raise CalibrationInvalid(
-                "Qualisys' file holds the coefficients k1 k2 p1 p2 k3 alone; the lens has others.",
-                where=f"camera {name}",
-                hint="Calibrate with --lens pinhole5, or write another format.",
-            )
+            message = "Qualisys' file holds the coefficients k1 k2 p1 p2 k3 alone; the lens has others."
+            hint = "Calibrate with --lens pinhole5, or write another format."
+            raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         width, height = cameras.image_size[c].tolist()
         node = ElementTree.SubElement(
-            group, "camera", {"active": "1", "serial": name, "viewrotation": "0", "model": "none",
-                              "avg-residual": f"{rmse_px or 0.0:.6f}"}
-        )  # fmt: skip
+            group,
+            "camera",
+            {
+                "active": "1",
+                "serial": name,
+                "viewrotation": "0",
+                "model": "none",
+                "avg-residual": f"{rmse_px or 0.0:.6f}",
+            },
+        )
         view = {"left": "0", "top": "0", "right": str(width - 1), "bottom": str(height - 1)}
         for tag in ("fov_marker", "fov_marker_max", "fov_video", "fov_video_max"):
             ElementTree.SubElement(node, tag, view)
@@ -198,12 +202,9 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
             node, "transform", place | {axis: repr(float(v)) for axis, v in zip("xyz", centre, strict=True)}
         )
         K = cameras.K[c] * SUBPIXELS
-        numbers = {
-            "focalLengthU": K[0, 0], "focalLengthV": K[1, 1], "centerPointU": K[0, 2], "centerPointV": K[1, 2],
-            "skew": K[0, 1], "radialDistortion1": bent[0], "radialDistortion2": bent[1], "radialDistortion3": bent[4],
-            "tangentalDistortion1": bent[2], "tangentalDistortion2": bent[3], "sensorMinU": 0.0, "sensorMinV": 0.0,
-            "sensorMaxU": (width - 1) * SUBPIXELS, "sensorMaxV": (height - 1) * SUBPIXELS,
-        }  # fmt: skip
+        pinhole = K[[0, 1, 0, 1, 0], [0, 1, 2, 2, 1]]
+        far = np.array([0.0, 0.0, width - 1, height - 1]) * SUBPIXELS
+        numbers = dict(zip(_INTRINSIC, [*pinhole, *np.array(bent)[[0, 1, 4, 2, 3]], *far], strict=True))
         ElementTree.SubElement(node, "intrinsic", {key: repr(float(v)) for key, v in numbers.items()})
     ElementTree.indent(root)
     return "<?xml version='1.0' encoding='UTF-8'?>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
@@ -245,16 +246,12 @@ def write_calibration(
     """Write cameras to a file, or a folder for COLMAP, and return the format's name.
 
     Args:
-        path: file or folder.
         cameras: metres, Z up.
         kind: one of ``FORMATS``; taken from the name if left out.
-        rmse_px: of the calibration, for people.
-        overwrite: replace what is there.
 
     Raises:
         CommandLineInvalid: the format is unknown.
         CalibrationInvalid: the format cannot hold a lens.
-        OutputExists, OutputNotWritable: see ``atomic_output``.
     """
     kind = kind or format_of(path)
     if kind not in FORMATS:

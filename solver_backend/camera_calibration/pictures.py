@@ -23,10 +23,8 @@ def opencv() -> Any:
     try:
         return import_module("cv2")
     except ImportError as error:
-        raise BackendMissing(
-            "Pictures and videos are read by OpenCV, which is not installed.",
-            hint="Install it with: pip install opencv-contrib-python-headless.",
-        ) from error
+        hint = "Install it with: pip install opencv-contrib-python-headless."
+        raise BackendMissing("Pictures and videos are read by OpenCV, which is not installed.", hint=hint) from error
 
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
@@ -44,13 +42,11 @@ def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the number of each frame that is looked at, from 0, and its grey picture (H, W) uint8.
 
     Args:
-        path: a video, a picture, or a folder of pictures.
         step: every how many frames; videos are read through, as seeking in them is not exact.
 
     Raises:
         FileMissing: there is nothing at the path.
         FileDamaged: nothing of it can be decoded.
-        BackendMissing: OpenCV is not installed.
     """
     if not path.exists():
         raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
@@ -78,7 +74,6 @@ def _of_pictures(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
 
 
 def _of_video(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield pictures of a video, or of all chapters of a recording one after the other."""
     cv2 = opencv()
     number = 0
     for part in parts_of(path):

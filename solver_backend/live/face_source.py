@@ -21,7 +21,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
-from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
+from solver_backend.exchange.live_lines import EventLine, LiveLine, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.named_once import JUMP_S, OneSender
@@ -136,7 +136,6 @@ class FaceFrame:
     """A face at a moment."""
 
     time: float
-    """Seconds since the first."""
     arrived: float
     """``time.perf_counter()`` when it came."""
     channels: dict[str, float]
@@ -147,7 +146,6 @@ class FaceAssembly(OneSender):
     """Frames of one phone; packets of others, late, doubled and hostile ones are left out."""
 
     def __init__(self, scheme: str) -> None:
-        """Take which app sends, by the scheme of its address."""
         super().__init__()
         self._decode, self._has_clock = _DECODERS[scheme], scheme == LIVE_LINK
         self._before: tuple[float | None, float] | None = None
@@ -157,8 +155,6 @@ class FaceAssembly(OneSender):
         """Yield the frame of a packet, if it is one.
 
         Args:
-            packet: a datagram.
-            sender: whose it is.
             arrived: ``time.perf_counter()``.
         """
         if self.is_other(sender, arrived):
@@ -197,7 +193,6 @@ def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | 
 
     Args:
         found: what ``listen`` yields.
-        recorder: keeps the channels.
     """
     number = 0
     for item in found:
@@ -206,14 +201,9 @@ def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | 
             continue
         if recorder is not None and item.channels:
             recorder.add(item.time, item.channels)
-        lag = round(1e3 * (time.perf_counter() - item.arrived), 3)
-        line: FrameLine = {
-            "frame": number, "t": round(item.time, 6), "state": "tracking" if item.channels else "no_person",
-            "points": 0, "latency_ms": lag, "lag_ms": lag,
-        }  # fmt: skip
+        lag_s = time.perf_counter() - item.arrived
+        state, shown = "no_person", {"why": "the phone sees no face"}
         if item.channels:
-            line["face"] = {name: round(value, 4) for name, value in item.channels.items()}
-        else:
-            line["why"] = "the phone sees no face"
-        yield line
+            state, shown = "tracking", {"face": {name: round(value, 4) for name, value in item.channels.items()}}
+        yield frame_line(number, item.time, state, lag_s, lag_s, points=0, **shown)
         number += 1

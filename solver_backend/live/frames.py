@@ -28,7 +28,6 @@ class PointFrame:
     """The points of a moment."""
 
     time: float
-    """Seconds on the source's clock."""
     points: np.ndarray
     """(N, 3) in the source's unit and axes."""
     arrived: float
@@ -85,7 +84,6 @@ def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
 
 
 def _require_whole(line: bytes, stream: BinaryIO) -> None:
-    """Pass over the rest of a line that is longer than any frame's."""
     if len(line) < _LONGEST_LINE or line.endswith(b"\n"):
         return
     while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith(b"\n"):
@@ -187,9 +185,7 @@ def _next(waiting: _Waiting) -> PointFrame | BaseException | None:
             continue  # a wait without end cannot be interrupted everywhere
 
 
-def _read(
-    frames: Iterator[PointFrame], waiting: _Waiting, gone: Event
-) -> None:  # fmt: skip
+def _read(frames: Iterator[PointFrame], waiting: _Waiting, gone: Event) -> None:
     last: BaseException | None = None
     try:
         for frame in frames:
@@ -201,7 +197,6 @@ def _read(
 
 
 def _put(waiting: _Waiting, item: PointFrame | BaseException | None, gone: Event) -> bool:
-    """Hand something over, as soon as there is room; return whether anybody wants more."""
     while not gone.is_set():
         try:
             waiting.put(item, timeout=_LOOK_S)

@@ -24,7 +24,6 @@ class RecordingFormat(Protocol[Item]):
     """How items become bytes, and a recording becomes a file."""
 
     pieces: ClassVar[str]
-    """Plural of the items, for messages."""
 
     def head(self) -> bytes:
         """Return what stands before the first item."""
@@ -39,7 +38,6 @@ class RecordingFormat(Protocol[Item]):
 
         Raises:
             FileDamaged: it is not a recording of this format.
-            OutputExists, OutputNotWritable: the file cannot be written; the recording is kept.
         """
         ...
 
@@ -52,11 +50,7 @@ class Recorder(Generic[Item]):
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
-        """Begin a recording.
-
-        Raises:
-            OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
-        """
+        """Begin a recording."""
         # First: a run that was killed as it finished has left both, and the file that is there is refused.
         self.recovered = recover(path, form.finish)
         self.path = check_output(path, overwrite=overwrite)
@@ -77,11 +71,7 @@ class Recorder(Generic[Item]):
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file and remove the unfinished recording; only the latter if nothing came.
-
-        Raises:
-            OutputNotWritable: the file cannot be written (the unfinished one is kept), or items were lost.
-        """
+        """Write the file and remove the unfinished recording; only the latter if nothing came."""
         if self.finished:
             return
         self.finished = True
@@ -94,7 +84,6 @@ class Recorder(Generic[Item]):
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; an error that is on its way already is not replaced by one of finishing."""
         with suppress(MocapError) if kind is not None else nullcontext():
             self.finish()
 
@@ -106,10 +95,6 @@ def recording_of(path: Path) -> Path:
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
     """Finish what a killed run has left of the recording to a file; return where it is, None for nothing.
-
-    Args:
-        path: the file.
-        finish: writes a recording to a file and returns whether anything was in it.
 
     Raises:
         OutputNotWritable: another process is recording, or the disk is full; nothing is lost.

@@ -104,7 +104,6 @@ class PosesRecording:
 
     pieces: ClassVar[str] = "poses"
     source: str = ""
-    """Where they come from."""
     person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
     """Returns the body and its (10,) shape; asked at the first pose."""
     _last: float | None = field(default=None, init=False)
@@ -161,9 +160,7 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
     Args:
         times: seconds, at the rate.
         rows: (N, 4 + 3 J) time ascending, transl and axis-angles of the poses that came.
-        fps: the rate.
         betas: (10,) shape.
-        body: whose poses they are.
         source: where they came from.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.live_lines import FrameLine, LiveLine, event_line
+from solver_backend.exchange.live_lines import FrameLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
@@ -29,11 +29,7 @@ class PoseSender:
         """Find the receiver's host.
 
         Args:
-            address: of the receiver.
             proportions: of the body; asked before the first pose, when the shape is known, and when there are fingers.
-
-        Raises:
-            CommandLineInvalid: there is no such host.
         """
         self._proportions = proportions
         self._bundle: FrameBundle | None = None
@@ -56,7 +52,6 @@ class PoseSender:
             yield line
 
     def _send(self, line: FrameLine) -> str:
-        """Send the pose of a line, if it has one; return what is to be reported of the receiver."""
         if "root" not in line or "pose" not in line or "trans" not in line:
             return ""
         if self._bundle is None:
@@ -90,7 +85,6 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
     """Yield a line a frame, of all joints of the motion; frames that come more than ``LATE_S`` late are left out.
 
     Args:
-        motion: what is replayed.
         paced: at its own rate; False: as fast as lines are taken.
         repeat: again and again; the time goes on.
     """
@@ -103,11 +97,9 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
                 time.sleep(ahead)
             lag = time.perf_counter() - due
             if lag < LATE_S:
-                yield {
-                    "frame": number, "t": round(number / motion.fps, 6), "state": "tracking",
-                    "root": _rounded(root_and_pose[:3]), "pose": _rounded(root_and_pose[3:]), "trans": _rounded(transl),
-                    "points": 0, "latency_ms": 0.0, "lag_ms": round(1e3 * lag, 3),
-                }  # fmt: skip
+                parts = (root_and_pose[:3], root_and_pose[3:], transl)
+                shown = dict(zip(("root", "pose", "trans"), map(_rounded, parts), strict=True))
+                yield frame_line(number, number / motion.fps, "tracking", 0.0, lag, points=0, **shown)
             number += 1
         if not repeat:
             return

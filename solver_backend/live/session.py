@@ -145,8 +145,6 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         """Take what labels points and what fits them.
 
         Args:
-            network: labels points.
-            fit: of the person.
             unit: of the points; found from the first frames if None.
             up_axis: axis that points up; found from the first frames if None.
         """
@@ -189,7 +187,6 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         yield self._fitted(frame, points @ self._turn.T, dt)
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> FrameLine:
-        """Return the pose of a frame."""
         self.shown, self.shown_off_m = points, np.full(len(points), np.nan)
         near = self._nearest(points)
         points = points[near]
@@ -226,7 +223,6 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         )
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
-        """Return which points may be the person's: all, or of very many those about the body or their middle."""
         if len(points) <= MOST_READ:
             return np.arange(len(points))
         centre = self.fit.pose.transl[0] if self.fit.pose is not None else np.median(points, axis=0)

@@ -7,12 +7,12 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeVar, cast
+from typing import Any, Generic, Protocol, TypeVar
 
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, PoseValues, event_line
+from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, PoseValues, event_line, frame_line
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.geometry.rotations import log_so3
@@ -115,15 +115,10 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
             yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
 
     def _line(self, moment: Shown, state: str, why: str = "", **values: Any) -> FrameLine:
-        """Return the line of a moment."""
         self._number += 1
-        reason = {"why": why} if why else {}
-        delays = {
-            "latency_ms": round(1e3 * (time.perf_counter() - moment.arrived), 3),
-            "lag_ms": round(1e3 * moment.lag_s, 3),
-        }
-        start = {"frame": self._number - 1, "t": round(moment.time, 6), "state": state}
-        return cast("FrameLine", {**start, **values, **reason, **delays})
+        values |= {"why": why} if why else {}
+        latency_s = time.perf_counter() - moment.arrived
+        return frame_line(self._number - 1, moment.time, state, latency_s, moment.lag_s, **values)
 
 
 def pose_of(frame: PosedFrames) -> PoseValues:
@@ -160,8 +155,9 @@ _PARTS = {
 }
 _LIMBS = {
     f"{side} {part}": [MARKERS.index(f"{side[0].upper()}{name}") for name in names]
-    for part, names in _PARTS.items() for side in ("left", "right")
-}  # fmt: skip
+    for part, names in _PARTS.items()
+    for side in ("left", "right")
+}
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
@@ -169,7 +165,6 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
 
     Args:
         off_m: (L,) metres between each seen marker or keypoint and the body, NaN where it is not seen.
-        unexplained: points near the person that have no name.
         limbs: rows of each limb; those of the 53 markers if left out.
     """
     far = {limb: off for limb, off in limbs_off(off_m, limbs).items() if off > OFF_M}
@@ -190,8 +185,9 @@ def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
     parts = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle", "heel", "big_toe")}
     return {
         f"{side} {part}": [row for row, name in enumerate(names) if name in {f"{side}_{joint}" for joint in joints}]
-        for part, joints in parts.items() for side in ("left", "right")
-    }  # fmt: skip
+        for part, joints in parts.items()
+        for side in ("left", "right")
+    }
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
@@ -243,8 +239,10 @@ class LiveStatistics:
     def summary(self) -> dict[str, object]:
         """Return frames, states, events, and latency and lag in the median and their 99th percentile."""
         data: dict[str, object] = {
-            "frames": sum(self.states.values()), "states": dict(self.states), "events": dict(self.events),
-        }  # fmt: skip
+            "frames": sum(self.states.values()),
+            "states": dict(self.states),
+            "events": dict(self.events),
+        }
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):
             if values:
                 median, p99 = np.percentile(values, [50, 99])

@@ -17,14 +17,7 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.recipes.live import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
-from solver_backend.live.session_loop import (
-    LOST_S,
-    SessionLoop,
-    doubts_of,
-    event,
-    keypoint_limbs,
-    pose_of,
-)
+from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 CLEARLY = 0.5
@@ -44,7 +37,6 @@ class ExchangedSides:
     """Finds pairs of limbs whose sides are exchanged, among a detector's keypoints."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        """Take the names of K keypoints."""
         rows = {name: row for row, name in enumerate(names)}
         self._pairs: list[tuple[np.ndarray, np.ndarray]] = []
         for parts in _PARTS.values():
@@ -93,7 +85,6 @@ class ViewMoment:
     """What C cameras show at one moment."""
 
     time: float
-    """Seconds on the cameras' clock."""
     arrived: float
     """``time.perf_counter()`` when the last of its pictures came."""
     people: tuple[np.ndarray | None, ...]
@@ -127,9 +118,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
         Args:
             cameras: as calibrated; the session moves them to a world that fits the person once that is known.
-            joint_set: what is detected.
             betas: (10,) shape of a person who is known.
-            world: how the world is scaled and levelled.
             up_axis: axis of the calibration that points up; Z, or the one that the person stands along, if None.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
@@ -239,7 +228,6 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return project(c, points[None])[:, 0]
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
-        """Take the world in which the person of the first moments stands upright on the floor."""
         xy, confidence = (np.stack(part, axis=1) for part in zip(*self._first, strict=True))
         self._world_known, self._first = True, []
         keypoints = Keypoints2D(xy, confidence, self.joint_set, 1.0 / 0.1)

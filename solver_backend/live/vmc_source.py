@@ -21,7 +21,7 @@ from solver_backend.body.hands import with_fingers
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, event_line
+from solver_backend.exchange.live_lines import EventLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.address import VmcAddress
@@ -90,7 +90,6 @@ class FrameAssembly(OneSender):
         """Yield the frames that a packet makes whole.
 
         Args:
-            packet: a datagram.
             sender: whose it is; frames are of one sender at a time.
             arrived: ``time.perf_counter()``.
         """
@@ -119,7 +118,6 @@ class FrameAssembly(OneSender):
             yield self._frame()
 
     def _is_ours(self, messages: Sequence[OscMessage], sender: Any, arrived: float) -> bool:
-        """Return whether a packet is of the sender who is heard; one with bones takes over from one who is gone."""
         if sender != self._sender:
             if not any(message.address == BONE for message in messages):
                 return False
@@ -129,7 +127,6 @@ class FrameAssembly(OneSender):
         return True
 
     def _is_next(self, messages: Sequence[OscMessage], packet: bytes) -> bool:
-        """Return whether a packet comes after those before it, by its clock, and was not there already."""
         times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
         clock = next((time for time in times if math.isfinite(time)), None)
         return clock is None or self.is_next(packet, clock)
@@ -170,7 +167,6 @@ class FrameAssembly(OneSender):
         self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
 
     def _frame(self) -> BoneFrame:
-        """Return what came as a frame, and begin the next."""
         clock, arrived = self._begun
         if self._last is not None:
             before, arrived_before = self._last
@@ -206,7 +202,6 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     lengths ``|b_j|`` of those that it does: ``d|b| = b/|b| · db``.
 
     Args:
-        body: ours.
         joints: (24, 3) of the sender's T-pose, NaN where it has none.
     """
     layout, count = body.layout, len(joints)
@@ -223,10 +218,9 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     for _ in range(_ROUNDS):
         bones = body.rest_joints(betas)[child] - body.rest_joints(betas)[parent]
         reach = np.linalg.norm(bones, axis=1)
-        J = np.concatenate([
-            slopes[still].reshape(-1, len(betas)),
-            np.einsum("ni,nik->nk", bones / reach[:, None], slopes)[~still],
-        ])  # fmt: skip
+        J = np.concatenate(
+            [slopes[still].reshape(-1, len(betas)), np.einsum("ni,nik->nk", bones / reach[:, None], slopes)[~still]]
+        )
         r = np.concatenate([(wanted - bones)[still].ravel(), (length - reach)[~still]])
         betas = betas + np.linalg.solve(J.T @ J + _PULL * np.eye(len(betas)), J.T @ r - _PULL * betas)
     return betas if np.abs(r).max() < _OURS_M else None
@@ -265,8 +259,6 @@ def listen(
     """Yield frames as they come, and events; a port that is taken is waited for.
 
     Args:
-        address: of this machine.
-        assembly: makes frames of packets.
         ask: asks a sender to send, by our socket; called at the beginning and as long as nothing comes.
 
     Raises:
@@ -336,11 +328,7 @@ def _bound(address: VmcAddress) -> socket.socket | None:
 
 
 def _refuse(error: Exception, address: VmcAddress) -> None:
-    """Return None for a port that is taken.
-
-    Raises:
-        CommandLineInvalid: for anything else.
-    """
+    """Return None for a port that is taken."""
     if getattr(error, "errno", None) == errno.EADDRINUSE:
         return
     reason = getattr(error, "strerror", None) or error
@@ -355,7 +343,6 @@ class BonesOnBody:
     """
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
-        """Take the body, and the shape of a person who is known."""
         self.body, self.betas = body, betas
         self.news: list[EventLine] = []
         self._humanoid: Humanoid | None = None
@@ -390,7 +377,6 @@ class BonesOnBody:
         return humanoid.from_unity(quat, self._scale * hips)
 
     def _meet(self, frame: BoneFrame) -> None:
-        """Learn lengths, shape and scale of a sender from its first frame."""
         rest = _t_joints(frame, self.body)
         legs = [_length(rest, self.body, chain) for chain in _LEGS]
         if self.betas is None and np.isfinite(legs).all():
@@ -408,16 +394,15 @@ class BonesOnBody:
 
 
 def pose_lines(
-    found: Iterable[BoneFrame | EventLine], onto: BonesOnBody, recorder: PoseRecorder | None = None,
+    found: Iterable[BoneFrame | EventLine],
+    onto: BonesOnBody,
+    recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
-) -> Iterator[LiveLine]:  # fmt: skip
+) -> Iterator[LiveLine]:
     """Yield the lines of a live run; frames are recorded before.
 
     Args:
         found: what ``listen`` yields.
-        onto: the body.
-        recorder: keeps the poses.
-        face: keeps the channels of the face.
     """
     number = 0
     for item in found:
@@ -433,14 +418,11 @@ def pose_lines(
         yield from onto.news
         onto.news.clear()
         now = time.perf_counter()
-        line: FrameLine = {
-            "frame": number, "t": round(item.time, 6), "state": "tracking", "root": np.round(rotvec[0], 6).tolist(),
-            "pose": np.round(rotvec[1:], 6).ravel().tolist(), "trans": np.round(transl, 6).tolist(),
-            "points": 0, "latency_ms": round(1e3 * (now - taken), 3), "lag_ms": round(1e3 * (now - item.arrived), 3),
-        }  # fmt: skip
+        pose = [np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl)]
+        shown: dict[str, Any] = dict(zip(("root", "pose", "trans"), pose, strict=True))
         if item.face:
-            line["face"] = {name: round(value, 4) for name, value in item.face.items()}
-        yield line
+            shown["face"] = {name: round(value, 4) for name, value in item.face.items()}
+        yield frame_line(number, item.time, "tracking", now - taken, now - item.arrived, points=0, **shown)
         number += 1
 
 

@@ -31,23 +31,21 @@ class SensorTake:
     cloud: MarkerCloud
     """Points without names, with covariances; the residual is each point's standard deviation."""
     frames: dict[str, int]
-    """Frames of each sensor."""
     findings: tuple[Diagnostic, ...]
-    """What was wrong."""
 
 
 def cloud_of(
-    folder: SensorFolder, *, masks: Mapping[str, np.ndarray] = MappingProxyType({}),
-    acquisition: AcquisitionSettings = ACQUISITION, fusion: FusionSettings = FUSION, progress: Progress = silent,
-) -> SensorTake:  # fmt: skip
+    folder: SensorFolder,
+    *,
+    masks: Mapping[str, np.ndarray] = MappingProxyType({}),
+    acquisition: AcquisitionSettings = ACQUISITION,
+    fusion: FusionSettings = FUSION,
+    progress: Progress = silent,
+) -> SensorTake:
     """Return the point cloud of a folder of sensors.
 
     Args:
-        folder: recorded or rendered sensors.
         masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
-        acquisition: the constants of acquisition.
-        fusion: those of fusion.
-        progress: called as frames are done.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
@@ -79,7 +77,7 @@ def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
     """Return the capture of a take: its points without names, its cameras, and what was wrong."""
     return Capture(
         name, cameras=folder.cameras, markers=take.cloud, sources=(str(folder.path),), problems=take.findings
-    )  # fmt: skip
+    )
 
 
 def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
@@ -114,7 +112,6 @@ def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -
 def _moments(
     folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[Diagnostic]
 ) -> Iterator[list[SensorSightings]]:
-    """Yield the moments of a folder; a sensor that fails in mid-take ends, the others go on."""
     for name in folder.missing:
         gatherer.ended(folder.cameras.names.index(name))
     going = {finder: iter(device.frames()) for finder, device in zip(finders, folder.devices, strict=True)}
@@ -151,16 +148,13 @@ def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
     Stamps are the trigger's: what a sensor shows at stamp t happened at ``t + c · interleave``.
 
     Args:
-        names: of the sensors, in the order of their delays.
         interleave_s: seconds; ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
 
     Raises:
         CommandLineInvalid: the interleave is negative or longer than a frame.
     """
     if not 0.0 <= interleave_s <= LARGEST_INTERLEAVE_S:
-        raise CommandLineInvalid(
-            f"An interleave of {1e6 * interleave_s:.0f} microseconds is not possible.",
-            hint=f"160 for time-of-flight sensors, 0 for others; at most {1e6 * LARGEST_INTERLEAVE_S:.0f}.",
-        )
+        hint = f"160 for time-of-flight sensors, 0 for others; at most {1e6 * LARGEST_INTERLEAVE_S:.0f}."
+        raise CommandLineInvalid(f"An interleave of {1e6 * interleave_s:.0f} microseconds is not possible.", hint=hint)
     late = interleave_s * np.arange(len(names))
     return replace(Clocks.alike(names), offset_s=-late, method="trigger")

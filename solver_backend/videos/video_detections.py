@@ -27,13 +27,9 @@ class VideoDetections:
     """Everybody in every picture of one video: F pictures, up to P people, K keypoints."""
 
     video: Path
-    """The video."""
     video_hash: str
-    """Hash of its bytes."""
     detector: str
-    """What found them: name, version and options."""
     joint_set: JointSet
-    """Names of the keypoints."""
     size: tuple[int, int]
     """Width and height of the upright pictures, px."""
     times_s: np.ndarray
@@ -50,11 +46,7 @@ class VideoDetections:
     """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
 
     def __post_init__(self) -> None:
-        """Make sure that there are pictures, one after the other; points beyond any picture are missing ones.
-
-        Raises:
-            CaptureInvalid: the times of the pictures cannot be.
-        """
+        """Make sure that there are pictures, one after the other; points beyond any picture are missing ones."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
@@ -107,18 +99,20 @@ def _extent(xy: np.ndarray) -> np.ndarray:
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:
-    """Write the detections of a video, in place of earlier ones.
-
-    Raises:
-        OutputNotWritable: see ``atomic_output``.
-    """
+    """Write the detections of a video, in place of earlier ones."""
     arrays = {
-        "format": np.array(FORMAT), "version": np.array(VERSION), "video": np.array(found.video.name),
-        "video_hash": np.array(found.video_hash), "detector": np.array(found.detector),
-        "joint_set": np.array(found.joint_set.value), "size": np.array(found.size), "times_s": found.times_s,
-        "xy": found.xy.astype(np.float32), "confidence": found.confidence.astype(np.float32),
+        "format": np.array(FORMAT),
+        "version": np.array(VERSION),
+        "video": np.array(found.video.name),
+        "video_hash": np.array(found.video_hash),
+        "detector": np.array(found.detector),
+        "joint_set": np.array(found.joint_set.value),
+        "size": np.array(found.size),
+        "times_s": found.times_s,
+        "xy": found.xy.astype(np.float32),
+        "confidence": found.confidence.astype(np.float32),
         "track": found.track.astype(np.int32),
-    }  # fmt: skip
+    }
     if found.hands is not None:
         arrays["hands"] = found.hands.astype(np.float32)
     write_npz(path, arrays, overwrite=True)

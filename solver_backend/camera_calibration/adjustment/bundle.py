@@ -58,7 +58,6 @@ class Bodies:
     known: Float[np.ndarray, "bodies 3"] | None = None
     """(B, 3) metres, NaN where a body's place is not known beforehand."""
     known_sigma: float = 0.002
-    """Metres, of the known places."""
 
 
 @dataclass(frozen=True)
@@ -66,11 +65,8 @@ class Held:
     """Where C cameras are expected, by an earlier calibration."""
 
     cameras: Cameras
-    """As they were calibrated."""
     turn_sigma: float
-    """Radians."""
     centre_sigma_m: float
-    """Metres."""
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
         """Return (C, 6) the steps ``(ω, τ)`` that lead from the expected poses to these, in standard deviations."""
@@ -93,7 +89,6 @@ class Unknowns:
     lens: Bool[np.ndarray, "cameras 12"]
     """(C, 12) unknown numbers of each lens."""
     one_focal: bool = True
-    """fx and fy of a camera change by one factor."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
     """(C, 12) how far each number is expected from where it starts; None is anywhere."""
     delays: Bool[np.ndarray, " cameras"] | None = None
@@ -107,20 +102,16 @@ class Adjusted:
     """The solution."""
 
     cameras: Cameras
-    """With lenses and poses."""
     bodies: Bodies
-    """Where the bodies are."""
     error: Float[np.ndarray, "n 2"]
     """(N, 2) px, projected minus seen; NaN behind a camera."""
     covariance: Float[np.ndarray, "numbers numbers"]
     """(19 C, 19 C) of ``CAMERA_PARAMETERS`` about the solution, the world's own freedom taken out."""
     steps: int
-    """Taken."""
     delays: Float[np.ndarray, " cameras"]
     """(C,) seconds by which each camera's pictures are later than their frame's number states."""
 
     seen: BodySightings
-    """What the errors are of."""
 
     @property
     def rmse_px(self) -> float:
@@ -154,16 +145,8 @@ def adjust(
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
     Args:
-        cameras: C cameras at a start.
-        bodies: B bodies at a start.
-        seen: N sightings.
-        unknowns: what changes.
         delays: (C,) seconds at a start, see ``Adjusted``; zero if left out.
-        robust_scale: c, in standard deviations.
-        steps: at most.
         gauge: directions that change nothing (6, or 7 where the scale is free), left out of the covariance.
-        tolerance: relative gain of a step below which it ends.
-        watch: called with the step and the cost.
 
     Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
     """
@@ -216,8 +199,6 @@ class _BundleState:
 
 @dataclass(frozen=True)
 class _Task:
-    """What stays the same over all steps."""
-
     start: Cameras
     seen: BodySightings
     unknowns: Unknowns
@@ -266,7 +247,6 @@ class _Task:
         return np.concatenate([np.log(after / before), centre, bent], axis=1)
 
     def cost(self, now: _BundleState) -> float:
-        """Return the robust cost; a point behind a camera costs as much as a very large error."""
         square = (self.errors(now) ** 2).sum(-1) / self.seen.sigma**2 / self.scale**2
         cost = 0.5 * self.scale**2 * float(np.log1p(np.where(np.isfinite(square), square, 1e6)).sum())
         bodies = now.bodies

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,11 +24,9 @@ class LensModel:
     """Which coefficients of a distortion model are fitted, the others being zero."""
 
     name: str
-    """As it is called in files and messages."""
     distortion_model: str
     """Name of the lens model, as ``Cameras`` has it."""
     fitted: tuple[int, ...]
-    """Indices of the coefficients."""
 
 
 LENS_MODELS = {
@@ -47,14 +46,17 @@ class Lens:
     image_size: tuple[int, int]
     """Width and height, px."""
     distortion_model: str = lens.DEFAULT_MODEL
-    """Name of the lens model."""
 
     def as_camera(self) -> Cameras:
         """Return a camera of this lens at the origin, looking along Z."""
-        return Cameras(
-            ("camera",), self.K[None], self.distortion[None], np.eye(3)[None], np.zeros((1, 3)),
-            np.array([self.image_size]), (self.distortion_model,),
-        )  # fmt: skip
+        return build_cameras(("camera",), [self], np.eye(3)[None], np.zeros((1, 3)))
+
+
+def build_cameras(names: Sequence[str], lenses: Sequence[Lens], R: np.ndarray, t: np.ndarray) -> Cameras:
+    """Return the cameras of C lenses at poses R (C, 3, 3) and t (C, 3)."""
+    K, distortion = (np.stack([getattr(lens, key) for lens in lenses]) for key in ("K", "distortion"))
+    size = np.array([lens.image_size for lens in lenses])
+    return Cameras(tuple(names), K, distortion, R, t, size, tuple(lens.distortion_model for lens in lenses))
 
 
 def lens_of(cameras: Cameras, index: int) -> Lens:
@@ -117,7 +119,6 @@ def pixels_of(
 
 
 def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[Any, ...]:
-    """Return pixels, x/z, y/z and z, the distorted coordinates and their derivative's entries."""
     z = np.where(x_cam[:, 2] > 1e-6, x_cam[:, 2], np.nan)
     x, y = x_cam[:, 0] / z, x_cam[:, 1] / z
     bent_x, bent_y, slopes = _distorted(cameras, which, x, y)

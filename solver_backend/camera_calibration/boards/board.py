@@ -28,7 +28,6 @@ class Board:
     """A flat board; its first point lies at the origin, X to the right, Y down, as one looks at it."""
 
     kind: str
-    """'charuco', 'checkerboard' or 'rings'."""
     columns: int
     """Squares from left to right; of rings: rings in a row."""
     rows: int
@@ -36,11 +35,9 @@ class Board:
     square_m: float
     """Side of a square; of rings: distance of two in a row."""
     marker_m: float = 0.0
-    """Side of a Charuco board's markers."""
     dictionary: str = DEFAULT_DICTIONARY
     """OpenCV's name of the Charuco board's marker dictionary."""
     inverted: bool = False
-    """White on black."""
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
@@ -94,7 +91,6 @@ def board_named(text: str) -> Board:
 
     Raises:
         JobInvalid: a field is unknown or missing, or the board is impossible.
-        FileMissing, FileDamaged: the file cannot be read.
     """
     if text.lower().endswith(".toml"):
         return _from_table(read_toml(Path(text)), text)

@@ -30,7 +30,6 @@ class BoardSighting:
     sharpness: float
     """Spread of the Laplacian by the spread of the grey values on the board: about 1 in focus, 0.1 blurred."""
     spacing_px: float
-    """Median distance of neighbouring points."""
     mirrored: bool = False
     """The picture shows the board mirrored, as a selfie camera does."""
 
@@ -38,11 +37,7 @@ class BoardSighting:
 class BoardDetector:
     """Finds one board in pictures.
 
-    Args:
-        board: what is looked for.
-
     Raises:
-        BackendMissing: OpenCV is not installed.
         JobInvalid: the dictionary has no such name or too few markers.
     """
 
@@ -76,7 +71,6 @@ class BoardDetector:
         return self._rings(picture) if self.board.kind == "rings" else self._checkerboard(picture)
 
     def _charuco(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """Look for the board in both patterns that OpenCV has used; the one that is found first is kept."""
         for i, detector in enumerate(self._charucos):
             corners, ids, _, markers = detector.detectBoard(picture)
             if markers is None or len(markers) < 2:
@@ -88,7 +82,6 @@ class BoardDetector:
         return None
 
     def _charuco_corners(self, picture: np.ndarray, ids: np.ndarray, corners: np.ndarray) -> np.ndarray:
-        """Return the corners found again without the half pixel that OpenCV 4.11 adds, away from the markers."""
         reach = self.board.square_m - self.board.marker_m
         window = int(np.clip(0.4 * reach / self.board.square_m * _spacing(self.board, ids, corners), 2, 12))
         return _refined(self._cv2, picture, corners - 0.5, window)
@@ -169,7 +162,6 @@ def _sharpness(cv2: Any, grey: np.ndarray, px: np.ndarray) -> float:
 
 
 def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int, int]) -> bool:
-    """Whether the square between the first four corners is lighter than its neighbour in the row."""
     grid = px.reshape(size[1], size[0], 2)
     first, second = (grid[0:2, i : i + 2].reshape(-1, 2).mean(0) for i in (0, 1))
     values = [float(picture[round(y), round(x)]) for x, y in (first, second)]
@@ -183,7 +175,6 @@ def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: fl
 
     Args:
         sightings: of one camera, by the frame's number.
-        frame: which.
         fps: frames a second.
     """
     here = sightings[frame]

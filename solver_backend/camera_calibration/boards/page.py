@@ -13,9 +13,14 @@ from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.errors import JobInvalid
 
 PAPERS = {
-    "A4": (210.0, 297.0), "A3": (297.0, 420.0), "A2": (420.0, 594.0), "A1": (594.0, 841.0), "A0": (841.0, 1189.0),
-    "letter": (215.9, 279.4), "tabloid": (279.4, 431.8),
-}  # fmt: skip
+    "A4": (210.0, 297.0),
+    "A3": (297.0, 420.0),
+    "A2": (420.0, 594.0),
+    "A1": (594.0, 841.0),
+    "A0": (841.0, 1189.0),
+    "letter": (215.9, 279.4),
+    "tabloid": (279.4, 431.8),
+}
 """Width and height in mm, upright."""
 MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0
 RING = (0.36, 0.18)
@@ -29,7 +34,6 @@ class Polygon:
     points: np.ndarray
     """(n, 2) mm from the page's top left corner, Y down."""
     white: bool = False
-    """White rather than black."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +73,6 @@ class Page:
     size: tuple[float, float]
     """Width and height, mm."""
     shapes: tuple[Shape, ...]
-    """Painted in this order."""
     first_point: tuple[float, float]
     """Where the board's first point lies, mm."""
 
@@ -78,7 +81,6 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     """Return the page of a board with a ruler of 100 mm to check the printer's scale by.
 
     Args:
-        board: what is drawn.
         paper: a name of ``PAPERS``, or 'fit' for a page as large as needed; turned where it then fits.
 
     Raises:
@@ -110,10 +112,9 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
         if needed[0] <= size[0] and needed[1] <= size[1]:
             return size
     share = max(min(s[0] / needed[0], s[1] / needed[1]) for s in (upright, turned))
-    raise JobInvalid(
-        f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm; {paper} has {upright[0]:g} x {upright[1]:g}.",
-        hint=f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop.",
-    )
+    message = f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm; {paper} has {upright[0]:g} x {upright[1]:g}."
+    hint = f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop."
+    raise JobInvalid(message, hint=hint)
 
 
 def _first(board: Board) -> tuple[float, float]:
@@ -123,7 +124,6 @@ def _first(board: Board) -> tuple[float, float]:
 
 
 def _pattern(board: Board) -> list[Shape]:
-    """Return the board's black shapes in mm from its top left corner."""
     side = 1000.0 * board.square_m
     if board.kind == "rings":
         centres = 1000.0 * board.points[:, :2] + side / 2
@@ -161,11 +161,12 @@ def _foot(board: Board, size: tuple[float, float]) -> list[Shape]:
     left = (size[0] - RULER_MM) / 2
     marks = [PageLine((left + i, base), (left + i, base - (4.0 if i % 10 == 0 else 2.0))) for i in range(0, 101, 5)]
     return [
-        PageLine((left, base), (left + RULER_MM, base)), *marks,
+        PageLine((left, base), (left + RULER_MM, base)),
+        *marks,
         PageText(
             (left, base - 6.0), f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90], 2.8
         ),
-    ]  # fmt: skip
+    ]
 
 
 def _rectangle(x: float, y: float, width: float, height: float) -> Polygon:
@@ -274,6 +275,6 @@ def _circle(x: float, y: float, r: float) -> str:
         ((-k, r), (-r, k), (-r, 0)),
         ((-r, -k), (-k, -r), (0, -r)),
         ((k, -r), (r, -k), (r, 0)),
-    ]  # fmt: skip
+    ]
     curves = [" ".join(f"{x + a:.6f} {y + b:.6f}" for a, b in q) + " c" for q in quarters]
     return f"{x + r:.6f} {y:.6f} m " + " ".join(curves)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -41,17 +41,13 @@ class CalibrationCheck:
     refined_px: float
     """Median distance after the poses were adjusted to the take."""
     all_px: float
-    """Median distance before."""
     refined_camera_px: np.ndarray
     """(C,) median distance of each camera after."""
     stature_m: float
-    """Of the person, by the calibration's scale."""
     tilt_deg: float
-    """Between the world's up and the person's."""
     tilt_sigma_deg: float
     """Standard deviation of that angle, by what a person's stance shows of gravity."""
     findings: tuple[Diagnostic, ...]
-    """What is wrong, with what to do."""
 
     @property
     def verdict(self) -> str:
@@ -62,10 +58,8 @@ class CalibrationCheck:
     @property
     def fit(self) -> CameraFits:
         """What the report shows."""
-        return CameraFits(
-            self.verdict, self.region_px, self.camera_px, self.refined_camera_px, self.epipolar_px, self.stature_m,
-            self.tilt_deg, self.tilt_sigma_deg, tuple(sentence(item) for item in self.findings),
-        )  # fmt: skip
+        shared = {item.name: getattr(self, item.name) for item in fields(CameraFits) if item.name != "findings"}
+        return CameraFits(**shared, findings=tuple(sentence(item) for item in self.findings))
 
     @property
     def worst_region(self) -> list[str]:
@@ -83,26 +77,21 @@ class CalibrationCheck:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        number = lambda a: [None if not np.isfinite(v) else round(float(v), 3) for v in np.ravel(a)]  # noqa: E731
-        return {
-            "verdict": self.verdict, "camera_px": number(self.camera_px),
-            "region_px": [number(g) for g in self.region_px],
-            "epipolar_px": [number(e) for e in self.epipolar_px], "median_px": round(self.all_px, 3),
-            "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px),
-            "stature_m": round(self.stature_m, 3),
-            "tilt_deg": round(self.tilt_deg, 2), "tilt_sigma_deg": round(self.tilt_sigma_deg, 2),
-            "findings": [sentence(item) for item in self.findings],
-            "diagnostics": [item.as_dict() for item in self.findings],
-        }  # fmt: skip
+        lists = {key: _numbers(getattr(self, key)) for key in ("camera_px", "refined_camera_px")}
+        grids = {key: [_numbers(row) for row in getattr(self, key)] for key in ("region_px", "epipolar_px")}
+        one = {"median_px": round(self.all_px, 3), "refined_px": round(self.refined_px, 3)}
+        one |= {"stature_m": round(self.stature_m, 3), "verdict": self.verdict}
+        one |= {key: round(getattr(self, key), 2) for key in ("tilt_deg", "tilt_sigma_deg")}
+        found = {"findings": [sentence(item) for item in self.findings]}
+        return {**one, **lists, **grids, **found, "diagnostics": [item.as_dict() for item in self.findings]}
+
+
+def _numbers(values: np.ndarray) -> list[float | None]:
+    return [None if not np.isfinite(v) else round(float(v), 3) for v in np.ravel(values)]
 
 
 def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progress = silent) -> CalibrationCheck:
     """Hold a calibration against the keypoints of one person.
-
-    Args:
-        cameras: C cameras.
-        keypoints: of one person in the same views.
-        progress: called as the cameras are compared and adjusted.
 
     Raises:
         NoDetections: no two cameras see the person at once.

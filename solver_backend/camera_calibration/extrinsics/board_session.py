@@ -39,7 +39,6 @@ class BoardFootage:
     """Footage by the camera's name."""
 
     lens: dict[str, Path]
-    """Of the board for each camera's lens; may be empty."""
     extrinsic: dict[str, Path]
     """Of the board seen by several cameras at once; may be empty."""
 
@@ -60,11 +59,8 @@ def board_footage(folder: Path) -> BoardFootage:
     if not lens and not extrinsic:
         extrinsic = _cameras(folder)
     if not lens and not extrinsic:
-        raise CaptureNotRecognised(
-            "The folder holds no pictures of a board.",
-            where=str(folder),
-            hint="Put one video a camera into it, or into its folders intrinsics and extrinsics.",
-        )
+        hint = "Put one video a camera into it, or into its folders intrinsics and extrinsics."
+        raise CaptureNotRecognised("The folder holds no pictures of a board.", where=str(folder), hint=hint)
     return BoardFootage(lens, extrinsic)
 
 
@@ -91,7 +87,6 @@ def _cameras(folder: Path) -> dict[str, Path]:
 
 
 def _footage_in(folder: Path) -> Path | None:
-    """Return the pictures or the one video of a camera's folder, or those of the one folder in it that has any."""
     if is_footage(folder):
         return folder
     videos = join_chapters(path for path in folder.iterdir() if path.suffix.lower() in VIDEOS and path.is_file())
@@ -130,11 +125,7 @@ class BoardOptions:
 
 
 def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tuple[int, int]]:
-    """Return the board's sightings in footage by frame, and the pictures' width and height.
-
-    Raises:
-        FileMissing, FileDamaged, BackendMissing: see ``grey_frames``.
-    """
+    """Return the board's sightings in footage by frame, and the pictures' width and height."""
     detector = BoardDetector(board)
     found: Sightings = {}
     size = (0, 0)
@@ -178,11 +169,7 @@ def calibrate_by_board(
     """Return the cameras that a board was carried through.
 
     Args:
-        footage: for the poses, and of lenses that are not known.
-        board: what was filmed.
         known: lenses by the camera's name.
-        options: how.
-        progress: called with what is done.
         coverage: folder to write pictures of where each camera saw the board, SVG and PNG.
 
     Raises:
@@ -190,10 +177,8 @@ def calibrate_by_board(
         CalibrationInvalid: a lens or a pose cannot be found; names the camera.
     """
     if len(footage.extrinsic) < 2:
-        raise CalibrationMissing(
-            f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed.",
-            hint="Put one video a camera into the folder extrinsics.",
-        )
+        message = f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed."
+        raise CalibrationMissing(message, hint="Put one video a camera into the folder extrinsics.")
     names = tuple(footage.extrinsic)
     seen, sizes = [], []
     for done, (name, path) in enumerate(footage.extrinsic.items()):
@@ -229,9 +214,14 @@ def calibrate_by_board(
 
 
 def _lenses(
-    footage: BoardFootage, board: Board, known: dict[str, Lens], seen: Sequence[Sightings],
-    sizes: Sequence[tuple[int, int]], options: BoardOptions, progress: Progress,
-) -> dict[str, tuple[Lens, CameraLens | None]]:  # fmt: skip
+    footage: BoardFootage,
+    board: Board,
+    known: dict[str, Lens],
+    seen: Sequence[Sightings],
+    sizes: Sequence[tuple[int, int]],
+    options: BoardOptions,
+    progress: Progress,
+) -> dict[str, tuple[Lens, CameraLens | None]]:
     """Return the lens of each camera, and how it was measured: known, from its own footage, or from that for the poses.
 
     Lenses that the product chooses are of one family: of the known ones, else of the one that predicts best.
@@ -253,12 +243,13 @@ def _lenses(
 
 
 def _facts(lens: CameraLens) -> dict[str, object]:
-    """Return what is reported of a lens."""
     return {
-        "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
+        "model": lens.choice.fit.model.name,
+        "held_out_px": lens.choice.held_out,
+        "pictures": len(lens.frames),
         "focal_sigma_px": lens.choice.fit.focal_sigma_px,
         "advice": [sentence(item) for item in lens.advice],
-    }  # fmt: skip
+    }
 
 
 def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:
@@ -266,11 +257,9 @@ def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnost
     for name, sightings in zip(names, seen, strict=True):
         mirrored = sum(s.mirrored for s in sightings.values())
         if sightings and mirrored > len(sightings) / 2:
-            raise CalibrationInvalid(
-                f"The board is mirrored in {mirrored} of {len(sightings)} pictures.",
-                where=f"camera {name}",
-                hint="Switch the camera's mirroring (selfie view) off, or turn the printed sheet over.",
-            )
+            message = f"The board is mirrored in {mirrored} of {len(sightings)} pictures."
+            hint = "Switch the camera's mirroring (selfie view) off, or turn the printed sheet over."
+            raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         if mirrored:
             words.append(diagnostic("board_mirrored", cameras=[name], count=mirrored))
     return tuple(words)
@@ -294,14 +283,11 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
 
 
 def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the move into a world with Z up: by the board on the floor, else by the cameras' own upright."""
     bodies = solved.adjusted.bodies
     if origin is not None:
         if origin not in solved.moments:
-            raise CalibrationInvalid(
-                f"The board is not seen at frame {origin}.",
-                hint=f"It is at {solved.moments[0]} to {solved.moments[-1]}.",
-            )
+            hint = f"It is at {solved.moments[0]} to {solved.moments[-1]}."
+            raise CalibrationInvalid(f"The board is not seen at frame {origin}.", hint=hint)
         i = solved.moments.index(origin)
         R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
         return R, -R @ bodies.t[i], diagnostic("world_origin", source="board", frame=origin)

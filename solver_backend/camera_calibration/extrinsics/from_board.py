@@ -13,7 +13,15 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens, lens_of
+from solver_backend.camera_calibration.adjustment.lens import (
+    CENTRE,
+    FOCAL,
+    LENS_MODELS,
+    PARAMETERS,
+    Lens,
+    build_cameras,
+    lens_of,
+)
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting, point_velocities
 from solver_backend.camera_calibration.extrinsics.two_views import (
@@ -48,11 +56,8 @@ class BoardCalibration:
     adjusted: Adjusted
     """Cameras and the board's poses, in the first camera's axes."""
     moments: tuple[int, ...]
-    """Frame of each of the board's poses."""
     seen: BodySightings
-    """What was used."""
     together: dict[tuple[int, int], int]
-    """How often each pair saw the board together."""
     left_out: int
     """Sightings that were left out as contradicting the others."""
 
@@ -69,21 +74,16 @@ def calibrate_from_board(
     """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
 
     Args:
-        names: C names.
-        lenses: C lenses with one distortion model.
-        board: what was filmed.
         sightings: for each camera, what it saw by the frame's number; frames are synchronous.
-        free_lenses: lenses are refined too, those that saw the board at three moments or more.
         fps: frames a second; where it is given, each camera's delay against the first is found too.
 
     Raises:
         CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
     """
     if not board.ends_differ:
-        raise CalibrationInvalid(
-            f"The {board} looks the same when half turned, so cameras cannot agree on its ends.",
-            hint="Use a Charuco board, or a checkerboard with an even and an odd number of squares.",
-        )
+        message = f"The {board} looks the same when half turned, so cameras cannot agree on its ends."
+        hint = "Use a Charuco board, or a checkerboard with an even and an odd number of squares."
+        raise CalibrationInvalid(message, hint=hint)
     poses = [poses_seen(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
     together, relative = {}, {}
     for i, j in combinations(range(len(names)), 2):
@@ -92,7 +92,8 @@ def calibrate_from_board(
             together[i, j] = len(common)
             relative[i, j] = relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common])
     camera_poses = chained(names, together, relative)
-    cameras = _cameras(names, lenses, camera_poses)
+    R, t = np.stack([R for R, _ in camera_poses]), np.stack([t for _, t in camera_poses])
+    cameras = build_cameras(names, lenses, R, t)
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
     late = np.arange(len(names)) > 0 if fps is not None else None
@@ -118,10 +119,15 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     lens[:, list(FOCAL)] = True
     late = solved.adjusted.delays != 0
     free = adjust(
-        stated, solved.adjusted.bodies, solved.seen, Unknowns(unknowns.poses, lens, delays=late),
+        stated,
+        solved.adjusted.bodies,
+        solved.seen,
+        Unknowns(unknowns.poses, lens, delays=late),
         delays=solved.adjusted.delays,
-        robust_scale=8.0, tolerance=1e-4, steps=25,
-    )  # fmt: skip
+        robust_scale=8.0,
+        tolerance=1e-4,
+        steps=25,
+    )
     if free.rmse_px > (1.0 - ZOOM_GAIN) * solved.adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
@@ -154,18 +160,6 @@ def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> d
         return {}
     R, t = board_poses(board, list(seen.values()), lens)
     return {frame: (R[i], t[i]) for i, frame in enumerate(seen)}
-
-
-def _cameras(names: Sequence[str], lenses: Sequence[Lens], poses: Sequence[Pose]) -> Cameras:
-    return Cameras(
-        tuple(names),
-        np.stack([lens.K for lens in lenses]),
-        np.stack([lens.distortion for lens in lenses]),
-        np.stack([R for R, _ in poses]),
-        np.stack([t for _, t in poses]),
-        np.array([lens.image_size for lens in lenses]),
-        tuple(lens.distortion_model for lens in lenses),
-    )
 
 
 def placed_boards(
@@ -201,10 +195,7 @@ def placed_boards(
 
 
 def widen_by_halves(
-    found: CalibratedCameras,
-    lenses: Sequence[Lens],
-    board: Board,
-    seen: Sequence[Mapping[int, BoardSighting]],
+    found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
     """Return a calibration whose deviations are at least those that halves of the footage show.
 
@@ -213,9 +204,6 @@ def widen_by_halves(
     they are is reported with them.
 
     Args:
-        found: by all of the footage.
-        lenses: of C cameras.
-        board: what was filmed.
         seen: of each camera, what it saw by the frame's number.
     """
     moments = sorted(set().union(*seen))
@@ -232,16 +220,20 @@ def widen_by_halves(
     apart, turned = _difference(*halves)
     note = diagnostic("halves_differ", result="size", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
     return replace(
-        found, centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
-        turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma, notes=(*found.notes, note),
-    )  # fmt: skip
+        found,
+        centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
+        turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma,
+        notes=(*found.notes, note),
+    )
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
     """Return (C,) metres and radians between two camera arrays, laid on each other by centres and axes."""
     arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
-    ends = [(c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
-            for c in (one, other)]  # fmt: skip
+    ends = [
+        (c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
+        for c in (one, other)
+    ]
     _, R, t = umeyama(*ends)
     apart = np.linalg.norm(one.centres @ R.T + t - other.centres, axis=1)
     return apart, np.linalg.norm(log_so3(one.R @ R.T @ other.R.swapaxes(-1, -2)), axis=-1)

@@ -11,17 +11,16 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.camera_calibration.adjustment.bundle import (
     Adjusted,
-    Bodies,
-    BodySightings,
     Unknowns,
     Watch,
     adjust,
     unwatched,
 )
-from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
+from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, build_cameras, lens_of
 from solver_backend.camera_calibration.extrinsics.two_views import (
     essential_matrix,
     intersected,
+    point_bodies,
     pose_from_essential,
     resected_pose,
 )
@@ -56,25 +55,15 @@ class PersonCalibration:
     points: np.ndarray
     """(F, K, 3) keypoints at these frames, NaN where fewer than two views saw them."""
     inlier_share: float
-    """Share of keypoints within three standard deviations."""
 
 
 def calibrate_from_person(
-    names: Sequence[str],
-    lenses: Sequence[Lens],
-    keypoints: Keypoints2D,
-    *,
-    free_focal: bool = False,
-    seed: int = 0,
+    names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False, seed: int = 0
 ) -> PersonCalibration:
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
     Args:
-        names: C names.
-        lenses: C lenses with one distortion model.
-        keypoints: of one person in C views, synchronous.
         free_focal: focal lengths are unknown too, as where they were guessed from the picture's size.
-        seed: of the samples.
 
     Raises:
         NoDetections: no two cameras see enough in common.
@@ -101,12 +90,6 @@ def refined_by_person(
 ) -> PersonCalibration:
     """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
 
-    Args:
-        cameras: C cameras as they were calibrated.
-        keypoints: of one person in the same views.
-        free_focal: whether focal lengths change, too.
-        watch: called with each step of an adjustment and its cost.
-
     Raises:
         NoDetections: no two cameras see the person at the same moment.
     """
@@ -118,13 +101,12 @@ def refined_by_person(
 def _finished(
     views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool, watch: Watch = unwatched
 ) -> PersonCalibration:
-    """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
     everyone = list(range(len(cameras)))
     found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal, watch=watch)
     sigma = _sigma(found)
     found, numbers = views.adjusted(
         everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras, watch
-    )  # fmt: skip
+    )
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
     return PersonCalibration(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
@@ -150,19 +132,14 @@ class _FlatViews:
                 "No two cameras see the person at the same moment.", hint="Check that the videos are synchronised."
             )
         if len(useful) < LEAST_MOMENTS:
-            raise NoDetections(
-                f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed.",
-                hint="Film the person walking through the whole space for half a minute, or film a board.",
-            )
+            message = f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed."
+            hint = "Film the person walking through the whole space for half a minute, or film a board."
+            raise NoDetections(message, hint=hint)
         frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
         xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
         xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)
         C = len(names)
-        cameras = Cameras(
-            tuple(names), np.stack([e.K for e in lenses]), np.stack([e.distortion for e in lenses]),
-            np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)), np.array([e.image_size for e in lenses]),
-            tuple(e.distortion_model for e in lenses),
-        )  # fmt: skip
+        cameras = build_cameras(names, lenses, np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)))
         return cls(cameras, xy.reshape(C, -1, 2), confidence.reshape(C, -1), frames, xy.shape[2])
 
     def normalised(self, cameras: Cameras | None = None) -> np.ndarray:
@@ -173,7 +150,6 @@ class _FlatViews:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
 
     def best_pair(self, rng: np.random.Generator) -> tuple[tuple[int, int], tuple[np.ndarray, np.ndarray]]:
-        """Return the pair with most agreeing points seen under a wide angle, and both poses."""
         n = self.normalised()
         best: tuple[float, tuple[int, int], np.ndarray, np.ndarray] | None = None
         for i, j in combinations(range(len(self.lenses)), 2):
@@ -190,17 +166,14 @@ class _FlatViews:
             if best is None or score > best[0]:
                 best = score, (i, j), R, t
         if best is None:
-            raise NoDetections(
-                f"No two cameras see {FEWEST_COMMON} keypoints in common.",
-                hint="Let the person walk where cameras see them together; check that the videos are synchronous.",
-            )
+            hint = "Let the person walk where cameras see them together; check that the videos are synchronous."
+            raise NoDetections(f"No two cameras see {FEWEST_COMMON} keypoints in common.", hint=hint)
         _, pair, R, t = best
         return pair, (np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]))
 
     def with_next(
         self, joined: list[int], found: Adjusted, rng: np.random.Generator
     ) -> tuple[list[int], tuple[np.ndarray, np.ndarray]]:
-        """Return the joined cameras with the one that sees most of the known points, and all poses."""
         n = self.normalised()
         X = intersected(found.cameras.R, found.cameras.t, n[joined])
         known = np.isfinite(X).all(-1)
@@ -216,31 +189,25 @@ class _FlatViews:
             )
         R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:
-            raise CalibrationInvalid(
-                f"Only {share:.0%} of what the camera sees fits the other cameras.",
-                where=f"camera {name}",
-                hint="Check its synchronisation, zoom and mirroring, and that it sees the same person.",
-            )
+            message = f"Only {share:.0%} of what the camera sees fits the other cameras."
+            hint = "Check its synchronisation, zoom and mirroring, and that it sees the same person."
+            raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         poses = np.concatenate([found.cameras.R, R[None]]), np.concatenate([found.cameras.t, t[None]])
         return [*joined, c], poses
 
     def adjusted(
-        self, which: list[int], poses: tuple[np.ndarray, np.ndarray], sigma: float, free_focal: bool,
-        lenses: Cameras | None = None, watch: Watch = unwatched,
-    ) -> tuple[Adjusted, np.ndarray]:  # fmt: skip
-        """Return the bundle adjustment of these cameras, and which of the N points its bodies are."""
+        self,
+        which: list[int],
+        poses: tuple[np.ndarray, np.ndarray],
+        sigma: float,
+        free_focal: bool,
+        lenses: Cameras | None = None,
+        watch: Watch = unwatched,
+    ) -> tuple[Adjusted, np.ndarray]:
         base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
         cameras = replace(base, R=poses[0], t=poses[1])
-        X = intersected(cameras.R, cameras.t, undistort(base, self.xy[which]))
-        seen = np.isfinite(self.xy[which]).all(-1) & np.isfinite(X).all(-1)
-        used = seen.any(0)
-        number = np.cumsum(used) - 1
-        camera, point = np.nonzero(seen)
-        spread = sigma / np.sqrt(np.clip(self.confidence[which][camera, point], 0.1, 1.0))
-        sightings = BodySightings(
-            camera, number[point], np.zeros((len(point), 3)), self.xy[which][camera, point], spread
-        )
-        bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), X[used])
+        spread = sigma / np.sqrt(np.clip(self.confidence[which], 0.1, 1.0))
+        bodies, sightings, used = point_bodies(cameras, self.xy[which], spread)
         lens = np.zeros((len(which), PARAMETERS), bool)
         lens_sigma = None
         if free_focal:
@@ -251,7 +218,7 @@ class _FlatViews:
         found = adjust(
             cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40, watch=watch
         )
-        return found, np.flatnonzero(used)
+        return found, used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
         """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""
@@ -268,11 +235,7 @@ def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom.
-
-    Raises:
-        CalibrationInvalid: no point lies before the cameras that see it.
-    """
+    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
@@ -292,7 +255,6 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
     A frame in which the largest is elsewhere than the one before, by more than half a height, takes the nearest.
 
     Args:
-        detections: of everybody, without cameras.
         fps: frames a second.
     """
     xy, confidence = detections.xy, detections.confidence

@@ -54,18 +54,7 @@ class PersonOptions:
 def calibrate_by_person(
     names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, options: PersonOptions = PersonOptions()
 ) -> CalibratedCameras:
-    """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone.
-
-    Args:
-        names: C names.
-        lenses: C lenses of one distortion model.
-        keypoints: C synchronous views.
-        options: what is known of the person.
-
-    Raises:
-        NoDetections, CalibrationInvalid: see ``calibrate_from_person`` and ``upright_from_person``.
-        JobInvalid: see ``scale_from_stature`` and ``scale_from_length``.
-    """
+    """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone."""
     solved = calibrate_from_person(names, lenses, keypoints, free_focal=options.free_focal, seed=options.seed)
     joints = keypoints.joint_set
     if options.known_length is not None:
@@ -105,11 +94,6 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     Cameras that nobody touched stay where they are, so that those that moved stand out: see ``align_cameras``. One is
     named where it moved by three of its standard deviations.
 
-    Args:
-        cameras: as they were calibrated.
-        keypoints: of one person in the same views.
-        free_focal: focal lengths change too.
-
     Raises:
         NoDetections: no two cameras see the person at once.
     """
@@ -125,11 +109,7 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
 
 
 def _mean_distance(distances: np.ndarray) -> float:
-    """Return the mean of what is known.
-
-    Raises:
-        NoDetections: nothing is.
-    """
+    """Return the mean of what is known."""
     known = distances[np.isfinite(distances)]
     if not len(known):
         raise NoDetections(
@@ -139,7 +119,6 @@ def _mean_distance(distances: np.ndarray) -> float:
 
 
 def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ...]:
-    """Return each camera that moved beyond doubt: its own, and that of the world by the others."""
     far, away = (np.sqrt(s**2 + (s**2).mean()) for s in (refined.centre_sigma_m, refined.turn_sigma))
     moved = np.linalg.norm(refined.cameras.centres - cameras.centres, axis=1)
     turned = np.linalg.norm(log_so3(refined.cameras.R @ cameras.R.swapaxes(-1, -2)), axis=-1)

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens, planar_pose
+from solver_backend.camera_calibration.adjustment.bundle import BodySightings, Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens, build_cameras, planar_pose
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
-    intersected,
+    point_bodies,
     resected_pose,
     result_of,
 )
@@ -37,9 +37,7 @@ class Clicks:
     """Points by name: where they are in pictures, and in the world where that is known."""
 
     px: dict[str, dict[str, tuple[float, float]]]
-    """Pixels by camera and point."""
     places: dict[str, tuple[float, float, float]]
-    """Metres, Z up."""
 
 
 def read_clicks(path: Path) -> Clicks:
@@ -95,38 +93,28 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
         if name not in lenses:
             raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Give it with --lenses.")
         poses.append(_pose(name, clicks, lenses[name], rng))
-    chosen = [lenses[name] for name in names]
-    cameras = Cameras(
-        names, np.stack([e.K for e in chosen]), np.stack([e.distortion for e in chosen]),
-        np.stack([R for R, _ in poses]), np.stack([t for _, t in poses]), np.array([e.image_size for e in chosen]),
-        tuple(e.distortion_model for e in chosen),
-    )  # fmt: skip
-    points = sorted({p for by_point in clicks.px.values() for p in by_point})
-    xy = np.array([[clicks.px[c].get(p, (np.nan, np.nan)) for p in points] for c in names])
-    known = np.array([clicks.places.get(p, (np.nan,) * 3) for p in points])
-    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
-    start = np.where(np.isfinite(known), known, located)
-    used = np.isfinite(start).all(-1)
-    camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
-    seen = BodySightings(
-        camera, np.cumsum(used)[point] - 1, np.zeros((len(point), 3)), xy[camera, point],
-        np.full(len(point), CLICK_SIGMA_PX),
-    )  # fmt: skip
-    bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), start[used], known[used], PLACE_SIGMA_M)
+    R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
+    cameras = build_cameras(names, [lenses[name] for name in names], R, t)
+    xy, known = click_tables(cameras, clicks)
+    sigma = np.full(xy.shape[:2], CLICK_SIGMA_PX)
+    bodies, seen, used = point_bodies(cameras, xy, sigma, known, PLACE_SIGMA_M)
     unknowns = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool))
     found = adjust(cameras, bodies, seen, unknowns, robust_scale=3.0, gauge=0)
-    return replace(
-        result_of("points", found),
-        findings=_far_clicks(found.error, seen, names, [p for p, u in zip(points, used, strict=True) if u]),
-        notes=(
-            diagnostic(
-                "calibration_evidence",
-                evidence="clicks",
-                count=int(used.sum()),
-                known=int(np.isfinite(known).all(-1).sum()),
-            ),
-        ),
-    )
+    points, count = _points_of(clicks), int(np.isfinite(known).all(-1).sum())
+    far = _far_clicks(found.error, seen, names, [points[i] for i in used])
+    note = diagnostic("calibration_evidence", evidence="clicks", count=len(used), known=count)
+    return replace(result_of("points", found), findings=far, notes=(note,))
+
+
+def _points_of(clicks: Clicks) -> list[str]:
+    return sorted({p for by_point in clicks.px.values() for p in by_point})
+
+
+def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the clicks (C, P, 2) px and the places (P, 3) metres, NaN where there is none."""
+    points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
+    xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
+    return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -137,10 +125,9 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     xy = undistort(lens.as_camera(), px[None])[0]
     if not np.isfinite(xy).all():
         first = seen[int(np.argmin(np.isfinite(xy).all(-1)))]
-        raise CalibrationInvalid(
-            f"The point {first} was clicked where the lens shows nothing.", where=f"camera {name}",
-            hint="Check that the lenses are those of these cameras.",
-        )  # fmt: skip
+        message = f"The point {first} was clicked where the lens shows nothing."
+        hint = "Check that the lenses are those of these cameras."
+        raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     middle = world.mean(0) if len(world) else np.zeros(3)
     spread, axes = np.linalg.svd(world - middle, full_matrices=True)[1:] if len(world) > 2 else (np.zeros(3), np.eye(3))
     flat = spread[2] < FLAT * spread[0]

@@ -13,11 +13,17 @@ from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.extrinsics.from_board import placed_boards, poses_seen
 from solver_backend.camera_calibration.extrinsics.from_person import LEAST_CONFIDENCE, START_SIGMA_PX
-from solver_backend.camera_calibration.extrinsics.points_session import CLICK_SIGMA_PX, PLACE_SIGMA_M, Clicks
+from solver_backend.camera_calibration.extrinsics.points_session import (
+    CLICK_SIGMA_PX,
+    PLACE_SIGMA_M,
+    Clicks,
+    click_tables,
+)
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     intersected,
     moved_world,
+    point_bodies,
     result_of,
 )
 from solver_backend.cameras.projection import undistort
@@ -39,17 +45,12 @@ class Evidence:
     """What one source contributes."""
 
     name: str
-    """As messages call it."""
     bodies: Bodies
-    """B bodies at a start, in the cameras' world."""
     seen: BodySightings
-    """Of these bodies; deviations are a first guess."""
     alike: float = 1.0
     """Sightings with correlated errors, by which their weight is reduced."""
     metric: bool = False
-    """It fixes the scale: a board, or known places."""
     moments: tuple[int, ...] = ()
-    """Frame of each pose of a board."""
 
 
 def board_evidence(
@@ -58,8 +59,6 @@ def board_evidence(
     """Return the evidence of a carried board; each pose starts by the camera that sees most of it.
 
     Args:
-        cameras: C cameras at a start.
-        board: what was filmed.
         sightings: for each camera, what it saw by the frame's number.
         fps: frames a second, where cameras may be late.
 
@@ -91,28 +90,24 @@ def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
     xy = keypoints.xy[:, frames].reshape(len(cameras), -1, 2)
     xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)
     sigma = START_SIGMA_PX / np.sqrt(np.clip(confidence, 0.1, 1.0))
-    return Evidence("person", *_points(cameras, xy, sigma), alike=float(min(PERSON_ALIKE, len(frames))))
+    bodies, seen, _ = point_bodies(cameras, xy, sigma)
+    return Evidence("person", bodies, seen, alike=float(min(PERSON_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
     """Return the evidence of clicked points; known places hold them."""
-    xy, known = _tables(cameras, clicks)
-    bodies, seen = _points(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
+    xy, known = click_tables(cameras, clicks)
+    bodies, seen, _ = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known, PLACE_SIGMA_M)
     return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()))
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
     """Return the cameras in the world of the known places, as far as these fix it; as they are where none is known.
 
-    Args:
-        clicks: in pictures, some of known places.
-        cameras: C cameras in any world.
-        with_scale: theirs is not to be trusted.
-
     Raises:
         CalibrationInvalid: fewer than three known places are seen by two cameras, or they are in a line.
     """
-    xy, known = _tables(cameras, clicks)
+    xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
     located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
@@ -127,36 +122,6 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     scale, R, t = umeyama(located[both], known[both], with_scale=with_scale)
     turned = cameras.R @ np.asarray(R).T
     return replace(cameras, R=turned, t=float(scale) * cameras.t - turned @ np.asarray(t))
-
-
-def _tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the clicks (C, P, 2) px and the places (P, 3) metres, NaN where there is none."""
-    points = sorted({p for by_point in clicks.px.values() for p in by_point})
-    nowhere = (np.nan, np.nan, np.nan)
-    xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
-    return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
-
-
-def _points(
-    cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
-) -> tuple[Bodies, BodySightings]:
-    """Return points alone, those that two cameras see or whose places are known.
-
-    Args:
-        cameras: C cameras.
-        xy: (C, P, 2) px, NaN where not seen.
-        sigma: (C, P) px.
-        known: (P, 3) metres, NaN where unknown.
-    """
-    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
-    if known is not None:
-        located = np.where(np.isfinite(known), known, located)
-    used = np.isfinite(located).all(-1)
-    camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
-    number = np.cumsum(used) - 1
-    seen = BodySightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
-    still = np.tile(np.eye(3), (int(used.sum()), 1, 1))
-    return Bodies(still, located[used], None if known is None else known[used], PLACE_SIGMA_M), seen
 
 
 HELD_REACH_M = 3.0
@@ -186,9 +151,7 @@ def calibrate_together(
 
     Args:
         start: C cameras near the solution, in the world of known places where there are any.
-        sources: the evidence, at least one.
         hold_m: the start is a source too, its centres known to so many metres.
-        origin_frame: frame at which the board lies on the floor.
 
     Raises:
         CalibrationInvalid: there is no source, a camera is in none, or the board is not seen at the origin's frame.
@@ -254,13 +217,14 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
 
 
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
-    """Return all sources' bodies in a row, and the sightings with the numbers they have there."""
     counts = [len(e.bodies.t) for e in sources]
     firsts = np.cumsum([0, *counts[:-1]])
     known = None
     if any(e.bodies.known is not None for e in sources):
-        nowhere = [np.full((n, 3), np.nan) if e.bodies.known is None else e.bodies.known
-                   for e, n in zip(sources, counts, strict=True)]  # fmt: skip
+        nowhere = [
+            np.full((n, 3), np.nan) if e.bodies.known is None else e.bodies.known
+            for e, n in zip(sources, counts, strict=True)
+        ]
         known = np.concatenate(nowhere)
     velocity = None
     if any(e.seen.velocity is not None for e in sources):
@@ -270,8 +234,9 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
     R, t = (np.concatenate([getattr(e.bodies, k) for e in sources]) for k in ("R", "t"))
     bodies = Bodies(R, t, known, PLACE_SIGMA_M)
     body = np.concatenate([e.seen.body + first for e, first in zip(sources, firsts, strict=True)])
-    camera, local, px, sigma = (np.concatenate([getattr(e.seen, k) for e in sources])
-                                for k in ("camera", "local", "px", "sigma"))  # fmt: skip
+    camera, local, px, sigma = (
+        np.concatenate([getattr(e.seen, k) for e in sources]) for k in ("camera", "local", "px", "sigma")
+    )
     return bodies, BodySightings(camera, body, local, px, sigma, velocity)
 
 
@@ -313,10 +278,14 @@ def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]
 
 
 def _in_world(
-    result: CalibratedCameras, found: Adjusted, start: Cameras, sources: Sequence[Evidence], *, held: bool,
+    result: CalibratedCameras,
+    found: Adjusted,
+    start: Cameras,
+    sources: Sequence[Evidence],
+    *,
+    held: bool,
     origin: int | None,
-) -> tuple[CalibratedCameras, Diagnostic]:  # fmt: skip
-    """Return the calibration in its world, and which that is."""
+) -> tuple[CalibratedCameras, Diagnostic]:
     if any(e.bodies.known is not None and np.isfinite(e.bodies.known).any() for e in sources):
         return result, diagnostic("world_origin", source="places")
     if origin is not None:

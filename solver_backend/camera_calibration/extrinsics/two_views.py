@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted
+from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted, Bodies, BodySightings
+from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import nearest_rotation
@@ -38,7 +39,6 @@ def essential_matrix(
         first: (n, 2) normalised, n at least 8.
         second: (n, 2) the same points in the other picture.
         scale: distance at which a point loses its weight, normalised units.
-        rng: seeded.
 
     Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
     Zisserman 2004, eq. 11.9 (Sampson's distance).
@@ -123,6 +123,30 @@ def intersected(
     return np.where(enough[:, None], X, np.nan)
 
 
+def point_bodies(
+    cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None, known_sigma: float = 0.002
+) -> tuple[Bodies, BodySightings, np.ndarray]:
+    """Return points without rotation, those that two cameras see or whose places are known, and their numbers.
+
+    Args:
+        xy: (C, P, 2) px, NaN where not seen.
+        sigma: (C, P) px.
+        known: (P, 3) metres, NaN where unknown.
+        known_sigma: metres.
+    """
+    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
+    if known is not None:
+        located = np.where(np.isfinite(known), known, located)
+    used = np.isfinite(located).all(-1)
+    camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
+    number = np.cumsum(used) - 1
+    seen = BodySightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
+    bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), located[used])
+    if known is not None:
+        bodies = replace(bodies, known=known[used], known_sigma=known_sigma)
+    return bodies, seen, np.flatnonzero(used)
+
+
 def _rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return (_homogeneous(second)[:, :, None] * _homogeneous(first)[:, None, :]).reshape(-1, 9)
 
@@ -156,7 +180,6 @@ def resected_pose(
         points: (n, 3) world, n at least 6, not in one plane.
         xy: (n, 2) normalised.
         scale: distance at which a point loses its weight, normalised units.
-        rng: seeded.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """
@@ -234,7 +257,6 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     that the false of a flat board's two poses does not win.
 
     Args:
-        first: board to first camera, at N moments.
         second: board to second camera, at the same moments.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
@@ -250,9 +272,7 @@ def chained(
     """Return each camera's pose, first camera's axes to its own, along the tree of pairs that saw most together.
 
     Args:
-        names: of the C cameras, for messages.
         together: how much each pair (i < j) saw together.
-        relative: pose i to j of each pair.
 
     Raises:
         CalibrationInvalid: some cameras saw nothing together with the others; names the groups.
@@ -283,11 +303,8 @@ class CalibratedCameras:
     """Cameras in metres, Z up."""
 
     cameras: Cameras
-    """The result."""
     method: str
-    """'board', 'person', 'points', 'refine' or 'together'."""
     rmse_px: float
-    """Root mean squared reprojection error."""
     camera_rmse_px: Float[np.ndarray, " cameras"]
     """(C,) of each camera."""
     centre_sigma_m: Float[np.ndarray, " cameras"]
@@ -297,11 +314,8 @@ class CalibratedCameras:
     delays_s: Float[np.ndarray, " cameras"]
     """(C,) seconds by which each camera's frames are late."""
     findings: tuple[Diagnostic, ...] = ()
-    """What is wrong or odd, with what to do."""
     notes: tuple[Diagnostic, ...] = ()
-    """What was done and assumed."""
     lenses: dict[str, dict[str, object]] = field(default_factory=dict)
-    """Of each camera: model, held-out error, pictures."""
 
 
 def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
@@ -310,8 +324,6 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
     A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
-        method: how it was found.
-        found: the adjustment.
         measured: the sightings' deviations are those of the residuals already.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
@@ -320,12 +332,18 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
     inflation = float(np.median(square / noise_px**2)) / 1.386 if len(square) and not measured else 1.0
     blocks = found.covariance.reshape(C, CAMERA_PARAMETERS, C, CAMERA_PARAMETERS)[range(C), :, range(C)]
     variance = np.einsum("cii->ci", blocks) * max(inflation, 1e-6)
-    by_camera = np.array([float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan
-                          for c in range(C)])  # fmt: skip
+    by_camera = np.array(
+        [float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan for c in range(C)]
+    )
     return CalibratedCameras(
-        found.cameras, method, found.rmse_px, by_camera, np.sqrt(variance[:, 3:6].sum(-1)),
-        np.sqrt(variance[:, :3].sum(-1)), found.delays,
-    )  # fmt: skip
+        found.cameras,
+        method,
+        found.rmse_px,
+        by_camera,
+        np.sqrt(variance[:, 3:6].sum(-1)),
+        np.sqrt(variance[:, :3].sum(-1)),
+        found.delays,
+    )
 
 
 def moved_world(calibration: CalibratedCameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> CalibratedCameras:

@@ -62,7 +62,6 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
     Raises:
         FileDamaged: there is a file that is no library.
-        OutputNotWritable: it cannot be written.
     """
     kept = read_lenses(path) | lenses
     entries = {name: _entry(lens) for name, lens in sorted(kept.items())}
@@ -102,9 +101,11 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
 
 def _entry(lens: Lens) -> dict[str, object]:
     return {
-        "image_size": list(lens.image_size), "K": lens.K.tolist(), "distortion": lens.distortion.tolist(),
+        "image_size": list(lens.image_size),
+        "K": lens.K.tolist(),
+        "distortion": lens.distortion.tolist(),
         "distortion_model": lens.distortion_model,
-    }  # fmt: skip
+    }
 
 
 def _lens(entry: Any, where: str) -> Lens:
@@ -150,13 +151,9 @@ class CameraLens:
     """A lens with what it was found from."""
 
     choice: LensChoice
-    """The lens, its model and its errors."""
     frames: tuple[int, ...]
-    """Pictures that were used."""
     left_out: tuple[int, ...]
-    """Pictures that contradict the others."""
     advice: tuple[Diagnostic, ...]
-    """What to film again."""
 
     @property
     def lens(self) -> Lens:
@@ -174,11 +171,8 @@ def camera_lens(
     """Find a lens from the sightings of one camera.
 
     Args:
-        board: what was filmed.
-        sightings: by frame.
         image_size: width and height, px.
         models: names of ``LENS_MODELS`` to choose from.
-        name: of the camera, for the advice.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or no model fits them.
@@ -215,11 +209,9 @@ class FocalLength:
     """How long a lens is, and how sure that is."""
 
     px: float
-    """Pixels."""
     sigma: float
     """Standard deviation as a share, 0 where it is known."""
     source: str
-    """What it is from, for people."""
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
         """Return a lens without distortion, its centre in the middle of the picture."""
@@ -231,7 +223,6 @@ def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) ->
 
     Args:
         given: such as ``EXAMPLE``; "" where nothing was.
-        footage: a video or a folder of pictures.
         image_size: width and height of its pictures, px.
 
     Raises:
@@ -257,8 +248,9 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
         raise CommandLineInvalid(
             f"A focal length of {text.strip()} is {px:.0f} px in pictures of {image_size[0]} x {image_size[1]}; "
-            f"{low:.0f} to {high:.0f} px are possible.", hint=f"Give it as {EXAMPLE}.",
-        )  # fmt: skip
+            f"{low:.0f} to {high:.0f} px are possible.",
+            hint=f"Give it as {EXAMPLE}.",
+        )
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 
 
@@ -298,10 +290,6 @@ def in_family(
     """Return a camera's lens with the best model of a family, fitted to the same pictures.
 
     Args:
-        board: what was filmed.
-        lens: as it was chosen for itself.
-        views: the pictures it was found from.
-        family: a distortion model.
         models: names of ``LENS_MODELS`` that may be chosen.
 
     Raises:

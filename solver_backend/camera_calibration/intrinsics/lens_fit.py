@@ -42,17 +42,12 @@ class LensFit:
     """A lens and how well it explains the pictures it was fitted to."""
 
     lens: Lens
-    """The lens."""
     model: LensModel
-    """What was fitted."""
     rmse_px: float
-    """Over all points of all pictures."""
     view_rmse_px: Float[np.ndarray, " views"]
     """(V,) of each picture."""
     focal_sigma_px: float
-    """Standard deviation of the focal length."""
     adjusted: Adjusted
-    """The boards' poses, errors and covariance."""
 
 
 def fitted_lens(
@@ -68,12 +63,7 @@ def fitted_lens(
     fx equals fy but for the start's ratio.
 
     Args:
-        board: what was filmed.
-        views: V sightings of one camera.
-        image_size: width and height of the pictures.
-        model: which coefficients.
         start: a lens to start from; found from the homographies if left out.
-        steps: of the adjustment, at most.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or all of them show the board alike.
@@ -81,10 +71,9 @@ def fitted_lens(
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
     if len(views) < FEWEST_VIEWS:
-        raise CalibrationInvalid(
-            f"The board is seen in {len(views)} pictures; a lens needs {FEWEST_VIEWS}, better 20.",
-            hint="Film it nearer, larger than a quarter of the picture, tilted, held still, in every corner.",
-        )
+        message = f"The board is seen in {len(views)} pictures; a lens needs {FEWEST_VIEWS}, better 20."
+        hint = "Film it nearer, larger than a quarter of the picture, tilted, held still, in every corner."
+        raise CalibrationInvalid(message, hint=hint)
     lens = start or _start(board, views, image_size)
     lens = Lens(lens.K, lens.distortion, image_size, model.distortion_model)
     free = np.zeros((1, PARAMETERS), dtype=bool)
@@ -95,9 +84,13 @@ def fitted_lens(
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, True, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     return LensFit(
-        lens_of(found.cameras, 0), model, found.rmse_px, view_errors(found, views),
-        float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX), found,
-    )  # fmt: skip
+        lens_of(found.cameras, 0),
+        model,
+        found.rmse_px,
+        view_errors(found, views),
+        float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX),
+        found,
+    )
 
 
 def held_out_rmse(board: Board, views: Sequence[BoardSighting], lens: Lens) -> float:
@@ -168,7 +161,6 @@ class LensChoice:
     """The lens of one camera, fitted to all pictures with the chosen model."""
 
     fit: LensFit
-    """The lens."""
     held_out_px: dict[str, float]
     """Root mean squared error of pictures left out, by the model's name."""
 
@@ -191,9 +183,6 @@ def chosen_lens(
     taken only if it predicts better by 3 %.
 
     Args:
-        board: what was filmed.
-        views: pictures of one camera.
-        image_size: width and height.
         models: names of ``LENS_MODELS`` to choose from, the simplest first.
 
     Raises:
@@ -208,10 +197,8 @@ def chosen_lens(
     held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
     if not finite:
-        raise CalibrationInvalid(
-            "No lens model explains the pictures.",
-            hint="Check that it is one camera at one zoom, and that --board names the board.",
-        )
+        hint = "Check that it is one camera at one zoom, and that --board names the board."
+        raise CalibrationInvalid("No lens model explains the pictures.", hint=hint)
     best = models[0]
     for name in models:
         if name in finite and (best not in finite or finite[name] < (1 - GAIN) * finite[best]):
@@ -254,8 +241,6 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
     Pictures differ by where the board's corners lie, in picture heights; corners that are seen count.
 
     Args:
-        board: what is seen.
-        sightings: of one camera by frame.
         image_size: width and height, px.
 
     Reference: Gonzalez 1985 (farthest point first).
@@ -294,10 +279,8 @@ def advice(
     """Return what to film again; nothing where the pictures suffice.
 
     Args:
-        sightings: the pictures that were used.
         image_size: width and height, px.
         tilted: how many of them show the board turned by more than 15 degrees.
-        camera: its name.
     """
     words: list[Diagnostic] = []
     if len(sightings) < 12:
@@ -305,9 +288,11 @@ def advice(
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape
     parts = {
-        "left": seen[:, : across // 4], "right": seen[:, -(across // 4) :],
-        "top": seen[: down // 3], "bottom": seen[-(down // 3) :],
-    }  # fmt: skip
+        "left": seen[:, : across // 4],
+        "right": seen[:, -(across // 4) :],
+        "top": seen[: down // 3],
+        "bottom": seen[-(down // 3) :],
+    }
     bare = [name for name, part in parts.items() if part.mean() < 0.4]
     if bare:
         words.append(diagnostic("board_views_weak", lack="parts", cameras=[camera], parts=bare))
@@ -363,7 +348,6 @@ def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int
     """Write a PNG of all corners in the camera's picture; cells of the picture that the board reached are green.
 
     Raises:
-        BackendMissing: OpenCV is not installed.
         OutputNotWritable: the file cannot be written.
     """
     cv2 = opencv()

@@ -35,9 +35,7 @@ class SensorSightings:
     """N markers of one sensor at one moment."""
 
     sensor: int
-    """Index of the sensor in the calibration."""
     time: float
-    """Seconds on the device's clock."""
     px: np.ndarray
     """(N, 2) pixels of the middles."""
     depth: np.ndarray
@@ -55,9 +53,7 @@ class SensorSightings:
     finding: str = ""
     """Code of what is wrong with the frame, where something is."""
     number: int = 0
-    """The device's count of frames."""
     host_s: float = field(default=0.0, compare=False)
-    """When the frame arrived, on the host's clock."""
 
     def __len__(self) -> int:
         return len(self.px)
@@ -68,10 +64,8 @@ def no_sightings(
 ) -> SensorSightings:
     """Return a frame without markers."""
     none = np.zeros((0, 3))
-    return SensorSightings(
-        sensor, time, np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), origin, none, np.zeros(0), finding,
-        number, host_s,
-    )  # fmt: skip
+    empty = np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), origin, none, np.zeros(0)
+    return SensorSightings(sensor, time, *empty, finding, number, host_s)
 
 
 SUNLIGHT = "sensor_sunlight"
@@ -84,10 +78,7 @@ class Acquisition:
     """Finds markers in the frames of one sensor.
 
     Args:
-        cameras: the calibration.
-        sensor: name of the sensor in it.
         mask: (h, w) bool of what is bright with nobody there, see ``learned_mask``.
-        settings: the constants.
 
     Raises:
         SensorUnknown: the calibration does not name the sensor.
@@ -97,10 +88,8 @@ class Acquisition:
         self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None, settings: AcquisitionSettings = DEFAULT
     ) -> None:
         if sensor not in cameras.names:
-            raise SensorUnknown(
-                f"The calibration does not name the sensor '{sensor}'.", where=sensor,
-                hint=f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again.",
-            )  # fmt: skip
+            hint = f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again."
+            raise SensorUnknown(f"The calibration does not name the sensor '{sensor}'.", where=sensor, hint=hint)
         self.index = cameras.names.index(sensor)
         self.lens = SensorLens(cameras, self.index)
         self.settings = settings
@@ -108,27 +97,20 @@ class Acquisition:
         self._beyond: deque[float] = deque(maxlen=settings.round_kept)
         width, height = self.lens.size
         if mask is not None and mask.shape != (height, width):
-            raise PicturesDiffer(
-                f"The mask is {mask.shape[1]} x {mask.shape[0]} pixels, the sensor {width} x {height}.", where=sensor,
-                hint="Film the empty scene again with the mode that is recorded in.",
-            )  # fmt: skip
+            message = f"The mask is {mask.shape[1]} x {mask.shape[0]} pixels, the sensor {width} x {height}."
+            hint = "Film the empty scene again with the mode that is recorded in."
+            raise PicturesDiffer(message, where=sensor, hint=hint)
         self._scratch = np.zeros(width * height, np.int32)
 
     def __call__(self, frame: SensorFrame) -> SensorSightings:
-        """Return the markers of a frame.
-
-        Raises:
-            PicturesDiffer: infrared, depth and calibration are of different sizes, or of a type that is none of ours.
-        """
+        """Return the markers of a frame."""
         self._require_size(frame)
         infrared, settings = frame.infrared, self.settings
         threshold = threshold_of(infrared, settings)
         blobs = find_blobs(infrared, threshold, self._mask, settings)
         if blobs is None or not blobs.count:
-            return no_sightings(
-                self.index, frame.device_s, self.lens.centre, SUNLIGHT if blobs is None else "",
-                number=frame.number, host_s=frame.host_s,
-            )  # fmt: skip
+            found, when = "" if blobs is not None else SUNLIGHT, {"number": frame.number, "host_s": frame.host_s}
+            return no_sightings(self.index, frame.device_s, self.lens.centre, found, **when)
         shapes, rings, parts = self._measured(frame, blobs)
         return self._lifted(frame, shapes, rings, parts)
 
@@ -140,27 +122,22 @@ class Acquisition:
         if len(set(sizes.values())) > 1:
             message = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
             raise PicturesDiffer(
-                f"A sensor's pictures are of different sizes: {message}.", where=frame.sensor,
+                f"A sensor's pictures are of different sizes: {message}.",
+                where=frame.sensor,
                 hint="Record infrared and depth in one mode, aligned, and calibrate in the same.",
-            )  # fmt: skip
+            )
         if frame.infrared.dtype not in (np.uint8, np.uint16) or (
             frame.depth is not None and frame.depth.dtype != np.uint16
         ):
-            raise PicturesDiffer(
-                f"Infrared is {frame.infrared.dtype}; 8 or 16 bits are read, and depth of 16.", where=frame.sensor,
-                hint="Record whole millimetres and counts.",
-            )  # fmt: skip
+            message = f"Infrared is {frame.infrared.dtype}; 8 or 16 bits are read, and depth of 16."
+            raise PicturesDiffer(message, where=frame.sensor, hint="Record whole millimetres and counts.")
 
     def _measured(self, frame: SensorFrame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:
-        """Return moments and depths of blobs, merged ones taken apart, and which are parts."""
         settings, shapes = self.settings, shapes_of(blobs)
         if frame.depth is None:
             nothing = np.full(blobs.count, np.nan)
-            return (
-                shapes,
-                RingDepths(nothing, np.zeros(blobs.count), nothing, nothing),
-                np.zeros(blobs.count, dtype=bool),
-            )
+            unknown = RingDepths(nothing, np.zeros(blobs.count), nothing, nothing)
+            return shapes, unknown, np.zeros(blobs.count, dtype=bool)
         counts = frame.infrared.reshape(-1)[blobs.pixel]
         saturated = counts >= settings.saturated * full_counts(frame.infrared, settings)
         ring = ring_of(blobs, frame.depth, saturated, self._scratch, settings)
@@ -175,7 +152,6 @@ class Acquisition:
         return shapes, rings.without(slivers_of(blobs, saturated)), parts
 
     def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
-        """Keep how much larger than their spheres round blobs are: it goes with exposure, blur and threshold."""
         settings = self.settings
         disc = np.sqrt(shapes.area / np.pi)
         known = (shapes.long < settings.round * shapes.area / (4.0 * np.pi)) & np.isfinite(depth)
@@ -208,7 +184,16 @@ class Acquisition:
             sigma_depth = np.hypot(pixel / np.sqrt(rings.count), settings.depth_floor_m)
         flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]
         return SensorSightings(
-            self.index, frame.device_s, shapes.centre[keep], depth, lens.points(flat, depth),
-            lens.covariances(flat, depth, sigma_px, sigma_depth), lens.centre, lens.directions(flat),
-            sigma_px / lens.focal.mean(), "", frame.number, frame.host_s,
-        )  # fmt: skip
+            self.index,
+            frame.device_s,
+            shapes.centre[keep],
+            depth,
+            lens.points(flat, depth),
+            lens.covariances(flat, depth, sigma_px, sigma_depth),
+            lens.centre,
+            lens.directions(flat),
+            sigma_px / lens.focal.mean(),
+            "",
+            frame.number,
+            frame.host_s,
+        )

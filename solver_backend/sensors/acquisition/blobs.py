@@ -111,7 +111,6 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
     Args:
         pixels: (P,) flat indices in rising order.
-        width: of the picture.
 
     Returns:
         (P,) int64, and the number of patches.
@@ -164,9 +163,7 @@ class Blobs:
     weight: np.ndarray
     """(P,) counts above the threshold."""
     count: int
-    """N."""
     width: int
-    """Of the picture."""
 
 
 @dataclass(frozen=True)
@@ -192,9 +189,7 @@ def find_blobs(
 
     Args:
         infrared: (h, w) counts.
-        threshold: counts above which a pixel is bright.
         mask: (h, w) bool of pixels that never are, or None.
-        settings: the constants.
     """
     flat = infrared.reshape(-1)
     bright = flat > infrared.dtype.type(threshold)
@@ -244,7 +239,6 @@ def threshold_of(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) 
 
     Args:
         infrared: (h, w) uint8 or uint16.
-        settings: the constants.
     """
     full, step = full_counts(infrared, settings), settings.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
@@ -258,7 +252,6 @@ def learned_mask(pictures: Iterable[np.ndarray], settings: AcquisitionSettings =
 
     Args:
         pictures: (h, w) infrared pictures of the empty scene; the brightest value of each pixel counts.
-        settings: the constants.
 
     Raises:
         ValueError: there is no picture.

@@ -58,17 +58,18 @@ class RingDepths:
 
 
 def ring_of(
-    blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray,
+    blobs: Blobs,
+    depth_mm: np.ndarray,
+    saturated: np.ndarray,
+    scratch: np.ndarray,
     settings: AcquisitionSettings = DEFAULT,
-) -> Ring:  # fmt: skip
+) -> Ring:
     """Return the pixels with a depth within ``ring_px`` of each blob's blind patch; of two blobs the nearer has it.
 
     Args:
-        blobs: the blobs.
         depth_mm: (h, w) uint16, 0 where there is none.
         saturated: (P,) whether a pixel of a blob is saturated; those are blind, or without any the ones without depth.
         scratch: (h * w,) int32, any content; spares a new array for each frame.
-        settings: the constants.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
@@ -110,7 +111,6 @@ def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
     A sensor whose markers do not saturate has their depths in the blobs themselves.
 
     Args:
-        blobs: N blobs.
         saturated: (P,) whether a pixel of a blob is saturated.
     """
     blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
@@ -154,7 +154,6 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
 def _spread(
     depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.ndarray, settings: AcquisitionSettings
 ) -> np.ndarray:
-    """Return each ring's standard deviation by the median absolute deviation from its middle, at least a floor."""
     off = np.abs(depth - middle[owner])
     return np.maximum(NORMAL_MAD * sorted_medians(_sorted_in_groups(off, owner), sizes), settings.mad_floor_m)
 
@@ -197,12 +196,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """One camera of a calibration, with the undistorted coordinates of every pixel at hand.
-
-    Args:
-        cameras: the calibration.
-        index: which camera of it.
-    """
+    """One camera of a calibration, with the undistorted coordinates of every pixel at hand."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -288,11 +282,7 @@ def split_merged(
     pixels that are farthest apart (Gonzalez 1985), then moved by k-means (Lloyd 1982).
 
     Args:
-        blobs: N blobs.
-        shapes: their moments.
-        ring: their rings.
         radius_px: (N,) radius that a single marker's blob has, NaN where its depth is unknown.
-        settings: the constants.
     """
     limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
     with np.errstate(invalid="ignore"):
@@ -343,7 +333,6 @@ def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray
 
 
 def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
-    """Return the pixel farthest from the middle, then again and again the one farthest from those chosen."""
     far = ((xy - middle) ** 2).sum(1)
     chosen = [int(far.argmax())]
     apart = np.full(len(xy), np.inf)

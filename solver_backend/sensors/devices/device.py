@@ -17,7 +17,6 @@ class SensorFrame:
     """What one sensor saw at one moment; infrared and depth are pixel-aligned."""
 
     sensor: str
-    """The sensor's name, as in the calibration."""
     infrared: np.ndarray
     """(h, w) uint8 or uint16 counts."""
     depth: np.ndarray | None

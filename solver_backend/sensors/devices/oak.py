@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras
 from solver_backend.exchange.errors import BackendMissing, CalibrationMissing, CommandLineInvalid
 from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
@@ -34,36 +35,24 @@ def depthai() -> Any:
         module = import_module("depthai")
     except ImportError as error:
         raise BackendMissing(
-            "OAK cameras are read by depthai, which is not installed.",
-            hint="Install it with: pip install depthai.",
+            "OAK cameras are read by depthai, which is not installed.", hint="Install it with: pip install depthai."
         ) from error
     version = str(module.__version__)
     if int(version.split(".")[0]) < LEAST_VERSION:
-        raise BackendMissing(
-            f"depthai {version} is installed; {LEAST_VERSION} or later is needed.",
-            hint="Install it with: pip install --upgrade depthai.",
-        )
+        hint = "Install it with: pip install --upgrade depthai."
+        raise BackendMissing(f"depthai {version} is installed; {LEAST_VERSION} or later is needed.", hint=hint)
     return module
 
 
 def listed_oaks() -> list[str]:
-    """Return the identifiers of the OAKs that are plugged in or on the network, sorted.
-
-    Raises:
-        BackendMissing: depthai is not installed.
-    """
+    """Return the identifiers of the OAKs that are plugged in or on the network, sorted."""
     return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 
 def open_oak(identifier: str, name: str) -> Any:
     """Return a device that is connected.
 
-    Args:
-        identifier: of the device, its IP address or its USB port.
-        name: of the sensor, for errors.
-
     Raises:
-        BackendMissing: depthai is not installed.
         SensorFailed: the device is not there, or in use.
     """
     dai = depthai()
@@ -71,19 +60,38 @@ def open_oak(identifier: str, name: str) -> Any:
         return dai.Device(dai.DeviceInfo(identifier))
     except RuntimeError as error:
         found = ", ".join(listed_oaks()) or "none"
-        raise SensorFailed(
-            f"The OAK '{identifier}' cannot be opened: {error}.", where=f"sensor {name}",
-            hint=f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule.",
-        ) from error  # fmt: skip
+        message = f"The OAK '{identifier}' cannot be opened: {error}."
+        hint = f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule."
+        raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
+
+
+def start_oak(identifier: str, name: str, role: str, build: Callable[[Any, Any, Any], Any]) -> tuple[Any, Any]:
+    """Connect to a device and return its running pipeline and the queue that ``build`` makes.
+
+    Args:
+        identifier: of the device, its IP address or its USB port.
+        name: of the sensor, for errors.
+        role: on the sync wire, see ``set_sync_role``.
+        build: takes depthai, the device and the pipeline.
+    """
+    dai = depthai()
+    device = open_oak(identifier, name)
+    try:
+        set_sync_role(device, role, name)
+        pipeline = dai.Pipeline(device)
+        queue = build(dai, device, pipeline)
+        pipeline.start()
+    except BaseException:
+        device.close()
+        raise
+    return pipeline, queue
 
 
 def set_sync_role(device: Any, role: str, name: str) -> None:
     """Let a device lead or follow on the sync wire, if it is to do either.
 
     Args:
-        device: an open one.
         role: 'master' or 'slave'; any other name is none of the wire's.
-        name: of the sensor, for errors.
 
     Raises:
         SensorFailed: the device cannot.
@@ -94,10 +102,8 @@ def set_sync_role(device: Any, role: str, name: str) -> None:
         return
     done, why = device.setExternalFrameSyncRole(known[role])
     if not done:
-        raise SensorFailed(
-            f"The device cannot be {role} of the sync wire: {why}.", where=f"sensor {name}",
-            hint="Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks.",
-        )  # fmt: skip
+        hint = "Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks."
+        raise SensorFailed(f"The device cannot be {role} of the sync wire: {why}.", where=f"sensor {name}", hint=hint)
 
 
 INFRARED, DEPTH = "infrared", "depth"
@@ -112,12 +118,7 @@ def paired(
     """Return the queue of pairs of pictures of one exposure, by a ``Sync`` node on the host.
 
     Args:
-        dai: the module.
-        pipeline: whose nodes these are.
-        infrared: output of a node.
-        depth: output of a node.
         fps: frames a second; pictures half a frame apart are of two exposures.
-        queue: pairs that wait.
         blocking: nothing is dropped, for recordings; a device drops the oldest.
     """
     sync = pipeline.create(dai.node.Sync)
@@ -143,7 +144,6 @@ class PairStream:
     silent_s: float
     """Seconds without a frame after which the device counts as gone."""
     by_ptp: bool = False
-    """Stamps are those of the clock that PTP keeps."""
 
     def frames(self) -> Iterator[SensorFrame]:
         """Yield frames until nothing more comes.
@@ -160,19 +160,16 @@ class PairStream:
                 if not self.running():
                     return
                 if now_s - heard_s > self.silent_s:
-                    raise SensorFailed(
-                        f"No frame came for {self.silent_s:g} s.", where=f"sensor {self.name}",
-                        hint="Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse.",
-                    )  # fmt: skip
+                    message = f"No frame came for {self.silent_s:g} s."
+                    hint = "Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse."
+                    raise SensorFailed(message, where=f"sensor {self.name}", hint=hint)
                 time.sleep(WAIT_S)
                 continue
             heard_s = now_s
             frame = self.frame_of(pair, now_s)
             if np.isfinite(last_s) and not 0.0 < frame.device_s - last_s < LARGEST_JUMP_S:
-                raise SensorFailed(
-                    f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s.",
-                    where=f"sensor {self.name}", hint="The device restarted; open it again.",
-                )  # fmt: skip
+                message = f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s."
+                raise SensorFailed(message, where=f"sensor {self.name}", hint="The device restarted; open it again.")
             last_s = frame.device_s
             yield frame
 
@@ -185,12 +182,17 @@ class PairStream:
         infrared, depth = pair[INFRARED], pair[DEPTH]
         counts, mm = np.array(infrared.getFrame()), np.array(depth.getFrame())
         if counts.shape != mm.shape:
-            raise PicturesDiffer(
-                f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}.",
-                where=f"sensor {self.name}", hint="Ask for both in one size, depth aligned to the infrared picture.",
-            )  # fmt: skip
-        return SensorFrame(self.name, counts, mm.astype(np.uint16, copy=False), self._stamp(infrared), host_s,
-                     int(infrared.getSequenceNum()))  # fmt: skip
+            message = f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}."
+            hint = "Ask for both in one size, depth aligned to the infrared picture."
+            raise PicturesDiffer(message, where=f"sensor {self.name}", hint=hint)
+        return SensorFrame(
+            self.name,
+            counts,
+            mm.astype(np.uint16, copy=False),
+            self._stamp(infrared),
+            host_s,
+            int(infrared.getSequenceNum()),
+        )
 
     def _stamp(self, picture: Any) -> float:
         """Return seconds of the exposure's middle: on the host's clock as depthai keeps it, or on PTP's."""
@@ -198,10 +200,8 @@ class PairStream:
         if self.by_ptp:
             stamp = picture.getTimestampSystem(middle)
             if stamp is None:
-                raise SensorFailed(
-                    "The device has no clock that PTP keeps.", where=f"sensor {self.name}",
-                    hint="Only OAK-4 over Ethernet has; use sync master and slave.",
-                )  # fmt: skip
+                hint = "Only OAK-4 over Ethernet has; use sync master and slave."
+                raise SensorFailed("The device has no clock that PTP keeps.", where=f"sensor {self.name}", hint=hint)
             return float(stamp.timestamp())
         return float(picture.getTimestamp(middle).total_seconds())
 
@@ -254,15 +254,11 @@ class OakSettings:
                 f"Pictures of {self.size} are not possible with an OAK's mono cameras.", hint=f"One of {message}."
             )
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
-            raise CommandLineInvalid(
-                f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set.",
-                hint="Up to 120 frames a second, 0 to 1, 100 to 1600.",
-            )
+            message = f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set."
+            raise CommandLineInvalid(message, hint="Up to 120 frames a second, 0 to 1, 100 to 1600.")
         if not 20 <= self.exposure_us <= 0.9e6 / self.fps:
-            raise CommandLineInvalid(
-                f"An exposure of {self.exposure_us} microseconds does not fit into {self.fps:g} frames a second.",
-                hint="500 to 1500 keep a moving marker sharp.",
-            )
+            message = f"An exposure of {self.exposure_us} microseconds does not fit into {self.fps:g} frames a second."
+            raise CommandLineInvalid(message, hint="500 to 1500 keep a moving marker sharp.")
 
 
 @dataclass
@@ -270,11 +266,8 @@ class Oak(OpenedDevice):
     """One OAK; its infrared picture is the rectified left one, to whose pixels depth is aligned."""
 
     name: str
-    """The sensor's name, as in the calibration."""
     identifier: str
-    """The device's identifier, IP address or USB port."""
     settings: OakSettings = field(default_factory=OakSettings)
-    """How it is set."""
     _pipeline: Any = field(default=None, init=False, repr=False)
     _stream: PairStream | None = field(default=None, init=False, repr=False)
 
@@ -282,29 +275,20 @@ class Oak(OpenedDevice):
         """Connect, fix exposure and flood, and start.
 
         Raises:
-            BackendMissing: depthai is not installed.
             SensorFailed: the device is not there, in use, or refuses a setting.
             SensorUnknown: it has no pair of mono cameras.
         """
-        dai, settings = depthai(), self.settings
         if self._stream is not None:
             return
-        device = open_oak(self.identifier, self.name)
-        try:
-            pipeline = dai.Pipeline(device)
-            self._require_stereo(dai, device)
-            self._set_light(device)
-            set_sync_role(device, settings.sync, self.name)
-            infrared, depth = self._cameras(dai, pipeline)
-            queue = paired(dai, pipeline, infrared, depth, settings.fps, settings.queue)
-            pipeline.start()
-        except BaseException:
-            device.close()
-            raise
-        self._pipeline = pipeline
-        self._stream = PairStream(
-            dai, self.name, queue, lambda: bool(pipeline.isRunning()), settings.silent_s, settings.sync == "ptp"
-        )
+        settings = self.settings
+        self._pipeline, queue = start_oak(self.identifier, self.name, settings.sync, self._paired)
+        running, by_ptp = self._pipeline.isRunning, settings.sync == "ptp"
+        self._stream = PairStream(depthai(), self.name, queue, running, settings.silent_s, by_ptp)
+
+    def _paired(self, dai: Any, device: Any, pipeline: Any) -> Any:
+        self._require_stereo(dai, device)
+        self._set_light(device)
+        return paired(dai, pipeline, *self._cameras(dai, pipeline), self.settings.fps, self.settings.queue)
 
     def frames(self) -> Iterator[SensorFrame]:
         """Yield frames until the device is closed.
@@ -326,23 +310,20 @@ class Oak(OpenedDevice):
     def _require_stereo(self, dai: Any, device: Any) -> None:
         sockets = device.getConnectedCameras()
         if dai.CameraBoardSocket.CAM_B not in sockets or dai.CameraBoardSocket.CAM_C not in sockets:
-            raise SensorUnknown(
-                f"{device.getProductName()} has no pair of mono cameras for infrared and depth.",
-                where=f"sensor {self.name}", hint="An OAK-D Pro (USB or PoE) or OAK-4 D Pro has, and the flood light.",
-            )  # fmt: skip
+            message = f"{device.getProductName()} has no pair of mono cameras for infrared and depth."
+            hint = "An OAK-D Pro (USB or PoE) or OAK-4 D Pro has, and the flood light."
+            raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
 
     def _set_light(self, device: Any) -> None:
         settings = self.settings
         if not device.setIrFloodLightIntensity(settings.flood) and settings.flood > 0:
-            raise SensorUnknown(
-                f"{device.getProductName()} has no infrared flood light, without which markers stay dark.",
-                where=f"sensor {self.name}", hint="Use a Pro model, or a ring of infrared lights with --flood 0.",
-            )  # fmt: skip
+            message = f"{device.getProductName()} has no infrared flood light, without which markers stay dark."
+            hint = "Use a Pro model, or a ring of infrared lights with --flood 0."
+            raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
         # Its dots would be taken for markers.
         device.setIrLaserDotProjectorIntensity(0.0)
 
     def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:
-        """Return the outputs of rectified infrared and of depth on its pixels."""
         settings, outputs = self.settings, []
         for socket in (dai.CameraBoardSocket.CAM_B, dai.CameraBoardSocket.CAM_C):
             camera = pipeline.create(dai.node.Camera).build(socket, sensorFps=settings.fps)
@@ -364,17 +345,14 @@ def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
         oaks: closed devices; each is connected to for a moment.
 
     Raises:
-        BackendMissing: depthai is not installed.
         SensorFailed: a device is not there.
         CalibrationMissing: a device has no calibration of its own.
     """
     dai = depthai()
-    K = np.stack([_intrinsics(dai, oak) for oak in oaks])
-    count = len(oaks)
-    return Cameras(
-        tuple(oak.name for oak in oaks), K, np.zeros((count, 8)), np.tile(np.eye(3), (count, 1, 1)),
-        np.zeros((count, 3)), np.array([oak.settings.size for oak in oaks]),
-    )  # fmt: skip
+    K = [_intrinsics(dai, oak) for oak in oaks]
+    lenses = [Lens(of_oak, np.zeros(8), oak.settings.size) for of_oak, oak in zip(K, oaks, strict=True)]
+    still = np.tile(np.eye(3), (len(oaks), 1, 1)), np.zeros((len(oaks), 3))
+    return build_cameras([oak.name for oak in oaks], lenses, *still)
 
 
 def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
@@ -382,10 +360,9 @@ def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
     try:
         found = device.readCalibration().getCameraIntrinsics(dai.CameraBoardSocket.CAM_B, *oak.settings.size)
     except RuntimeError as error:
-        raise CalibrationMissing(
-            f"The device has no calibration of its own: {error}.", where=f"sensor {oak.name}",
-            hint="Film a board in infrared, and give --calibration.",
-        ) from error  # fmt: skip
+        message = f"The device has no calibration of its own: {error}."
+        hint = "Film a board in infrared, and give --calibration."
+        raise CalibrationMissing(message, where=f"sensor {oak.name}", hint=hint) from error
     finally:
         device.close()
     return np.array(found, dtype=np.float64)
@@ -401,7 +378,6 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
 
     Args:
         text: such as ``oak:192.168.1.20=left``.
-        settings: of OAKs.
 
     Raises:
         SensorUnknown: the kind is not known, or no identifier is given.
@@ -409,10 +385,8 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
     kind, _, rest = text.partition(":")
     identifier, _, name = rest.partition("=")
     if kind.lower() not in KINDS:
-        raise SensorUnknown(
-            f"There is no kind of sensor '{kind}'.", where=text,
-            hint=f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks.",
-        )  # fmt: skip
+        hint = f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks."
+        raise SensorUnknown(f"There is no kind of sensor '{kind}'.", where=text, hint=hint)
     if not identifier:
         raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="The verb oaks lists them.")
     return Oak(name or identifier, identifier, settings)

@@ -20,7 +20,7 @@ import numpy as np
 from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.sensors.devices.device import OpenedDevice, SensorFailed
-from solver_backend.sensors.devices.oak import depthai, open_oak, set_sync_role
+from solver_backend.sensors.devices.oak import depthai, start_oak
 from solver_backend.videos.files.video import library
 from solver_backend.videos.streaming.picture_sources import LivePicture
 from solver_backend.videos.sync.clocks import Clocks
@@ -42,10 +42,22 @@ class ColourPicture:
 
 
 class ColourSource(Protocol):
-    """What gives compressed pictures."""
+    """A camera that gives compressed pictures, such as ``OakColour``."""
+
+    name: str
+    size: tuple[int, int]
+    fps: float
+
+    def open(self) -> None:
+        """Connect and start."""
+        ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
         """Yield pictures as they come, None where there is none yet; ends with the device."""
+        ...
+
+    def close(self) -> None:
+        """End."""
         ...
 
 
@@ -54,16 +66,12 @@ class OakColour(OpenedDevice):
     """The colour camera of one OAK."""
 
     name: str
-    """Of the file."""
     identifier: str
-    """The device's identifier, IP address or USB port."""
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
     exposure_us: int = 4000
-    """Fixed: limbs stay sharp, and all cameras alike."""
     iso: int = 800
     role: str = "none"
-    """'none', 'master' or 'slave' of the sync wire."""
     quality: int = 90
     _pipeline: Any = field(default=None, init=False, repr=False)
     _queue: Any = field(default=None, init=False, repr=False)
@@ -72,28 +80,19 @@ class OakColour(OpenedDevice):
         """Connect and start.
 
         Raises:
-            BackendMissing: depthai is not installed.
             SensorFailed: the device is not there, or refuses a setting.
         """
-        dai = depthai()
-        if self._pipeline is not None:
-            return
-        device = open_oak(self.identifier, self.name)
-        try:
-            set_sync_role(device, self.role, self.name)
-            pipeline = dai.Pipeline(device)
-            camera = pipeline.create(dai.node.Camera).build(dai.CameraBoardSocket.CAM_A, sensorFps=self.fps)
-            camera.initialControl.setManualExposure(self.exposure_us, self.iso)
-            pictures = camera.requestOutput(self.size, dai.ImgFrame.Type.NV12, fps=self.fps)
-            encoder = pipeline.create(dai.node.VideoEncoder).build(
-                pictures, frameRate=self.fps, profile=dai.VideoEncoderProperties.Profile.MJPEG, quality=self.quality
-            )
-            queue = encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
-            pipeline.start()
-        except BaseException:
-            device.close()
-            raise
-        self._pipeline, self._queue = pipeline, queue
+        if self._pipeline is None:
+            self._pipeline, self._queue = start_oak(self.identifier, self.name, self.role, self._encoded)
+
+    def _encoded(self, dai: Any, device: Any, pipeline: Any) -> Any:
+        camera = pipeline.create(dai.node.Camera).build(dai.CameraBoardSocket.CAM_A, sensorFps=self.fps)
+        camera.initialControl.setManualExposure(self.exposure_us, self.iso)
+        pictures = camera.requestOutput(self.size, dai.ImgFrame.Type.NV12, fps=self.fps)
+        encoder = pipeline.create(dai.node.VideoEncoder).build(
+            pictures, frameRate=self.fps, profile=dai.VideoEncoderProperties.Profile.MJPEG, quality=self.quality
+        )
+        return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
         """Yield pictures as they come, None where there is none yet.
@@ -126,9 +125,6 @@ class ColourFile:
         size: width and height, px.
         fps: asked for; the pictures keep their own times.
         begin_s: the shared clock's time at which the video begins.
-
-    Raises:
-        BackendMissing: PyAV is not installed.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:
@@ -156,10 +152,9 @@ class ColourFile:
         try:
             self._container.mux(packet)
         except OSError as error:
-            raise OutputNotWritable(
-                f"The video cannot be written on: {error.strerror}.", where=str(self.path),
-                hint="Check the free space on the disk. What was recorded before can be read.",
-            ) from error  # fmt: skip
+            message = f"The video cannot be written on: {error.strerror}."
+            hint = "Check the free space on the disk. What was recorded before can be read."
+            raise OutputNotWritable(message, where=str(self.path), hint=hint) from error
         self._last = at
         self.first_s = picture.time_s if self.count == 0 else self.first_s
         self.count += 1
@@ -175,11 +170,8 @@ def record_colour(
     """Write one video a camera, all beginning with the first exposure that every camera has, and return their lengths.
 
     Args:
-        sources: opened cameras by name.
         folder: where ``NAME.mp4`` are written; nothing there is replaced.
         size: width and height, px.
-        fps: of the cameras.
-        seconds: of the videos.
 
     Raises:
         OutputExists: a video is there already.
@@ -200,12 +192,11 @@ def record_colour(
     finally:
         for file in files.values():
             file.close()
-    _write_clocks(folder / CLOCKS, files)
+        _write_clocks(folder / CLOCKS, files)
     return {name: file.count for name, file in files.items()}
 
 
 def _write_clocks(path: Path, files: Mapping[str, ColourFile]) -> None:
-    """Write by how much the videos' first pictures are apart, which players do not report."""
     first = np.array([file.first_s for file in files.values()])
     clocks = replace(Clocks.alike(tuple(files)), offset_s=first[0] - first, method="the devices' stamps")
     write_text(path, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=True)
@@ -225,7 +216,6 @@ def _first(name: str, stream: Iterable[ColourPicture | None]) -> ColourPicture:
 def _until(
     streams: Mapping[str, Iterator[ColourPicture | None]], files: Mapping[str, ColourFile], end_s: float
 ) -> None:
-    """Write what comes until every camera has passed the end, or has ended."""
     going = dict(streams)
     while going:
         idle = True
@@ -243,35 +233,15 @@ def _until(
             time.sleep(WAIT_S)
 
 
-class ColourCamera(ColourSource, Protocol):
-    """A camera that gives compressed pictures, such as ``OakColour``."""
-
-    name: str
-    size: tuple[int, int]
-    fps: float
-
-    def open(self) -> None:
-        """Connect and start."""
-        ...
-
-    def close(self) -> None:
-        """End."""
-        ...
-
-
 class OakPictures:
     """Pictures as they come, with the times of their exposures, which the devices' clocks share with the host's."""
 
-    def __init__(self, camera: ColourCamera) -> None:
+    def __init__(self, camera: ColourSource) -> None:
         self._camera = camera
         self.name, self.size, self.fps = camera.name, camera.size, camera.fps
 
     def open(self) -> None:
-        """Connect.
-
-        Raises:
-            BackendMissing, SensorFailed: see ``OakColour.open``.
-        """
+        """Connect."""
         self._camera.open()
 
     def pictures(self, start: float) -> Iterator[LivePicture]:

@@ -44,7 +44,6 @@ class SensorFiles:
     infrared: str
     """'uint8' or 'uint16'."""
     depth: bool
-    """Whether it has depth."""
 
     @property
     def infrared_bytes(self) -> int:
@@ -84,9 +83,12 @@ class RecordingAbout:
     def text(self) -> str:
         """Return the file's text."""
         values = {
-            "format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps,
+            "format": FORMAT,
+            "version": VERSION,
+            "kind": self.kind,
+            "fps": self.fps,
             "sensors": [sensor.as_dict() for sensor in self.sensors],
-        }  # fmt: skip
+        }
         return json.dumps(values, indent=1) + "\n"
 
 
@@ -98,10 +100,8 @@ def read_about(folder: Path) -> RecordingAbout:
     """
     path = folder / ABOUT
     if not path.is_file():
-        raise RecordingInvalid(
-            f"The folder holds no {ABOUT}.", where=str(folder),
-            hint="Name a folder that sensors-record wrote, or the folder of one shot of the studio.",
-        )  # fmt: skip
+        hint = "Name a folder that sensors-record wrote, or the folder of one shot of the studio."
+        raise RecordingInvalid(f"The folder holds no {ABOUT}.", where=str(folder), hint=hint)
     values = read_json(path)
     try:
         if values["format"] != FORMAT or values["version"] != VERSION or values["kind"] not in KINDS:
@@ -161,15 +161,12 @@ class Recording:
     """The folder of a recording: what it is and where its sensors stand; sensors are added as they show up.
 
     Args:
-        folder: made here.
         kind: 'raw' or 'png', how pictures are kept.
         fps: frames per second that the sensors were asked for.
-        cameras: the calibration.
         overwrite: begin anew where a recording is there.
 
     Raises:
         OutputExists: a recording is there already.
-        OutputNotWritable: the folder cannot be made.
     """
 
     def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
@@ -190,11 +187,7 @@ class Recording:
         return self._about.kind
 
     def add(self, sensor: SensorFiles) -> None:
-        """Make a sensor's folder and name it in the recording.
-
-        Raises:
-            OutputNotWritable: that cannot be written.
-        """
+        """Make a sensor's folder and name it in the recording."""
         self._about = replace(self._about, sensors=(*self._about.sensors, sensor))
         try:
             (self.folder / sensor.name).mkdir(exist_ok=True)
@@ -205,17 +198,16 @@ class Recording:
 
 def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
     return OutputNotWritable(
-        f"The recording cannot be written: {error.strerror or error}.", where=str(folder),
+        f"The recording cannot be written: {error.strerror or error}.",
+        where=str(folder),
         hint="Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw.",
-    )  # fmt: skip
+    )
 
 
 class SensorRecorder:
     """Writes the frames of one sensor in a thread of its own; what does not fit through is dropped and counted.
 
     Args:
-        folder: of the recording, which has begun.
-        sensor: what its frames are like.
         kind: 'raw' or 'png'.
         patient: wait for the disk; for sources that wait themselves.
     """

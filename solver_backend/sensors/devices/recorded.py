@@ -65,10 +65,8 @@ class RecordedSensor(OpenedDevice):
     """One sensor of a recording."""
 
     folder: Path
-    """The sensor's folder."""
     sensor: SensorFiles
     kind: str
-    """'raw' or 'png'."""
     start: float | None = None
     """Host's seconds at which the recording's time 0 is due; None: as fast as frames are taken."""
     repeat: bool = False
@@ -113,10 +111,8 @@ class RecordedSensor(OpenedDevice):
             SensorFailed: a picture is missing or damaged, or the file of the pictures is no file.
         """
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
-            raise SensorFailed(
-                f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place.", where=str(self.folder),
-                hint="Copy the file from the recording again.",
-            )  # fmt: skip
+            message = f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place."
+            raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
@@ -141,7 +137,6 @@ class StudioSensor(OpenedDevice):
     """One camera of a shot that the studio rendered."""
 
     shot: Path
-    """The shot's folder."""
     name: str
     fps: float
     start: float | None = None
@@ -159,10 +154,8 @@ class StudioSensor(OpenedDevice):
         """
         found = len(list((self.shot / "infrared" / self.name).glob("*.png")))
         if not found:
-            raise RecordingInvalid(
-                f"The shot has no infrared of {self.name}.", where=str(self.shot),
-                hint='Film it with "film": ["infrared", "depth"].',
-            )  # fmt: skip
+            hint = 'Film it with "film": ["infrared", "depth"].'
+            raise RecordingInvalid(f"The shot has no infrared of {self.name}.", where=str(self.shot), hint=hint)
         return found
 
     def frames(self) -> Iterator[SensorFrame]:
@@ -185,9 +178,7 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
         return read_png(infrared / name), read_png(depth / name) if has_depth else None
     except MocapError as error:
         raise SensorFailed(
-            f"Frame {at} cannot be read: {error.message}",
-            where=error.where,
-            hint="The frames before it are whole.",
+            f"Frame {at} cannot be read: {error.message}", where=error.where, hint="The frames before it are whole."
         ) from error
 
 
@@ -213,7 +204,6 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     """Open a recording, or the folder of one shot of the studio.
 
     Args:
-        path: the folder.
         calibration: one that takes the place of the folder's own.
 
     Raises:
@@ -228,11 +218,9 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     shots = [found.parent for found in path.glob(f"shots/*/{STUDIO_SHOT[0]}")]
     if len(shots) == 1:
         return _shot(shots[0], calibration)
-    raise RecordingInvalid(
-        f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}.",
-        where=str(path),
-        hint="Name a folder that sensors-record wrote, or the folder of one shot of the studio.",
-    )  # fmt: skip
+    message = f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}."
+    hint = "Name a folder that sensors-record wrote, or the folder of one shot of the studio."
+    raise RecordingInvalid(message, where=str(path), hint=hint)
 
 
 def _recording(path: Path, calibration: Path | None) -> SensorFolder:
@@ -281,6 +269,7 @@ def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
     if not names:
         raise SensorUnknown(
             f"The calibration names {', '.join(cameras.names)}, the folder {', '.join(sorted(found)) or 'nothing'}.",
-            where=str(path), hint="Calibrate these sensors, or rename them in the calibration.",
-        )  # fmt: skip
+            where=str(path),
+            hint="Calibrate these sensors, or rename them in the calibration.",
+        )
     return names

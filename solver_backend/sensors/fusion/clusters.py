@@ -114,10 +114,6 @@ def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.n
 
     The midpoint of the shortest way between two rays (Hartley and Sturm 1997) stands if that way is no longer than
     the rays' errors allow, and if neither of both meets a third: of several meetings all but one are ghosts.
-
-    Args:
-        rays: of each sensor.
-        settings: the constants.
     """
     first, second, points, covariances = [], [], [], []
     begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
@@ -136,7 +132,6 @@ def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.n
 
 
 def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return indices of rays that meet, points and covariances."""
     (at_a, way_a, sigma_a), (at_b, way_b, sigma_b) = a, b
     cosine = way_a @ way_b.T
     between = at_b - at_a
@@ -167,7 +162,6 @@ class FusedPoints:
     """N points of one moment."""
 
     time: float
-    """Seconds on the sensors' clock."""
     points: np.ndarray
     """(N, 3) world metres."""
     covariance: np.ndarray
@@ -179,12 +173,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -> FusedPoints:
-    """Return the points of one moment.
-
-    Args:
-        sightings: of each sensor that saw something, at most one entry a sensor.
-        settings: the constants.
-    """
+    """Return the points of one moment."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if settings.clusters == "radius":
         return _within_radius(time, sightings, settings)
@@ -201,9 +190,12 @@ def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -
     points, covariance = found.estimates()
     met, met_covariance = met_rays(left, settings)
     return FusedPoints(
-        time, np.concatenate([points, met]), np.concatenate([covariance, met_covariance]),
-        np.concatenate([found.depths, np.zeros(len(met), int)]), np.concatenate([found.rays, np.full(len(met), 2)]),
-    )  # fmt: skip
+        time,
+        np.concatenate([points, met]),
+        np.concatenate([covariance, met_covariance]),
+        np.concatenate([found.depths, np.zeros(len(met), int)]),
+        np.concatenate([found.rays, np.full(len(met), 2)]),
+    )
 
 
 class _Clusters:
@@ -220,7 +212,6 @@ class _Clusters:
         return (covariance @ self.vector[..., None])[..., 0], covariance
 
     def join_points(self, points: np.ndarray, covariance: np.ndarray, settings: FusionSettings) -> None:
-        """Take one sensor's points: each joins the cluster that it may be, or is one of its own."""
         information = np.linalg.inv(covariance)
         vector = (information @ points[..., None])[..., 0]
         own = np.ones(len(points), dtype=bool)
@@ -280,7 +271,6 @@ class _Clusters:
         return rest
 
     def drop_doubles(self, settings: FusionSettings) -> None:
-        """Drop points too close to a surer one: slivers of a marker behind, depths that an edge has spoiled."""
         at, spread = self.estimates()
         variance = np.trace(spread, axis1=1, axis2=2)
         off = at[:, None] - at

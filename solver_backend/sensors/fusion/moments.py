@@ -33,9 +33,7 @@ class Finding:
     """'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code."""
     sensor: int
     time: float
-    """Seconds on the sensors' clock."""
     found: Diagnostic
-    """What was found."""
 
     @property
     def message(self) -> str:
@@ -47,7 +45,6 @@ class Gatherer:
     """Puts frames of sensors together that were taken at one moment.
 
     Args:
-        names: of the sensors, by index.
         period_s: seconds from frame to frame; frames closer than half of it are of one moment.
         wait_s: seconds of the host's clock that a moment waits for the last sensor, None for as long as it takes.
     """
@@ -82,7 +79,6 @@ class Gatherer:
             self._queues[index].popleft()
 
     def _on_our_clock(self, seen: SensorSightings) -> SensorSightings:
-        """Return the frame with a time that goes on from the one before, whatever its clock does."""
         index = seen.sensor
         seen = replace(seen, time=seen.time + self._offset[index])
         before, self._last[index] = self._last[index], seen
@@ -231,7 +227,6 @@ class MarkerTracks:
         self._covariance[rows] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
 
     def _begin(self, points: np.ndarray, covariance: np.ndarray, gained: np.ndarray) -> np.ndarray:
-        """Add tracks and return their rows."""
         count, first = len(points), len(self._state)
         state = np.concatenate([points, np.zeros((count, 3))], axis=1)
         P = np.zeros((count, 6, 6))
@@ -294,10 +289,9 @@ class CloudBuilder:
     def _frames(self, fps: float) -> int:
         span_s = self.moments[-1].time - self.moments[0].time
         if span_s * fps > _MOST_UNSEEN * len(self.moments) + _PAUSE:
-            raise RecordingInvalid(
-                f"{len(self.moments)} moments with markers span {span_s:.0f} s at {fps:g} a second.",
-                where="index.csv", hint="Times of an index are in seconds; record what has long pauses in parts.",
-            )  # fmt: skip
+            message = f"{len(self.moments)} moments with markers span {span_s:.0f} s at {fps:g} a second."
+            hint = "Times of an index are in seconds; record what has long pauses in parts."
+            raise RecordingInvalid(message, where="index.csv", hint=hint)
         return round(span_s * fps) + 1
 
     def _table(self, fps: float) -> tuple[np.ndarray, ...]:
@@ -305,11 +299,12 @@ class CloudBuilder:
         rows = [np.full(len(m.points), round((m.time - start) * fps)) for m in self.moments]
         empty = np.zeros(0, int)
         return (
-            np.concatenate([empty, *rows]), np.concatenate([empty, *(m.track for m in self.moments)]),
+            np.concatenate([empty, *rows]),
+            np.concatenate([empty, *(m.track for m in self.moments)]),
             np.concatenate([np.zeros(0), *(m.score for m in self.moments)]),
             np.concatenate([np.zeros((0, 3)), *(m.points for m in self.moments)]),
             np.concatenate([np.zeros((0, 3, 3)), *(m.covariance for m in self.moments)]),
-        )  # fmt: skip
+        )
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:

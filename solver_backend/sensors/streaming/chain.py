@@ -59,9 +59,12 @@ class ChainStatistics:
     def summary(self) -> dict[str, object]:
         """Return plain values."""
         data: dict[str, object] = {
-            "moments": self.moments, "points": self.points, "frames": dict(self.frames), "lost": dict(self.lost),
+            "moments": self.moments,
+            "points": self.points,
+            "frames": dict(self.frames),
+            "lost": dict(self.lost),
             "skipped": self.skipped,
-        }  # fmt: skip
+        }
         if self.moments > 1 and self._last_s > self._first_s:
             data["fps"] = round((self.moments - 1) / (self._last_s - self._first_s), 2)
         if self._latency_ms:
@@ -94,10 +97,8 @@ class SensorEnd:
 
     frames: int
     cpu_s: float
-    """Time that it computed for."""
     written: int
     dropped: int
-    """Frames that the disk was too slow for."""
 
 
 def run_sensor(task: SensorTask, out: Connection) -> None:
@@ -119,7 +120,6 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
 
 
 def _watch(out: Connection, stop: threading.Event) -> None:
-    """Wait for the word to stop, or for the one who would send it to be gone."""
     with suppress(EOFError, OSError):
         out.recv()
     stop.set()
@@ -208,16 +208,13 @@ class LiveMoment:
     arrived: float
     """Host's seconds when its first frame arrived."""
     seen: tuple[SensorSightings, ...] = ()
-    """What each sensor saw, in pixels too."""
 
 
 class MarkerChain:
     """Devices, acquisition and fusion, running; a context manager that ends its processes.
 
     Args:
-        tasks: one a sensor, all of one calibration.
         fps: frames per second of the sensors.
-        fusion: the constants.
         recording: where the sensors' frames are recorded, None where they are not.
     """
 
@@ -309,7 +306,6 @@ class MarkerChain:
             yield LiveMoment(tracked, arrived, tuple(moment))
 
     def _listen(self, seconds: float) -> None:
-        """Take all that sensors have sent, or wait for it; a patient chain lets those wait that are far ahead."""
         heard = [c for c in self._open if not self._is_ahead(c)]
         if not heard:
             time.sleep(seconds)  # where nobody is waited for, ``wait`` returns at once on some systems
@@ -322,7 +318,6 @@ class MarkerChain:
                 self._gone(connection)
 
     def _is_ahead(self, connection: Connection) -> bool:
-        """Return whether a sensor that can wait has sent enough until the others come; nobody has at the end."""
         if not self._patient or self._ending:
             return False
         task = self._tasks[self._open[connection]]

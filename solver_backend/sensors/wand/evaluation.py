@@ -44,11 +44,9 @@ def require_fit(found: Adjusted) -> None:
     """
     usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
     if not usual < MOST_PX:
-        raise WandInvalid(
-            f"What the sensors saw does not fit together: {usual:.0f} px off at the middle.",
-            where=", ".join(found.cameras.names),
-            hint="Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight.",
-        )  # fmt: skip
+        message = f"What the sensors saw does not fit together: {usual:.0f} px off at the middle."
+        hint = "Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight."
+        raise WandInvalid(message, where=", ".join(found.cameras.names), hint=hint)
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
@@ -90,8 +88,9 @@ def findings_of(
     found = [item for view in views for item in view.findings]
     found += [
         diagnostic("wand_rows_ignored", reason="crowded", cameras=[view.name], lost=view.crowded, of=len(view))
-        for view in views if view.crowded
-    ]  # fmt: skip
+        for view in views
+        if view.crowded
+    ]
     first = array.cameras.names[0]
     for c, name in enumerate(array.cameras.names):
         if array.camera_rmse_px[c] > GOOD_PX:
@@ -109,9 +108,11 @@ def notes_of(
 ) -> tuple[Diagnostic, ...]:
     """Return what was done."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
-    wand = "a marker and its depth" if options.wand is None else (
-        f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
-    )  # fmt: skip
+    wand = (
+        "a marker and its depth"
+        if options.wand is None
+        else (f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m")
+    )
     figures = {"wand": wand, "moments": moments.px.shape[1], "together": together[i, j]}
     return (
         diagnostic("calibration_evidence", evidence="wand", cameras=[names[i], names[j]], **figures),
@@ -123,7 +124,6 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     """Return a whole page of HTML.
 
     Args:
-        found: the calibration.
         ground: up and floor, where a Γ gave them.
     """
     array, names = found.array, found.array.cameras.names
@@ -173,7 +173,6 @@ def _together(found: WandCalibration) -> str:
 
 
 def _picture(found: WandCalibration, c: int) -> str:
-    """Return one sensor's cells as a drawing."""
     width, height = found.coverage.size_px[c].tolist()
     grid = found.coverage.pictures[c]
     rows, columns = grid.shape

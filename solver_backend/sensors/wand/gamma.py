@@ -58,21 +58,18 @@ class Gamma:
     long_m: float = 0.6
     """The long edge, from the corner's middle to the end's."""
     short_m: float = 0.4
-    """The short edge."""
     height_m: float = 0.007
     """How high the markers' middles lie above the floor: their radius where they lie on it."""
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
-            raise GammaInvalid(
-                f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high make no Γ.",
-                hint="Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good; lengths are metres.",
-            )
+            message = f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high make no Γ."
+            hint = "Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good; lengths are metres."
+            raise GammaInvalid(message, hint=hint)
         if self.long_m < LEAST_RATIO * self.short_m:
-            raise GammaInvalid(
-                f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too alike.",
-                hint=f"The long one comes first and is longer by a factor of {LEAST_RATIO} at least.",
-            )
+            message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too alike."
+            hint = f"The long one comes first and is longer by a factor of {LEAST_RATIO} at least."
+            raise GammaInvalid(message, hint=hint)
 
 
 @dataclass(frozen=True)
@@ -91,9 +88,7 @@ class Ground:
     markers: Float[np.ndarray, "3 3"]
     """(3, 3) metres in the old world: corner, the long edge's end, the short edge's end."""
     frames: int
-    """Clouds in which the Γ was found."""
     findings: tuple[Diagnostic, ...] = ()
-    """What is odd."""
 
 
 def ground_from_gamma(
@@ -107,7 +102,6 @@ def ground_from_gamma(
 
     Args:
         clouds: points of each moment, of one sensor or of all, metres; anything else may be among them.
-        gamma: its edges.
         sensors: (C, 3) where the sensors stand, in the same world.
 
     Raises:
@@ -121,7 +115,7 @@ def ground_from_gamma(
             f"Three markers {gamma.long_m:.3f} and {gamma.short_m:.3f} m from a corner are found at "
             f"{int(found.sum())} of {len(clouds)} moments; the moments have up to {most} points.",
             hint="Lay the Γ where two sensors see all three, measure its edges, and give them: --gamma-lengths 0.6 0.4",
-        )  # fmt: skip
+        )
     places, covariance = _averaged(triples[found])
     corner, u, v = places[0], places[1] - places[0], places[2] - places[0]
     w = np.cross(u, v)
@@ -217,12 +211,10 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
 
     Args:
         folder: tables as ``read_points_folder`` reads them, by the sensors' names.
-        cameras: calibrated.
 
     Raises:
         FileMissing: there is no table.
         CalibrationMismatch: a table is of no sensor of the calibration.
-        FileDamaged: see ``read_table``.
     """
     files = points_files(folder)
     if not files:
@@ -250,8 +242,6 @@ def depth_clouds(
     """Return the points one sensor saw, (N, 3) metres a moment.
 
     Args:
-        cameras: calibrated.
-        camera: which of them.
         times: (rows,) a marker each; rows of one time are one moment.
         px: (rows, 2).
         depth_m: (rows,) metres along the axis; those not above zero are left out.

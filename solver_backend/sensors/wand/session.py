@@ -74,7 +74,6 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
     Args:
         views: of C sensors, lights in the wand's order.
         wand: its lengths, which give distances where there is no depth; None for a marker with depth.
-        reach_s: largest offset looked for.
 
     Raises:
         SyncUnknown: the speeds of a sensor agree with nobody's.
@@ -162,11 +161,6 @@ def calibrate_by_wand(
     Umeyama's alignment of every pair's points or by essential matrices and the wand's lengths, chained; then one sparse
     bundle adjustment on pixels with the first sensor held.
 
-    Args:
-        views: of C sensors.
-        options: what waved.
-        progress: called with what is done.
-
     Raises:
         WandNotSeen: a sensor, or all others together, never saw it with another one.
         WandAmbiguous: something else shone in most frames.
@@ -211,34 +205,28 @@ def _require_seen(views: Sequence[WandView]) -> None:
     for view in views:
         seen = np.isfinite(view.px).all((1, 2))
         if view.crowded > MOST_CROWDED * max(len(view), 1):
-            raise WandAmbiguous(
-                f"In {view.crowded} of {len(view)} frames more than one wand, or something else, was lit.",
-                where=f"sensor {view.name}",
-                hint="Remove the second wand, lamps, mirrors and worn markers.",
-            )  # fmt: skip
+            message = f"In {view.crowded} of {len(view)} frames more than one wand, or something else, was lit."
+            hint = "Remove the second wand, lamps, mirrors and worn markers."
+            raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
         if seen.sum() < LEAST_TOGETHER:
-            raise WandNotSeen(
-                f"The wand is seen in {int(seen.sum())} of {len(view)} frames.", where=f"sensor {view.name}",
-                hint="Check that its infrared is on, its exposure fixed, and the marker in sight.",
-            )  # fmt: skip
+            message = f"The wand is seen in {int(seen.sum())} of {len(view)} frames."
+            hint = "Check that its infrared is on, its exposure fixed, and the marker in sight."
+            raise WandNotSeen(message, where=f"sensor {view.name}", hint=hint)
     if len(views) < 2:
         raise WandNotSeen(f"{len(views)} sensors saw a wand; two are needed.", where=", ".join(v.name for v in views))
 
 
 def _with_lights(view: WandView, wand: Wand) -> WandView:
-    """Return the view with its lights in the wand's order.
-
-    Raises:
-        WandAmbiguous: what shines is in no line, or ends cannot be distinguished.
-    """
+    """Return the view with its lights in the wand's order."""
     order, sure = identified(wand, flat_of(view), SIGMA_PX / float(view.lens.K[0, 0]))
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
         raise WandAmbiguous(
             f"In {int((seen & ~sure).sum())} of {int(seen.sum())} frames three lights do not make a wand of "
-            f"{wand.first_m:.3f} and {wand.second_m:.3f} m.", where=f"sensor {view.name}",
+            f"{wand.first_m:.3f} and {wand.second_m:.3f} m.",
+            where=f"sensor {view.name}",
             hint="Check that no second wand or lamp is in sight, and that the wand does not point at the sensor.",
-        )  # fmt: skip
+        )
     return replace(view, px=in_order(view.px, order, sure))
 
 
@@ -250,13 +238,13 @@ def _moments(views: Sequence[WandView], clocks: Clocks, options: WandOptions) ->
         raise WandNotSeen(
             f"At {moments.px.shape[1]} moments "
             f"{'all sensors' if options.every_sensor else 'two sensors'} see the wand at once.",
-            where=", ".join(view.name for view in views), hint="Wave it where their sights overlap.",
-        )  # fmt: skip
+            where=", ".join(view.name for view in views),
+            hint="Wave it where their sights overlap.",
+        )
     return moments
 
 
 def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, delays: np.ndarray) -> WandTask:
-    """Return what is solved, with the poses it begins with."""
     names = tuple(view.name for view in views)
     rng = np.random.default_rng(0)
     still = cameras_at(views, [(np.eye(3), np.zeros(3))] * len(views))

@@ -9,7 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, build_cameras
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     Pose,
@@ -45,19 +45,14 @@ class WandTask:
     lights: np.ndarray
     """(K, 3) metres."""
     find_delays: bool
-    """Delays of all but the first are unknown."""
     delays: np.ndarray
     """(C,) seconds, known or at a start."""
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
     """Return the views' cameras at poses."""
-    return Cameras(
-        tuple(view.name for view in views), np.stack([view.lens.K for view in views]),
-        np.stack([view.lens.distortion for view in views]), np.stack([R for R, _ in poses]),
-        np.stack([t for _, t in poses]), np.array([view.lens.image_size for view in views]),
-        tuple(view.lens.distortion_model for view in views),
-    )  # fmt: skip
+    R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
+    return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
@@ -80,15 +75,25 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     pick = camera, used[moment], light
     timed = task.find_delays or bool(task.delays.any())
     seen = BodySightings(
-        camera, moment, task.lights[light], moments.px[pick], np.full(len(camera), SIGMA_PX),
+        camera,
+        moment,
+        task.lights[light],
+        moments.px[pick],
+        np.full(len(camera), SIGMA_PX),
         np.nan_to_num(moments.velocity[pick]) if timed else None,
-    )  # fmt: skip
+    )
     others = np.arange(len(task.names)) > 0
     unknowns = Unknowns(others, np.zeros((len(others), PARAMETERS), bool), delays=others if task.find_delays else None)
     found = adjust(
-        task.cameras, Bodies(R, t), seen, unknowns, delays=task.delays, steps=STEPS, tolerance=TOLERANCE,
+        task.cameras,
+        Bodies(R, t),
+        seen,
+        unknowns,
+        delays=task.delays,
+        steps=STEPS,
+        tolerance=TOLERANCE,
         gauge=0 if rigid else 1,
-    )  # fmt: skip
+    )
     return found, used
 
 
@@ -136,9 +141,11 @@ START_SIGMA_PX = 2.0
 
 
 def robust_umeyama(
-    source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"], sigma: Float[np.ndarray, " n"],
+    source: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, "n 3"],
+    sigma: Float[np.ndarray, " n"],
     rng: np.random.Generator,
-) -> tuple[Pose, np.ndarray]:  # fmt: skip
+) -> tuple[Pose, np.ndarray]:
     """Return the rigid move that brings most points onto their partners, and which do, (n,).
 
     Samples of three propose, Cauchy's penalty of ``|R x + t - y| / σ`` decides, the best is refined with its weights.
@@ -147,7 +154,6 @@ def robust_umeyama(
         source: (n, 3) metres, n at least 3.
         target: (n, 3) metres.
         sigma: (n,) metres, standard deviation of a pair's distance.
-        rng: seeded.
 
     Reference: Umeyama 1991; Fischler and Bolles 1981 (the samples).
     """
@@ -164,16 +170,16 @@ def robust_umeyama(
 
 
 def poses_by_depth(
-    names: Sequence[str], points: Float[np.ndarray, "views moments 3"], sigma: Float[np.ndarray, "views moments"],
+    names: Sequence[str],
+    points: Float[np.ndarray, "views moments 3"],
+    sigma: Float[np.ndarray, "views moments"],
     rng: np.random.Generator,
-) -> list[Pose]:  # fmt: skip
+) -> list[Pose]:
     """Return each sensor's pose, the first one's axes to its own, from one marker's places in every sensor's axes.
 
     Args:
-        names: of the C sensors, for messages.
         points: (C, M, 3) metres, NaN where not seen.
         sigma: (C, M) metres.
-        rng: seeded.
 
     Raises:
         WandNotSeen: a sensor saw it at no moment at which another one did.
@@ -189,17 +195,16 @@ def poses_by_depth(
 
 
 def poses_by_lights(
-    names: Sequence[str], flat: Float[np.ndarray, "views moments 3 2"], focal_px: float, wand: Wand,
+    names: Sequence[str],
+    flat: Float[np.ndarray, "views moments 3 2"],
+    focal_px: float,
+    wand: Wand,
     rng: np.random.Generator,
-) -> list[Pose]:  # fmt: skip
+) -> list[Pose]:
     """Return each camera's pose, the first one's axes to its own, in metres by the wand's lengths.
 
     Args:
-        names: of the C cameras, for messages.
         flat: (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
-        focal_px: of a typical camera.
-        wand: its lengths.
-        rng: seeded.
 
     Raises:
         WandNotSeen: a camera saw it at no moment at which another one did.
@@ -223,7 +228,6 @@ def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
     """Refuse a wand whose parts are seen in another proportion than was given.
 
     Args:
-        wand: what the user gave.
         measured_m: (3,) distances of the lights as triangulated.
 
     Raises:
@@ -231,20 +235,18 @@ def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
     """
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
-        raise WandInvalid(
-            f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}.",
-            hint="Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26",
-        )
+        message = f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}."
+        hint = "Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26"
+        raise WandInvalid(message, hint=hint)
 
 
 def _chained(names: Sequence[str], together: dict, relative: dict) -> list[Pose]:
     try:
         return chained(names, together, relative)
     except CalibrationInvalid as error:
-        raise WandNotSeen(
-            error.message.replace("sees the same", "sees the wand"), where=", ".join(names),
-            hint=f"Wave it where both see it, for {LEAST_TOGETHER} frames and more.",
-        ) from error  # fmt: skip
+        message = error.message.replace("sees the same", "sees the wand")
+        hint = f"Wave it where both see it, for {LEAST_TOGETHER} frames and more."
+        raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
 DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
@@ -261,11 +263,8 @@ class DepthScale:
     """How measured depths compare to those of the pictures."""
 
     scale: float
-    """What the pictures' world is multiplied by."""
     sigma: float
-    """Its standard deviation."""
     rmse_m: float
-    """Root mean square of what is left, robustly."""
 
 
 def depth_sigma(depth_m: np.ndarray) -> np.ndarray:
@@ -277,7 +276,6 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthS
     """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))`` over all sensors, with its deviation.
 
     Args:
-        cameras: C sensors.
         at: (M, 3) metres, the marker in the pictures' world.
         depth_m: (C, M) measured metres along each sensor's axis, NaN where there is none.
 
@@ -317,13 +315,10 @@ class WandCalibration:
     """The result, in the first sensor's axes until it is laid on a Γ."""
 
     array: CalibratedCameras
-    """Cameras with deviations, findings and notes."""
     clocks: Clocks
-    """Of the sensors."""
     together: np.ndarray
     """(C, C) moments that two sensors saw together."""
     moments: int
-    """Moments that were solved."""
     held_out_px: float
     """Root mean squared reprojection error of stretches of time that were left out of the fit."""
     length_rmse_m: np.ndarray
@@ -331,7 +326,6 @@ class WandCalibration:
     depth_rmse_m: float
     """Spread of measured depths about the marker; NaN without depth."""
     coverage: Coverage
-    """Where the wand was."""
 
     def lines(self) -> list[str]:
         """Return what was found, a line each."""
@@ -362,23 +356,31 @@ class WandCalibration:
         """Return ``lines`` as plain JSON values; None where a number is not known."""
         array, cameras = self.array, self.array.cameras
         return {
-            "method": array.method, "moments": self.moments, "rmse_px": _number(array.rmse_px),
-            "held_out_px": _number(self.held_out_px), "depth_rmse_mm": _number(1e3 * self.depth_rmse_m),
+            "method": array.method,
+            "moments": self.moments,
+            "rmse_px": _number(array.rmse_px),
+            "held_out_px": _number(self.held_out_px),
+            "depth_rmse_mm": _number(1e3 * self.depth_rmse_m),
             "length_rmse_mm": [_number(1e3 * v) for v in self.length_rmse_m.tolist()],
             "cameras": [
                 {
-                    "name": name, "rmse_px": _number(array.camera_rmse_px[c]), "centre_m": cameras.centres[c].tolist(),
+                    "name": name,
+                    "rmse_px": _number(array.camera_rmse_px[c]),
+                    "centre_m": cameras.centres[c].tolist(),
                     "centre_sigma_mm": _number(1e3 * array.centre_sigma_m[c]),
                     "turn_sigma_deg": _number(np.degrees(array.turn_sigma[c])),
                     "covered": float(self.coverage.shares[c]),
                 }
                 for c, name in enumerate(cameras.names)
             ],
-            "together": self.together.tolist(), "clocks": self.clocks.as_dict(),
-            "next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3,
-            "findings": [sentence(item) for item in array.findings], "notes": [sentence(item) for item in array.notes],
+            "together": self.together.tolist(),
+            "clocks": self.clocks.as_dict(),
+            "next": self.coverage.next_place(),
+            "volume_m3": self.coverage.volume_m3,
+            "findings": [sentence(item) for item in array.findings],
+            "notes": [sentence(item) for item in array.notes],
             "diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)],
-        }  # fmt: skip
+        }
 
 
 def in_world(found: WandCalibration, array: CalibratedCameras, ground: Ground) -> WandCalibration:
@@ -387,7 +389,6 @@ def in_world(found: WandCalibration, array: CalibratedCameras, ground: Ground) -
     Args:
         found: in the first sensor's axes.
         array: the same cameras in the Γ's world.
-        ground: how it was found.
     """
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))

@@ -37,7 +37,6 @@ def sensor_views(
     Args:
         folder: with the sensors' lenses in its calibration; where they stand is not used.
         masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
-        progress: called as frames are read.
 
     Raises:
         PicturesDiffer: infrared, depth and calibration are of different sizes.
@@ -66,12 +65,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
     """Return the points of each frame of each sensor, (N, 3) metres in the cameras' world, where three and more are.
 
     Args:
-        path: a recording of the calibrated sensors.
         cameras: where they stand.
-        empty: a recording of the scene with nothing in it, whose lamps are left out.
-
-    Raises:
-        MocapError: see ``open_folder`` and ``sensor_views``.
     """
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
@@ -89,9 +83,6 @@ def sightings_of(
     """Yield what one sensor of a folder sees; nothing where the folder has not got it.
 
     Args:
-        folder: the recording.
-        cameras: lens and place of the sensors.
-        name: of the sensor.
         masks: (h, w) bool a sensor.
     """
     device = next((device for device in folder.devices if device.name == name), None)
@@ -122,7 +113,6 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
         FileMissing: there is no table.
         CalibrationMissing: a sensor has no lens.
         FileDamaged: a row is none of either kind, or both kinds are mixed; names file and line.
-        TimesInvalid: see ``with_growing_times``.
     """
     files = points_files(folder)
     if not files:
@@ -146,10 +136,8 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
         return lenses[name]
     beside = next((p for s in LENS_SUFFIXES if (p := path.with_suffix(s)).is_file()), None)
     if beside is None:
-        raise CalibrationMissing(
-            "The sensor has no lens.", where=f"sensor {name}",
-            hint=f"Put it beside the table as {name}.yaml, or give --lenses FILE.",
-        )  # fmt: skip
+        hint = f"Put it beside the table as {name}.yaml, or give --lenses FILE."
+        raise CalibrationMissing("The sensor has no lens.", where=f"sensor {name}", hint=hint)
     return lens_of(read_calibration(beside).cameras, 0)
 
 
@@ -163,10 +151,8 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
     if not with_depth and first[:1].isalpha():
-        raise FileDamaged(
-            f"The first line is '{first[:60]}'.", where=str(path),
-            hint=f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights.",
-        )  # fmt: skip
+        hint = f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights."
+        raise FileDamaged(f"The first line is '{first[:60]}'.", where=str(path), hint=hint)
     return _table(text, DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, path, skip=int(with_depth)), with_depth
 
 
@@ -211,25 +197,18 @@ def wand_views(
     """Return what each sensor saw of the wand.
 
     Args:
-        folder: with a table a sensor, a recording of infrared and depth, or a shot of the studio.
         lenses: a calibration or a lens library; None takes what lies beside the tables.
-        empty: a recording of the sensors with nobody there, whose lamps are left out.
-        lights: the wand has three lights and its lengths are given.
-        progress: called as sensors are read.
 
     Raises:
         FileMissing: there is nothing of a wand.
         CommandLineInvalid: the folder's wand is of the other kind.
-        MocapError: see ``read_points_folder`` and ``known_lenses``.
     """
     if not folder.exists():
         raise FileMissing("There is no such folder.", where=str(folder))
     if is_sensor_folder(folder):
         if lights:
-            raise CommandLineInvalid(
-                "The folder is a recording of depth sensors, which see one marker.", where=str(folder),
-                hint="Leave --wand out.",
-            )  # fmt: skip
+            message = "The folder is a recording of depth sensors, which see one marker."
+            raise CommandLineInvalid(message, where=str(folder), hint="Leave --wand out.")
         masks = {} if empty is None else masks_of(open_folder(empty))
         return sensor_views(open_folder(folder, lenses), masks, progress)
     files = points_files(folder)
@@ -237,13 +216,9 @@ def wand_views(
     progress("Tables of the wand", 0, 1)
     views = read_points_folder(folder, known)
     if lights and views[0].depth_m is not None:
-        raise CommandLineInvalid(
-            "The tables are of one marker with depth, which has no lengths.", where=str(folder),
-            hint="Leave --wand out.",
-        )  # fmt: skip
+        message = "The tables are of one marker with depth, which has no lengths."
+        raise CommandLineInvalid(message, where=str(folder), hint="Leave --wand out.")
     if not lights and views[0].depth_m is None:
-        raise CommandLineInvalid(
-            "The tables are of a wand with three lights and no depth.", where=str(folder),
-            hint="Give its lengths in metres: --wand 0.13 0.26",
-        )  # fmt: skip
+        message = "The tables are of a wand with three lights and no depth."
+        raise CommandLineInvalid(message, where=str(folder), hint="Give its lengths in metres: --wand 0.13 0.26")
     return views

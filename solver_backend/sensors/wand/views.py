@@ -47,9 +47,7 @@ class WandView:
     """One sensor's recording of a wand of K lights."""
 
     name: str
-    """The sensor's name."""
     lens: Lens
-    """Its lens."""
     times_s: Float[np.ndarray, " frames"]
     """(F,) on its own clock, growing."""
     px: Float[np.ndarray, "frames lights 2"]
@@ -59,10 +57,8 @@ class WandView:
     crowded: int = 0
     """Frames in which more than one wand, or anything else, shone."""
     findings: tuple[Diagnostic, ...] = ()
-    """What was wrong with the recording."""
 
     def __post_init__(self) -> None:
-        """Take what lies beyond any picture and any sensor's reach as not seen."""
         object.__setattr__(self, "px", np.where(np.abs(self.px) <= FARTHEST_PX, self.px, np.nan))
         if self.depth_m is not None:
             within = (self.depth_m > 0) & (self.depth_m <= FARTHEST_M)
@@ -107,11 +103,9 @@ def with_growing_times(view: WandView) -> WandView:
     lost = int((~good).sum())
     if not good.any() or lost > LARGEST_LEFT_OUT * len(times):
         first = float(times[int(np.argmin(good))]) if len(times) else float("nan")
-        raise TimesInvalid(
-            f"{lost} of {len(times)} rows go backwards in time, the first at {first:.3f} s.",
-            where=f"sensor {view.name}",
-            hint="If the sensor was started again, put each recording into its own file.",
-        )  # fmt: skip
+        message = f"{lost} of {len(times)} rows go backwards in time, the first at {first:.3f} s."
+        hint = "If the sensor was started again, put each recording into its own file."
+        raise TimesInvalid(message, where=f"sensor {view.name}", hint=hint)
     first, last = times[good][[0, -1]].tolist()
     if not last - first <= LONGEST_S:
         raise TimesInvalid(
@@ -122,9 +116,12 @@ def with_growing_times(view: WandView) -> WandView:
     after = float(before[int(np.argmin(good))])
     back = diagnostic("wand_rows_ignored", reason="back", cameras=[view.name], lost=lost, after=after)
     return replace(
-        view, times_s=times[good], px=view.px[good], depth_m=None if view.depth_m is None else view.depth_m[good],
+        view,
+        times_s=times[good],
+        px=view.px[good],
+        depth_m=None if view.depth_m is None else view.depth_m[good],
         findings=(*view.findings, back),
-    )  # fmt: skip
+    )
 
 
 SURE_SHARE = 0.43
@@ -141,17 +138,16 @@ class Wand:
     """Distances between neighbouring lights, metres."""
 
     first_m: float
-    """From the first light to the middle one."""
     second_m: float
-    """From the middle light to the third."""
 
     def __post_init__(self) -> None:
         lengths = np.array([self.first_m, self.second_m])
         if not (np.isfinite(lengths).all() and (lengths > SHORTEST_M).all() and (lengths < LONGEST_M).all()):
             raise WandInvalid(
                 f"The wand's lights are {self.first_m} and {self.second_m} m apart; "
-                f"{SHORTEST_M} to {LONGEST_M} m are possible.", hint="Lengths are in metres: --wand 0.13 0.26",
-            )  # fmt: skip
+                f"{SHORTEST_M} to {LONGEST_M} m are possible.",
+                hint="Lengths are in metres: --wand 0.13 0.26",
+            )
         if self.short_share > SURE_SHARE - 0.03:
             raise WandInvalid(
                 f"The wand's parts of {self.first_m:.3f} and {self.second_m:.3f} m are too alike to "
@@ -188,7 +184,6 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
     perspective turns around only where the wand points at the camera.
 
     Args:
-        wand: its lengths.
         flat: (F, 3, 2) undistorted normalised coordinates in any order, NaN where there are fewer.
         sigma: standard deviation of a coordinate, normalised units.
     """
@@ -225,7 +220,6 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     (the null vector of three rays), the wand's length their size. Depths are rough; ways across the sight are sure.
 
     Args:
-        wand: its lengths.
         flat: (F, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
     """
     known = np.isfinite(flat).all((-1, -2))
@@ -247,9 +241,10 @@ LONGEST_GAP = 1.5
 
 
 def values_and_velocities(
-    values: Float[np.ndarray, "frames ..."], times_s: Float[np.ndarray, " frames"],
+    values: Float[np.ndarray, "frames ..."],
+    times_s: Float[np.ndarray, " frames"],
     wanted_s: Float[np.ndarray, " moments"],
-) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:  # fmt: skip
+) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:
     """Return a track's values and their rates of change at wanted times.
 
     Values are those of the frame where a moment is one; else of Hermite's cubic between both neighbours, whose slopes
@@ -279,9 +274,11 @@ def values_and_velocities(
     # Hermite's cubic of both frames' values and slopes, which at even spacing is Catmull and Rom's.
     low, high = values[after - 1], values[after]
     between = (
-        (1 + 2 * s) * (1 - s) ** 2 * low + s**2 * (3 - 2 * s) * high
-        + width * s * (1 - s) ** 2 * slope[after - 1] - width * s**2 * (1 - s) * slope[after]
-    )  # fmt: skip
+        (1 + 2 * s) * (1 - s) ** 2 * low
+        + s**2 * (3 - 2 * s) * high
+        + width * s * (1 - s) ** 2 * slope[after - 1]
+        - width * s**2 * (1 - s) * slope[after]
+    )
     found = np.where(exact[column], values[nearest], np.where(inside[column], between, np.nan))
     return found, np.where((exact | inside)[column], slope[nearest], np.nan)
 
@@ -312,7 +309,6 @@ class Coverage:
     """Counts that grow while the wand is waved; ``add`` is what a live view calls for each moment."""
 
     names: tuple[str, ...]
-    """C sensors."""
     size_px: Int[np.ndarray, "views 2"]
     """(C, 2) width and height."""
     pictures: np.ndarray = field(init=False)

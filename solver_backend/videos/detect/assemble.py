@@ -38,7 +38,6 @@ class KnownOfOne:
     stature_m: float = 0.0
     """Of the person, 0 where unknown."""
     floor_from_person: bool = False
-    """The camera's up and floor are the person's."""
     focal_sigma: float = 0.0
     """Error of its focal length, a share."""
 
@@ -56,20 +55,17 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
             f"The detections are of different joint sets: {', '.join(sorted(sets))}.", hint="Use one detector for all."
         )
     if not any((item.confidence > 0).any() for item in found):
-        raise NoDetections(
-            "The detector found nobody in any video.", where=", ".join(item.video.name for item in found),
-            hint="Check in a preview that the person is in sight, upright and large enough, or try another detector.",
-        )  # fmt: skip
+        message = "The detector found nobody in any video."
+        hint = "Check in a preview that the person is in sight, upright and large enough, or try another detector."
+        raise NoDetections(message, where=", ".join(item.video.name for item in found), hint=hint)
     rates = [item.fps for item in found if item.fps > 0]
     fps = float(np.median(rates)) if rates else 0.0
     fps = round(fps) if fps and abs(fps - round(fps)) < 2e-3 * fps else fps
     relative = [item.times_s - item.times_s[0] for item in found]
     wanted = common_times([(0.0, float(t[-1])) for t in relative], clocks, fps or 1.0)
     if not len(wanted):
-        raise NoDetections(
-            "No moment is in all videos.", where=", ".join(item.video.name for item in found),
-            hint="Leave out the camera that was started or stopped at another time, or give its offset.",
-        )  # fmt: skip
+        hint = "Leave out the camera that was started or stopped at another time, or give its offset."
+        raise NoDetections("No moment is in all videos.", where=", ".join(item.video.name for item in found), hint=hint)
     most = max(item.xy.shape[1] for item in found)
     xy, confidence, hands = [], [], []
     with_hands = any(item.hands is not None for item in found)
@@ -110,32 +106,26 @@ def assembled(
     With cameras, the person whom most views agree on; without, whoever is seen most in each view.
 
     Args:
-        name: of the take.
-        found: what was found in each video.
-        clocks: of the cameras, in the same order.
         calibration: of the cameras, in the same order; None where there is none yet.
-        progress: called as stages advance.
-        world: how its world is scaled and levelled.
         one: what is known where one video alone is solved.
-
-    Raises:
-        KeypointCountMismatch, NoDetections, TooFewViews: see ``everybody`` and ``select_person``.
     """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
     sources = tuple(str(item) for item in footage)
     if calibration is None:
         if len(found) < 2:
-            raise TooFewViews(
-                "One video alone does not make a capture.",
-                where=name,
-                hint="Add another camera's video, or `from-videos VIDEO`.",
-            )
+            hint = "Add another camera's video, or `from-videos VIDEO`."
+            raise TooFewViews("One video alone does not make a capture.", where=name, hint=hint)
         return Capture(
-            name, None, _main_person(detections, fps), footage=footage, sources=sources,
+            name,
+            None,
+            _main_person(detections, fps),
+            footage=footage,
+            sources=sources,
             notes=(*detections.notes, diagnostic("person_chosen", basis="most_seen")),
-            problems=(*detections.problems, diagnostic("cameras_not_calibrated")), detector=found[0].detector,
-        )  # fmt: skip
+            problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
+            detector=found[0].detector,
+        )
     cameras, size_notes = in_video_pixels(calibration, found)
 
     def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
@@ -147,14 +137,34 @@ def assembled(
     person = people[0]
     fitted = fit_world(cameras, person.keypoints, world)
     return Capture(
-        name, fitted.cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
-        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(scaled), *fitted.notes,
-               *fitted.check.notes()),
-        problems=(*calibration.problems, *detections.problems, *person.problems, *warnings_in(scaled), *fitted.problems,
-                  *fitted.check.problems()),
-        stature_m=one.stature_m, floor_from_person=one.floor_from_person or fitted.from_person,
-        focal_sigma=one.focal_sigma, detector=found[0].detector, world_checked=True,
-    )  # fmt: skip
+        name,
+        fitted.cameras,
+        person.keypoints,
+        footage=footage,
+        sources=(*sources, str(calibration.source)),
+        notes=(
+            *calibration.notes,
+            *size_notes,
+            *detections.notes,
+            *person.notes,
+            *notes_in(scaled),
+            *fitted.notes,
+            *fitted.check.notes(),
+        ),
+        problems=(
+            *calibration.problems,
+            *detections.problems,
+            *person.problems,
+            *warnings_in(scaled),
+            *fitted.problems,
+            *fitted.check.problems(),
+        ),
+        stature_m=one.stature_m,
+        floor_from_person=one.floor_from_person or fitted.from_person,
+        focal_sigma=one.focal_sigma,
+        detector=found[0].detector,
+        world_checked=True,
+    )
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -180,15 +190,15 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
             free = (p for p in range(most) if p not in place_of.values())
             place = place_of.setdefault(number, next(free, 0)) if number not in place_of else place_of[number]
             xy[first:stop, place], confidence[first:stop, place] = (
-                item.xy[first:stop, slot], item.confidence[first:stop, slot],
-            )  # fmt: skip
+                item.xy[first:stop, slot],
+                item.confidence[first:stop, slot],
+            )
             if item.hands is not None:
                 hands[first:stop, place] = item.hands[first:stop, slot]
     return xy, confidence, hands
 
 
 def _main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Return the person that is seen most in each view."""
     strength = (detections.confidence.mean(-1) * _sizes(detections.xy))[..., None]
     best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]
     xy = np.take_along_axis(detections.xy, best[..., None], axis=2)[:, :, 0]
@@ -210,7 +220,6 @@ class FilmedSize:
     """Pictures of a camera that films."""
 
     video: Path
-    """What they are called."""
     size: tuple[int, int]
     """Width and height, px."""
 
@@ -239,18 +248,15 @@ def in_video_pixels(
                 cameras = resized(cameras, c, item.size)
                 notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
             else:
-                raise CalibrationMismatch(
-                    f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture.",
-                    where=str(item.video),
-                    hint="Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration.",
-                )  # fmt: skip
+                message = f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture."
+                hint = "Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration."
+                raise CalibrationMismatch(message, where=str(item.video), hint=hint)
     return cameras, tuple(notes)
 
 
 def _timing(
     found: Sequence[VideoDetections], clocks: Clocks, wanted: np.ndarray, fps: float
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return notes and problems of the timing."""
     longest = max(item.times_s[-1] - item.times_s[0] for item in found)
     span = float(wanted[-1] - wanted[0])
     notes = [

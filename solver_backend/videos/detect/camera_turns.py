@@ -74,10 +74,8 @@ def as_if_still(
     """Return the detections of one video as its camera would have seen them had it stayed as in the first picture.
 
     Args:
-        found: in every picture.
         camera: one camera, in the video's pixels.
         pictures: (H, W, 3) uint8, in order.
-        progress: called as pictures are looked at.
     """
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
@@ -145,9 +143,7 @@ def _features(cv2: Any, grey: np.ndarray, mask: np.ndarray) -> np.ndarray:
     return np.zeros((0, 2), np.float32) if corners is None else corners[:, 0]
 
 
-def _followed(
-    cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return where points are now, and which of them are found there and back."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)

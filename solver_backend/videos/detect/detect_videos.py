@@ -111,8 +111,6 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
 
 @dataclass(frozen=True)
 class _Sight:
-    """A person when last seen."""
-
     time_s: float
     person: np.ndarray
     """(K, 3)."""
@@ -177,19 +175,12 @@ def detect_videos(
     at once, under a name made of the video's, its bytes' hash and the detector.
 
     Args:
-        videos: at least one.
-        choice: the detector.
         folder: where detections are kept.
-        progress: called with the pictures that are done.
         jobs: processes at a time; 0 is one a core.
-        again: also videos that were done before.
         cameras: names of the cameras; those of the videos if left out.
-        pictures_fps: rate of folders of pictures.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
-        BackendMissing, VideoUnreadable: see ``probe`` and ``read_pictures``.
-        DetectorMissing, DetectorOutputsUnknown, DetectorFailed: see ``DetectorProcess``.
     """
     infos = [probe(video, pictures_fps) for video in videos]
     hashes = {info.path: recording_hash(info.parts or (info.path,)) for info in infos}
@@ -238,8 +229,6 @@ class _Wanted:
 
 
 class _DetectionRun:
-    """What the threads share: the processes to be ended, the pictures that are done."""
-
     def __init__(self, choice: DetectorChoice, total: int, again: bool) -> None:
         self._choice, self.total, self._again = choice, total, again
         self._lock, self._stopped = threading.Lock(), False
@@ -248,18 +237,15 @@ class _DetectionRun:
 
     @property
     def done(self) -> int:
-        """Number of pictures that are done."""
         return sum(self._done.values())
 
     def stop(self) -> None:
-        """End all processes; their threads end with an error that nobody asks for."""
         with self._lock:
             self._stopped = True
             for process in self._processes:
                 process.end()
 
     def of_video(self, wanted: _Wanted) -> VideoDetections:
-        """Return the detections of one video, kept or made now."""
         with suppress(MocapError):
             kept = None if self._again else read_detections(wanted.path, wanted.info.path)
             if kept is not None and kept.video_hash == wanted.digest:

@@ -158,11 +158,9 @@ def joint_set_of(about: dict[str, Any]) -> JointSet:
     count = about.get("num_keypoints", 0)
     fitting = [s for s in JointSet.fitting(count) if s is not JointSet.H36M_17] if type(count) is int else []
     if not fitting:
-        raise DetectorOutputsUnknown(
-            f"The model finds {str(count)[:20]} keypoints, which fit no known joint set.",
-            where=plain(str(about.get("name", "")))[:200],
-            hint="Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints.",
-        )
+        message = f"The model finds {str(count)[:20]} keypoints, which fit no known joint set."
+        hint = "Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints."
+        raise DetectorOutputsUnknown(message, where=plain(str(about.get("name", "")))[:200], hint=hint)
     return fitting[0]
 
 
@@ -173,9 +171,7 @@ class DetectorChoice:
     module: str
     """Module of ``pose_workers``, or the path of a worker of the user's own, which ends in ``.py``."""
     python: Path
-    """The Python it runs in."""
     options: dict[str, Any]
-    """What it gets as JSON when it starts."""
 
     @property
     def program(self) -> list[str]:
@@ -198,7 +194,6 @@ def chosen_detector(
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
         python: Python to run it in; else the environment for MediaPipe, or our own for a model.
-        people: people looked for in a picture.
         hands: also find hands, where the detector can.
         worker: a program of the user's own that is asked instead (see ``pose_workers.serve``).
         environment: the process's environment variables.
@@ -318,7 +313,6 @@ class DetectorProcess:
         self._process.wait()
 
     def _close(self) -> None:
-        """End the process and close its streams; only for the thread that talks to it."""
         self.end()
         for stream in (self._pictures, self._answers, self._log):
             with suppress(OSError):
@@ -326,7 +320,6 @@ class DetectorProcess:
 
     @contextmanager
     def _within(self, seconds: float) -> Iterator[None]:
-        """Kill the process if what is done here takes longer: reading and writing then end with an error."""
         self._late = False
         timer = threading.Timer(seconds, self._time_out)
         timer.daemon = True
@@ -345,7 +338,6 @@ class DetectorProcess:
 
         Args:
             rgb: (H, W, 3) uint8.
-            time_s: when it was filmed.
         """
         for again in (True, False):
             try:
@@ -366,7 +358,6 @@ class DetectorProcess:
         raise AssertionError
 
     def _hello(self) -> dict[str, Any]:
-        """Return what the process states of itself, once its detector is ready."""
         try:
             with self._within(READY_S):
                 head = read_head(self._answers)
@@ -384,7 +375,6 @@ class DetectorProcess:
         return {**about, "name": plain(about["name"])[:200]}
 
     def _broken(self, error: Exception, seconds: float) -> DetectorFailed:
-        """Return the named error of a detector that was late, ended, or gave an answer that cannot be used."""
         late = self._late
         self.end()
         self._log.seek(max(self._log.seek(0, os.SEEK_END) - _LOG_BYTES, 0))

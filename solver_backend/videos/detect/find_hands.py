@@ -35,7 +35,6 @@ def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> 
     """Return (C, 2) how wide and high the footage is by the calibration's pictures; 1 where their shapes differ.
 
     Args:
-        cameras: of the take.
         sizes: width and height of each view's footage in px; None where it has none.
     """
     scale = np.ones((len(cameras), 2))
@@ -115,7 +114,6 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
     Args:
         hands: (C, F, 2, 21, 3) by the picture.
-        shift: pictures by which the footage is late.
     """
     moved = np.full_like(hands, np.nan)
     moved[..., 2] = 0.0
@@ -166,16 +164,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     what was found. Views that miss a hand look for it where two others agree that it is. Nobody else's hand is looked
     for. Footage that is some frames late or early of the detections is moved in time.
 
-    Args:
-        capture: calibrated cameras, keypoints and footage.
-        choice: a detector of hands in crops.
-        progress: called with the pictures that are done.
-
     Raises:
         CaptureInvalid: it has no footage.
-        TooFewViews, NoDetections: see ``Capture.require_views``.
-        BackendMissing, VideoUnreadable: see ``read_pictures``.
-        DetectorMissing, DetectorOutputsUnknown, DetectorFailed: see ``DetectorProcess``.
     """
     cameras, keypoints = capture.require_views()
     if not any(capture.footage):
@@ -217,8 +207,6 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
     Args:
         before: (C, 2, 21, 3) hands of the frame before; None: all views look.
-        frame: number of the frame.
-        every: frames from one search for a hidden hand to the next.
     """
     if before is None or every <= 1:
         return None

@@ -37,17 +37,14 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     """
     used = [c for c in captures if c.keypoints is not None and c.keypoints.num_views >= LEAST_VIEWS]
     if not used:
-        raise TooFewViews(
-            f"A detector's spread can be measured on captures of {LEAST_VIEWS} views or more.",
-            where=", ".join(c.name for c in captures), hint="Film with more cameras, once.",
-        )  # fmt: skip
+        message = f"A detector's spread can be measured on captures of {LEAST_VIEWS} views or more."
+        raise TooFewViews(message, where=", ".join(c.name for c in captures), hint="Film with more cameras, once.")
     parts = [_errors(capture) for capture in used]
     confidence, square = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
     if not len(confidence):
-        raise NoDetections(
-            "No detection can be compared with where other views see it.", where=", ".join(c.name for c in used),
-            hint="Film a person who moves, in three or more views that see them at once.",
-        )  # fmt: skip
+        message = "No detection can be compared with where other views see it."
+        hint = "Film a person who moves, in three or more views that see them at once."
+        raise NoDetections(message, where=", ".join(c.name for c in used), hint=hint)
     order = np.argsort(confidence, kind="stable")
     steps = [step for step in np.array_split(order, BINS) if len(step)]
     middle = np.array([np.median(confidence[step]) for step in steps])
@@ -76,7 +73,6 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _pooled(values: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Return the nearest values, weighted least squares, that never rise."""
     blocks: list[list[float]] = []
     for value, weight in zip(values.tolist(), weights.tolist(), strict=True):
         blocks.append([value, float(weight), 1.0])

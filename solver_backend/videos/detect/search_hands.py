@@ -77,11 +77,8 @@ def first_crop(
     """Return where a hand is expected at the end of a forearm.
 
     Args:
-        cameras: of the take.
-        view: which of them.
         wrist_px: (2,) the wrist in the picture.
         elbow_px: (2,) the elbow.
-        depth_m: of the wrist before the camera.
         side: 0 left, 1 right.
     """
     along = wrist_px - elbow_px
@@ -181,16 +178,17 @@ class ArmsInViews:
 
 
 def search_hands(
-    pictures: Mapping[int, np.ndarray], cameras: Cameras, arms: Arms, look: Look, before: np.ndarray | None = None,
+    pictures: Mapping[int, np.ndarray],
+    cameras: Cameras,
+    arms: Arms,
+    look: Look,
+    before: np.ndarray | None = None,
     due: np.ndarray | None = None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return (C, 2, 21, 3) x, y and confidence of both hands in each view; unseen where there is none.
 
     Args:
         pictures: (H, W, 3) uint8 by view.
-        cameras: C of the take.
-        arms: of the frame.
-        look: finds a hand in a crop.
         before: (C, 2, 21, 3) of the frame before: a hand that is still there is looked for once.
         due: (C, 2) which views look for which hand; None: all look for both.
     """
@@ -208,9 +206,15 @@ def search_hands(
 
 
 def _at_arm(
-    rgb: np.ndarray, cameras: Cameras, view: int, side: int, px: np.ndarray, arms: Arms, look: Look,
+    rgb: np.ndarray,
+    cameras: Cameras,
+    view: int,
+    side: int,
+    px: np.ndarray,
+    arms: Arms,
+    look: Look,
     earlier: np.ndarray | None,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return (21, 3) of a hand at the end of its arm: where it was, where the arm is, where this view has the arm."""
     unseen = np.tile(np.array(UNSEEN_POINT), (NUM_HAND_POINTS, 1))
     wrist = arms.places[1, side]

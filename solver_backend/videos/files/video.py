@@ -49,7 +49,6 @@ def opened(path: Path) -> Iterator[InputContainer]:
     """Yield the open container of a video; what goes wrong inside is reported in our own words.
 
     Raises:
-        BackendMissing: PyAV is not installed.
         VideoUnreadable: the file is missing, empty, broken or no video.
     """
     av = library()
@@ -61,10 +60,8 @@ def opened(path: Path) -> Iterator[InputContainer]:
         with av.open(str(path)) as container:
             yield container
     except av.error.FFmpegError as error:
-        raise VideoUnreadable(
-            f"The video cannot be read: {error.strerror}.", where=str(path),
-            hint=f"It may have been cut off while it was recorded or copied. {AGAIN}",
-        ) from error  # fmt: skip
+        hint = f"It may have been cut off while it was recorded or copied. {AGAIN}"
+        raise VideoUnreadable(f"The video cannot be read: {error.strerror}.", where=str(path), hint=hint) from error
 
 
 def video_stream(container: InputContainer) -> Any:
@@ -150,12 +147,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
 
     Chapters of one recording are one video, and so are the pictures of a folder.
 
-    Args:
-        path: a video, the first chapter of a recording, or a folder of pictures.
-        pictures_fps: rate of pictures.
-
     Raises:
-        BackendMissing: PyAV is not installed.
         VideoUnreadable: the file is missing, empty, broken, holds no pictures or none that can be decoded.
     """
     path = Path(path)
@@ -254,7 +246,6 @@ def _pictures_of_folder(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times and pictures of files one after the other, a picture's time after the last of the file before."""
     gap_s, count = 1.0 / max(info.fps, 1.0), 0
     late_s = last_s = 0.0
     for part in info.parts or (info.path,):
@@ -268,7 +259,6 @@ def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times and pictures of one file."""
     for frame in decoded_frames(path):
         yield float(frame.time), picture_of(frame)
 
@@ -327,10 +317,9 @@ def require_different(hashes: Mapping[Path, str]) -> None:
     first: dict[str, Path] = {}
     for path, digest in hashes.items():
         if digest in first:
-            raise SameVideoTwice(
-                f"{first[digest].name} and {path.name} are the same video.", where=str(path),
-                hint="Two cameras cannot have filmed the same pictures: copy the second camera's video again.",
-            )  # fmt: skip
+            message = f"{first[digest].name} and {path.name} are the same video."
+            hint = "Two cameras cannot have filmed the same pictures: copy the second camera's video again."
+            raise SameVideoTwice(message, where=str(path), hint=hint)
         first[digest] = path
 
 
@@ -356,7 +345,6 @@ def read_sound(path: Path | str) -> Sound:
     """Return the sound of a video, mixed to one channel.
 
     Raises:
-        BackendMissing, VideoUnreadable: see ``opened``.
         VideoWithoutSound: there is none, or it is silent.
     """
     path, parts, start = Path(path), [], None
@@ -377,12 +365,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number; odd sizes lose a row or column.
-
-    Raises:
-        BackendMissing: PyAV is not installed.
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
+    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number; odd sizes lose a row or column."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.agreement.one_view import select_in_one_view
-from solver_backend.camera_calibration.adjustment.lens import Lens
+from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.extrinsics.board_session import (
     BoardFootage,
@@ -25,7 +25,6 @@ from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvali
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
 from solver_backend.io.recognition.one_camera import stand_camera
-from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
@@ -42,13 +41,10 @@ class CalibrationRequest:
     """A take whose cameras are to be calibrated."""
 
     found: FoundFolder
-    """With the footage of boards, if there is any."""
     take: FoundTake
-    """The take."""
     detections: tuple[VideoDetections, ...]
     """What was found in its videos, for calibration by the person alone."""
     clocks: Clocks
-    """Of its cameras, found without a calibration."""
     out: Path
     """Calibration file to write, in a format that ``read_calibration`` reads."""
     coverage: Path | None = None
@@ -62,7 +58,6 @@ class KnownOfCameras:
     board: str | None = None
     """The board, as ``board_named`` reads it; None looks for a ``board.toml`` beside its footage."""
     lenses: Path | None = None
-    """A library of lenses or a calibration that has them."""
     stature_m: float | None = None
     """Of the person, who sets the scale where no board does."""
     source: str = "auto"
@@ -87,7 +82,6 @@ class TakeCalibration:
     method: str
     """'board', 'person' or ``ONE_CAMERA``."""
     diagnostics: tuple[Diagnostic, ...]
-    """What was done, and what is wrong or unsure."""
 
 
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
@@ -99,16 +93,14 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
     Raises:
         CommandLineInvalid: footage of a board is to be used, and nobody names it.
         CalibrationMissing: footage or lenses of a camera are missing; names it.
-        CalibrationInvalid: see the ways of calibrating.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
     names = request.take.cameras
     lenses = {} if known.lenses is None else known_lenses(known.lenses, names)
     if known.source == "board" and not places:
-        raise CalibrationMissing(
-            "No footage of a board that several cameras saw is here.", where=str(request.found.root),
-            hint="Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person.",
-        )  # fmt: skip
+        message = "No footage of a board that several cameras saw is here."
+        hint = "Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person."
+        raise CalibrationMissing(message, where=str(request.found.root), hint=hint)
     unused: tuple[Diagnostic, ...] = ()
     if places and known.source != "person":
         folder = None if request.coverage is None else request.coverage.parent / "boards"
@@ -148,17 +140,17 @@ def _by_person(
 
 
 def _by_one_camera(
-    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras,
-    unused: tuple[Diagnostic, ...], progress: Progress,
-) -> TakeCalibration:  # fmt: skip
-    """Write a single camera that stands over the floor that its person stands on."""
+    request: CalibrationRequest,
+    lenses: dict[str, Lens],
+    known: KnownOfCameras,
+    unused: tuple[Diagnostic, ...],
+    progress: Progress,
+) -> TakeCalibration:
     name, seen = request.take.cameras[0], request.detections[0]
     progress("Camera from the person", 0, 1)
     focal = known.focal_of(seen)
     lens = lenses.get(name) or focal.lens(seen.size)
-    camera = Cameras(
-        (name,), lens.K[None], lens.distortion[None], np.eye(3)[None], np.zeros((1, 3)), np.array([lens.image_size])
-    )  # fmt: skip
+    camera = build_cameras((name,), [lens], np.eye(3)[None], np.zeros((1, 3)))
     detections, fps = everybody(request.detections, request.clocks)
     person = select_in_one_view(detections, fps)[0]
     stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
@@ -173,27 +165,21 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the footage of boards of these kinds, by the take's names of its cameras; nothing where there is none.
-
-    Raises:
-        CalibrationMissing: it is of other cameras, or not of all.
-    """
+    """Return the footage of boards of these kinds, by the take's names of its cameras; nothing where there is none."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:
             order = match_names(names, tuple(footage.cameras))
             if order is None:
-                raise CalibrationMissing(
-                    f"The board was filmed by {', '.join(footage.cameras)}, the take by {', '.join(names)}.",
-                    where=str(footage.folder), hint="Name the files of both like the cameras, and film it by all.",
-                )  # fmt: skip
+                message = f"The board was filmed by {', '.join(footage.cameras)}, the take by {', '.join(names)}."
+                hint = "Name the files of both like the cameras, and film it by all."
+                raise CalibrationMissing(message, where=str(footage.folder), hint=hint)
             paths = list(footage.cameras.values())
             return {name: paths[i] for name, i in zip(names, order, strict=True)}
     return {}
 
 
 def _board_file(request: CalibrationRequest) -> Path | None:
-    """Return the file beside the footage that names the board it is of."""
     places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
     return next((p / name for p in places for name in _BOARD_FILES if (p / name).is_file()), None)
 
@@ -201,8 +187,7 @@ def _board_file(request: CalibrationRequest) -> Path | None:
 def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     named = known.board or _board_file(request)
     if named is None:
-        raise CommandLineInvalid(
-            "The board that was filmed is not known.", where=str(request.found.footage[0].folder),
-            hint="Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
-        )  # fmt: skip
+        message = "The board that was filmed is not known."
+        hint = "Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it."
+        raise CommandLineInvalid(message, where=str(request.found.footage[0].folder), hint=hint)
     return board_named(str(named))

@@ -48,7 +48,6 @@ def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    """Return the recordings of one camera's folder by take; pictures directly in it are one."""
     below = {path.name.lower(): path for path in _entries(folder) if path.is_dir()}
     for name in _SOURCE_FOLDERS:
         place = folder if not name else below.get(name)
@@ -102,9 +101,7 @@ class FoundTake:
     """A take: videos of several cameras."""
 
     name: str
-    """Name of its folder."""
     folder: Path
-    """The take's own folder."""
     videos: tuple[Path, ...]
     """One a camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
     cameras: tuple[str, ...]
@@ -139,9 +136,7 @@ class CalibrationFootage:
     kind: str
     """'intrinsics', 'extrinsics', or 'both' where the folder does not state it."""
     folder: Path
-    """Where they are."""
     cameras: dict[str, Path]
-    """By camera: a video, or a folder of pictures."""
 
 
 @dataclass(frozen=True)
@@ -149,11 +144,8 @@ class FoundFolder:
     """What a folder holds."""
 
     root: Path
-    """The folder."""
     takes: tuple[FoundTake, ...]
-    """Recordings of people."""
     footage: tuple[CalibrationFootage, ...]
-    """Recordings of boards."""
 
 
 def look_through(root: Path) -> FoundFolder:
@@ -179,7 +171,7 @@ def look_through(root: Path) -> FoundFolder:
             where=str(root),
             hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
             "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one.",
-        )  # fmt: skip
+        )
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
 
@@ -214,24 +206,20 @@ def _lone_take(root: Path) -> tuple[FoundTake, ...]:
 
 
 def _by_camera_folder(place: Path) -> dict[str, dict[str, Path]]:
-    """Return the takes of a folder that holds a folder a camera, by name; those of boards are none."""
     takes = recordings_by_folder([path for path in _folders(place) if not _is_other(path)])
     boards = [take for take in takes if take and (_kind(Path(take)) or is_calibration_folder(Path(take)))]
     return {take: cameras for take, cameras in takes.items() if take not in boards}
 
 
 def _is_other(path: Path) -> bool:
-    """Whether a folder holds something else than takes: boards, detections, results."""
     return is_calibration_folder(path) or bool(_PASSED_OVER.fullmatch(path.name)) or _kind(path) is not None
 
 
 def _last_number(name: str) -> str:
-    """Return the last two digits of an action camera's recording, which people count their cameras by."""
     return name[-2:]
 
 
 def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
-    """Yield the footage of boards: of folders named for it, and one level below those."""
     for path in _folders(folder):
         kind = _kind(path)
         if kind is None and not is_calibration_folder(path):

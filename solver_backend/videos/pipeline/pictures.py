@@ -126,11 +126,7 @@ _CHAINS = (
 def write_previews(
     found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
 ) -> list[Path]:
-    """Write a preview of each video into a folder and return their paths.
-
-    Raises:
-        OutputExists, OutputNotWritable, VideoUnreadable: see ``write_video`` and ``read_pictures``.
-    """
+    """Write a preview of each video into a folder and return their paths."""
     written, total, done = [], sum(item.num_frames for item in found), 0
     for item in found:
         path = folder / f"{item.name}_detections.mp4"
@@ -191,11 +187,7 @@ _WEDGE = 90.0
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
-    """Draw a picture of each video with the people who were found, and return its path.
-
-    Raises:
-        VideoUnreadable, BackendMissing: see ``read_pictures`` and ``opencv``.
-    """
+    """Draw a picture of each video with the people who were found, and return its path."""
     drawn, titles = [], []
     for item in found:
         sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
@@ -263,7 +255,6 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
     Args:
         cameras: in metres, Z up.
         walked: (F, 3) where the person was, metres, NaN where unknown.
-        path: the picture.
     """
     centres = cameras.centres[:, :2]
     way = walked[np.isfinite(walked).all(-1), :2]

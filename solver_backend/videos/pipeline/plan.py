@@ -23,13 +23,10 @@ class TakePlan:
     """The road of one take."""
 
     take: FoundTake
-    """The take."""
     folder: Path
-    """Where its results go."""
     calibration: Calibration | None
     """The one that is there; None where the cameras are to be calibrated."""
     problem: str = ""
-    """Why the calibration that is there cannot be used."""
 
     @property
     def capture(self) -> Path:

@@ -76,13 +76,10 @@ class StepReport:
     """What one step found."""
 
     step: str
-    """Name of the step."""
     state: str
-    """'made' now, or 'kept' from before."""
     diagnostics: tuple[Diagnostic, ...]
     """What it found: notes, and warnings where something is wrong or unsure."""
     pictures: tuple[str, ...] = ()
-    """Pictures, as paths from the folder of the results."""
 
     @property
     def line(self) -> str:
@@ -92,9 +89,11 @@ class StepReport:
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
-            "step": self.step, "state": self.state, "diagnostics": [item.as_dict() for item in self.diagnostics],
+            "step": self.step,
+            "state": self.state,
+            "diagnostics": [item.as_dict() for item in self.diagnostics],
             "pictures": list(self.pictures),
-        }  # fmt: skip
+        }
 
 
 class Steps:

@@ -48,12 +48,7 @@ def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Prog
     """Return the capture with the hands that a detector finds; as it is without one.
 
     Args:
-        capture: put together from the videos.
         detector: of hands in crops, or None.
-        progress: called with the pictures that are done.
-
-    Raises:
-        MocapError: see ``find_hands``.
     """
     if detector is None:
         return capture
@@ -108,11 +103,16 @@ class _Road:
         done_before = set(folder.glob("*.npz"))
         self._detections = tuple(
             detect_videos(
-                self._plan.take.videos, settings.detector, folder, self._progress,
-                jobs=settings.jobs, again="detect" in settings.redo, cameras=self._plan.take.cameras,
+                self._plan.take.videos,
+                settings.detector,
+                folder,
+                self._progress,
+                jobs=settings.jobs,
+                again="detect" in settings.redo,
+                cameras=self._plan.take.cameras,
                 pictures_fps=settings.pictures_fps,
             )
-        )  # fmt: skip
+        )
         self._seen = [(item.video_hash, item.detector) for item in self._detections]
         count = sum(item.num_frames for item in self._detections)
         drawn = self._pictures / "detect.png"
@@ -238,7 +238,6 @@ class _Road:
         )
 
     def _calibrated_from(self, method: str) -> Any:
-        """Return what a calibration that we made was made of, plain values; of one camera with its lens and person."""
         cameras = self._settings.cameras
         if method != ONE_CAMERA:
             return method
@@ -286,11 +285,7 @@ class _Road:
         return check
 
     def _is_kept(self, output: Path, made_of: Any, step: str) -> bool:
-        """Return whether an output stays.
-
-        Raises:
-            OutputExists: somebody else's file is in its place.
-        """
+        """Return whether an output stays."""
         if step not in self._settings.redo and self._records.is_made(output, made_of):
             return True
         if output.exists() and not self._records.is_ours(output):
@@ -301,15 +296,11 @@ class _Road:
 def _refuse(output: Path, settings: RoadSettings) -> None:
     """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
     if not settings.overwrite:
-        raise OutputExists(
-            "The output is a file that from-videos did not write.",
-            where=str(output),
-            hint="Choose another --out, or --overwrite.",
-        )
+        hint = "Choose another --out, or --overwrite."
+        raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)
 
 
 def _of_take(path: Path, plan: TakePlan) -> Calibration:
-    """Return the calibration that was made, its cameras in the take's order."""
     read_calibration(path)
     return find_calibration(path.parent, plan.take.cameras)
 

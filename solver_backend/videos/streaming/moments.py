@@ -30,7 +30,6 @@ class KeypointDetector(Protocol):
     """What finds keypoints: a detector's process, see ``DetectorProcess``."""
 
     about: dict[str, Any]
-    """What it reports of itself."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return ``keypoints`` (P, K, 3): x, y in pixels and confidence."""
@@ -127,7 +126,6 @@ class LiveView:
 
 
 def _named(error: Exception, camera: str) -> MocapError:
-    """Return an error with a name: a thread that broke without one would leave the others waiting for it."""
     if isinstance(error, MocapError):
         return error
     return SolverFailed(f"The camera's thread failed: {type(error).__name__}: {error}", where=camera)
@@ -148,7 +146,6 @@ class ViewBudget:
         """Begin with all.
 
         Args:
-            views: C.
             interval_s: seconds from a moment to the next that are wanted.
         """
         self.most, self.interval_s, self.count = views, interval_s, views
@@ -166,7 +163,6 @@ class ViewBudget:
             self._set(count + 1)
 
     def _set(self, count: int) -> None:
-        """Take another number; processors are shared, so that a moment's time goes with it."""
         assert self._usual_s is not None
         self._usual_s *= count / self.count
         self.count = count
@@ -203,7 +199,6 @@ class LiveMoments:
     """Cameras and their detectors, running; a context manager that ends them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
-        """Take C cameras, in the order of the calibration, and what makes a detector of each."""
         self._changed = threading.Condition()
         self.views = [LiveView(source, make, self._changed) for source in sources]
         self._rate_hz = rate_hz
@@ -218,11 +213,7 @@ class LiveMoments:
         return self.views[0].about
 
     def __enter__(self) -> LiveMoments:
-        """Open the cameras, and wait until every detector is ready.
-
-        Raises:
-            MocapError: a camera or a detector is not there.
-        """
+        """Open the cameras, and wait until every detector is ready."""
         try:
             for view in self.views:
                 view.source.open()
@@ -328,7 +319,6 @@ class LiveMoments:
         return min((self.views[c].newest[0].arrived for c in there), default=now)
 
     def _answered(self, asked: dict[int, LivePicture], begun: float) -> ViewMoment | None:
-        """Wait for what the views show, but no longer for one than the others make worth while."""
         moment = self.counts.moments - 1
         with self._changed:
             while True:
@@ -348,12 +338,10 @@ class LiveMoments:
         return ViewMoment(float(np.mean([p.time_s for p in taken])), max(p.arrived for p in taken), people, times)
 
     def _late(self, now: float) -> list[LiveView]:
-        """Return the cameras whose newest picture is old, and that were not reported."""
         known = [view for view in self.views if view.newest and not view.ended and view.source.name not in self._behind]
         return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
 
     def _fallen_behind(self) -> Iterator[EventLine]:
-        """Yield an event for each camera whose pictures are late since."""
         with self._changed:
             late = self._late(time.perf_counter())
             self._behind |= {view.source.name for view in late}

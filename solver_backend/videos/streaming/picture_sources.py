@@ -35,7 +35,6 @@ class PictureSource(Protocol):
     """A camera, or a video in the place of one."""
 
     name: str
-    """Of the camera, as the calibration has it."""
     size: tuple[int, int]
     """Width and height, px; known once it is open."""
     fps: float
@@ -81,7 +80,6 @@ class Webcam:
         """Connect.
 
         Raises:
-            BackendMissing: neither OpenCV nor PyAV is installed.
             VideoUnreadable: there is no such camera.
         """
         try:
@@ -93,8 +91,10 @@ class Webcam:
         if not camera.isOpened():
             raise _missing(self.index)
         for key, value in (
-            (cv2.CAP_PROP_FRAME_WIDTH, SIZE[0]), (cv2.CAP_PROP_FRAME_HEIGHT, SIZE[1]), (cv2.CAP_PROP_FPS, FPS),
-        ):  # fmt: skip
+            (cv2.CAP_PROP_FRAME_WIDTH, SIZE[0]),
+            (cv2.CAP_PROP_FRAME_HEIGHT, SIZE[1]),
+            (cv2.CAP_PROP_FPS, FPS),
+        ):
             camera.set(key, value)
         width, height = (int(camera.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
         self.size, self.fps = (width, height), float(camera.get(cv2.CAP_PROP_FPS)) or FPS
@@ -150,9 +150,10 @@ def _from_bgr(bgr: np.ndarray) -> np.ndarray:
 
 def _missing(index: int) -> VideoUnreadable:
     return VideoUnreadable(
-        "The webcam cannot be opened.", where=f"webcam:{index}",
+        "The webcam cannot be opened.",
+        where=f"webcam:{index}",
         hint="Check that it is plugged in, its number, and that no other program uses it.",
-    )  # fmt: skip
+    )
 
 
 class ReplayedVideo:
@@ -164,11 +165,7 @@ class ReplayedVideo:
         self._repeat, self._closed = repeat, threading.Event()
 
     def open(self) -> None:
-        """Read what the video is.
-
-        Raises:
-            BackendMissing, VideoUnreadable: see ``probe``.
-        """
+        """Read what the video is."""
         info = probe(self.path)
         self.size, self.fps, self._first_s = info.size, info.fps, float(info.times_s[0])
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)

@@ -38,7 +38,6 @@ class ViewsRecording:
     session: ViewsSession | None = None
     """The session that is recorded; None to finish what another run left."""
     source: str = ""
-    """Name of the detector."""
 
     def head(self) -> bytes:
         """Return the line that describes cameras, keypoints and body."""
@@ -104,7 +103,6 @@ def motion_of(capture: Path) -> Path:
 
 
 def _widths(head: dict[str, Any]) -> tuple[int, ...]:
-    """Return the numbers of a row's parts: times, cameras, pose, shape and keypoints."""
     if head["body"] != load_body().id:
         raise ValueError("another body")
     C, K = len(head["names"]), JointSet(head["joint_set"]).num_keypoints

@@ -34,9 +34,7 @@ class LiteRtHands:
         ``right`` (1,) is how much they look like a right hand's.
         """
         points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
-        return {
-            "points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1),
-        }  # fmt: skip
+        return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1)}
 
 
 if __name__ == "__main__":

@@ -22,13 +22,7 @@ class LiteRtModel:
         """Load a model.
 
         Args:
-            path: of the file.
             known: name of each model that may be run, by its SHA-256.
-            package: npm package that has them, with its version.
-            threads: processor cores it may use.
-
-        Raises:
-            Refused: the file is none of these, or this Python has no LiteRT.
         """
         content = path.read_bytes()
         digest = hashlib.sha256(content).hexdigest()

@@ -58,9 +58,7 @@ class LiteRtPose:
         self._people = int(options.get("people", 1))
         self._squares: list[PersonBox] = []
         name = self._landmarks.name.replace("_landmark_", " ")
-        self.about = {
-            "name": f"litert {name}", "licence": LICENCE, "joint_set": "MEDIAPIPE_33", "people": self._people,
-        }  # fmt: skip
+        self.about = {"name": f"litert {name}", "licence": LICENCE, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return keypoints, see ``PoseDetector``."""

@@ -82,7 +82,6 @@ def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
 
 
 def _without(picture: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Return the picture with the box around a body grey."""
     low, high = body[:, :2].min(axis=0), body[:, :2].max(axis=0)
     margin = MARGIN * (high - low)
     x, y = np.clip([low - margin, high + margin], 0, (picture.shape[1], picture.shape[0])).astype(int).T

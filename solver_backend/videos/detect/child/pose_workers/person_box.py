@@ -70,7 +70,6 @@ def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> PersonBox:
     Args:
         hips: (2,) px.
         top: (2,) px, on the circle around the body.
-        side: of the crop, pixels.
     """
     along = top - hips
     radius = float(np.hypot(*along))
@@ -112,7 +111,6 @@ def _square(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> Per
 
 
 def _overlap(low: np.ndarray, high: np.ndarray, lows: np.ndarray, highs: np.ndarray) -> np.ndarray:
-    """Return intersection over union of a box with others."""
     shared = np.prod(np.maximum(np.minimum(high, highs) - np.maximum(low, lows), 0.0), axis=-1)
     own, others = np.prod(high - low), np.prod(highs - lows, axis=-1)
     return shared / np.maximum(own + others - shared, 1e-9)
