@@ -19,7 +19,7 @@ from solver_backend.types import Cameras
 
 
 def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: float = 1.0, tool: str = "") -> str:
-    """Return the text of a calibration as Pose2Sim and anipose have it; ours too.
+    """Return the text of a calibration as Pose2Sim and anipose have it. Ours too.
 
     Args:
         scale: units of length a metre: 1 for Pose2Sim, 1000 for FreeMoCap.
@@ -44,7 +44,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return the text of caliscope's ``camera_array.toml``; cameras are numbered in their order."""
+    """Return the text of caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
     parts = []
     for c in range(len(cameras)):
         fisheye = "fisheye = true\n" if cameras.models[c] == "fisheye" else _model(cameras.models[c])
@@ -100,7 +100,7 @@ LEAST_TERMS = 4
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
-    """Return the three files' texts by their names; metres, one image a camera, no points.
+    """Return the three files' texts by their names. Metres, one image a camera, no points.
 
     COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point is half a pixel further. Lenses
     are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.
@@ -220,7 +220,7 @@ _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "opencv": lambda cameras, rmse: opencv_yaml(cameras),
 }
 FORMATS = (*_TEXTS, "colmap")
-"""Names of the formats; lengths are metres, but mm in FreeMoCap's and Qualisys'."""
+"""Names of the formats. Lengths are metres, but mm in FreeMoCap's and Qualisys'."""
 
 
 def format_of(path: Path) -> str:
@@ -247,7 +247,7 @@ def write_calibration(
 
     Args:
         cameras: metres, Z up.
-        kind: one of ``FORMATS``; taken from the name if left out.
+        kind: one of ``FORMATS``. Taken from the name if left out.
 
     Raises:
         CommandLineInvalid: the format is unknown.

@@ -18,7 +18,7 @@ def opencv() -> Any:
     """Return the module ``cv2``.
 
     Raises:
-        BackendMissing: it is not installed; it belongs to the extra ``capture``.
+        BackendMissing: it is not installed. It belongs to the extra ``capture``.
     """
     try:
         return import_module("cv2")
@@ -32,7 +32,7 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 def is_footage(path: Path) -> bool:
-    """Whether a path is a video, a picture, or a folder with pictures directly in it."""
+    """Return whether a path is a video, a picture, or a folder with pictures directly in it."""
     if path.is_dir():
         return any(p.suffix.lower() in PICTURES for p in path.iterdir())
     return path.suffix.lower() in (*VIDEOS, *PICTURES)
@@ -42,7 +42,7 @@ def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the number of each frame that is looked at, from 0, and its grey picture (H, W) uint8.
 
     Args:
-        step: every how many frames; videos are read through, as seeking in them is not exact.
+        step: every how many frames. Videos are read through, as seeking in them is not exact.
 
     Raises:
         FileMissing: there is nothing at the path.

@@ -143,7 +143,7 @@ class FaceFrame:
 
 
 class FaceAssembly(OneSender):
-    """Frames of one phone; packets of others, late, doubled and hostile ones are left out."""
+    """Frames of one phone. Packets of others, late, doubled and hostile ones are skipped."""
 
     def __init__(self, scheme: str) -> None:
         super().__init__()
@@ -179,7 +179,7 @@ class FaceAssembly(OneSender):
 
 
 def ask_phone(host: str, port: int) -> Callable[[Any], None]:
-    """Return what asks iFacialMocap on a phone, by a socket, to send; a phone that is away is asked again later."""
+    """Return what asks iFacialMocap on a phone, by a socket, to send. A phone that is away is asked again later."""
 
     def ask(there: Any) -> None:
         with suppress(OSError):
@@ -189,7 +189,7 @@ def ask_phone(host: str, port: int) -> Callable[[Any], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Yield the lines of a live run of a face; frames are recorded before.
+    """Yield the lines of a live run of a face. Frames are recorded before.
 
     Args:
         found: what ``listen`` yields.

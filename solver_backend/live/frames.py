@@ -44,7 +44,7 @@ class PointFrame:
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield the frames of a take at its own rate, or as fast as they are taken; points in an order of their own."""
+    """Yield the frames of a take at its own rate, or as fast as they are taken. Points in an order of their own."""
     start, number = time.perf_counter(), 0
     while True:
         for frame in cloud.positions:
@@ -64,9 +64,9 @@ def measured(points: np.ndarray) -> np.ndarray:
 
 
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
-    """Yield a frame a line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
+    """Yield a frame per line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
 
-    A line that is neither is yielded with its fault; empty lines are left out, and so are events of whoever sends them.
+    A line that is neither is yielded with its fault. Empty lines are skipped, and so are events of whoever sends them.
     Bytes that are no UTF-8 are part of such a line, and end nothing.
     """
     number = 0
@@ -122,7 +122,7 @@ LATE_S = 0.1
 IN_TIME_S = 0.02
 """Seconds behind its source at which frames are fitted again, so that a slow machine does not stay at ``LATE_S``."""
 _MOST_WAITING = 512
-"""Frames that wait at most; a source that is faster waits itself."""
+"""Frames that wait at most. A source that is faster waits itself."""
 _LOOK_S = 0.2
 """Seconds after which waiting looks about itself: for a signal, or for a reader that is gone."""
 

@@ -1,4 +1,4 @@
-"""What is wrong with what comes: counted by kind, and named when a kind comes for the first time; packets in order."""
+"""What is wrong with what comes: counted by kind, and named when a kind comes for the first time. Packets in order."""
 
 from __future__ import annotations
 
@@ -14,25 +14,25 @@ class NamedOnce:
     counts: dict[str, int] = field(default_factory=dict)
     """How often something was wrong with what came, by kind."""
     news: list[tuple[str, str]] = field(default_factory=list)
-    """Kind and sentence of what was wrong for the first time; whoever reports it takes it out."""
+    """Kind and sentence of what was wrong for the first time. Whoever reports it takes it out."""
 
     def name_once(self, kind: str, message: str) -> None:
-        """Count something that is wrong; the first of its kind is news."""
+        """Count something that is wrong. The first of its kind is news."""
         if kind not in self.counts:
             self.news.append((kind, message))
         self.counts[kind] = self.counts.get(kind, 0) + 1
 
 
 SENDER_GONE_S = 1.0
-"""Seconds of silence after which another sender is heard; chosen by hand."""
+"""Seconds of silence after which another sender is heard. Chosen by hand."""
 JUMP_S = 1.0
-"""Seconds by which a sender's clock may disagree with ours, or run back; beyond it was set anew; chosen by hand."""
+"""Seconds by which a sender's clock may disagree with ours, or run back. Beyond it was set anew. Chosen by hand."""
 _LATEST = 8
-"""Packets that are remembered, to know doubled ones; chosen by hand."""
+"""Packets that are remembered, to know doubled ones. Chosen by hand."""
 
 
 class OneSender(NamedOnce):
-    """Packets of one sender, in order; doubled and late ones are named."""
+    """Packets of one sender, in order. Doubled and late ones are named."""
 
     def __init__(self) -> None:
         super().__init__()

@@ -34,7 +34,7 @@ class RecordingFormat(Protocol[Item]):
         ...
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a recording to a file and remove it; return whether it held anything.
+        """Write a recording to a file and remove it. Return whether it held anything.
 
         Raises:
             FileDamaged: it is not a recording of this format.
@@ -44,7 +44,7 @@ class RecordingFormat(Protocol[Item]):
 
 @final
 class Recorder(Generic[Item]):
-    """Append items to ``PATH.recording`` and make ``PATH`` of them at the end; a context manager.
+    """Append items to ``PATH.recording`` and make ``PATH`` of them at the end. A context manager.
 
     The items are in that file however the process ends. The next run to the same path finishes it under another name.
     """
@@ -66,12 +66,12 @@ class Recorder(Generic[Item]):
         return self._file.written
 
     def add(self, *args: Item.args, **kwargs: Item.kwargs) -> None:
-        """Append an item; one that cannot be written is counted, and reported at the end."""
+        """Append an item. One that cannot be written is counted, and reported at the end."""
         piece = self._form.encode(*args, **kwargs)
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file and remove the unfinished recording; only the latter if nothing came."""
+        """Write the file and remove the unfinished recording. Only the latter if nothing came."""
         if self.finished:
             return
         self.finished = True
@@ -94,10 +94,10 @@ def recording_of(path: Path) -> Path:
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Finish what a killed run has left of the recording to a file; return where it is, None for nothing.
+    """Finish what a killed run has left of the recording to a file. Return where it is, None for nothing.
 
     Raises:
-        OutputNotWritable: another process is recording, or the disk is full; nothing is lost.
+        OutputNotWritable: another process is recording, or the disk is full. Nothing is lost.
     """
     left = recording_of(path)
     if not left.exists():
@@ -130,7 +130,7 @@ def pack_row(*parts: Any) -> bytes:
 def read_rows(
     recording: Path, form: str, version: int, width: Callable[[dict[str, Any]], int]
 ) -> tuple[dict[str, Any], np.ndarray]:
-    """Return the head and the (N, width) rows of a recording; a last row that was cut off is left out.
+    """Return the head and the (N, width) rows of a recording. A last row that was cut off is skipped.
 
     Raises:
         FileDamaged: it is not of this format, or of another version.

@@ -51,7 +51,7 @@ _GAP_S = 0.1
 
 @dataclass(frozen=True)
 class PointsRecording:
-    """Live points; readers of markers also open the unfinished file, see ``live_recording``."""
+    """Live points. Readers of markers also open the unfinished file, see ``live_recording``."""
 
     pieces: ClassVar[str] = "frames"
     fps: float | None = None
@@ -68,7 +68,7 @@ class PointsRecording:
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file, see ``RecordingFormat``; points whose world was never known stay as they came."""
+        """Write a C3D file, see ``RecordingFormat``. Points whose world was never known stay as they came."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -105,7 +105,7 @@ class PosesRecording:
     pieces: ClassVar[str] = "poses"
     source: str = ""
     person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
-    """Returns the body and its (10,) shape; asked at the first pose."""
+    """Returns the body and its (10,) shape. Asked at the first pose."""
     _last: float | None = field(default=None, init=False)
     _cut: float = field(default=0.0, init=False)
 
@@ -155,7 +155,7 @@ def _row_width(head: dict[str, Any]) -> int:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) even times, by great arcs between recorded poses; the ends hold the nearest pose.
+    """Return a motion at (F,) even times, by great arcs between recorded poses. The ends hold the nearest pose.
 
     Args:
         times: seconds, at the rate.
@@ -204,7 +204,7 @@ def rate_of(times: np.ndarray) -> float:
 class FaceRecording:
     """Channels of a live face.
 
-    The table has the column ``time`` in seconds and one per channel; a missing channel keeps its last value.
+    The table has the column ``time`` in seconds and one per channel. A missing channel keeps its last value.
     """
 
     pieces: ClassVar[str] = "frames"

@@ -23,13 +23,13 @@ Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
 
 
 class PoseSender:
-    """Sends the poses among lines; a context manager."""
+    """Sends the poses among lines. A context manager."""
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
         """Find the receiver's host.
 
         Args:
-            proportions: of the body; asked before the first pose, when the shape is known, and when there are fingers.
+            proportions: of the body. Asked before the first pose, when the shape is known, and when there are fingers.
         """
         self._proportions = proportions
         self._bundle: FrameBundle | None = None
@@ -82,11 +82,11 @@ _DIGITS = 6
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
-    """Yield a line a frame, of all joints of the motion; frames that come more than ``LATE_S`` late are left out.
+    """Yield a line per frame, of all joints of the motion. Frames that come more than ``LATE_S`` late are skipped.
 
     Args:
-        paced: at its own rate; False: as fast as lines are taken.
-        repeat: again and again; the time goes on.
+        paced: at its own rate. False: as fast as lines are taken.
+        repeat: again and again. The time goes on.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     start, number = time.perf_counter(), 0

@@ -33,14 +33,14 @@ _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in 
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit in which (N, 3) points are as large as a person, None if in none."""
+    """Return the unit where (N, 3) points are as large as a person, None if in none."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the axis along which the network is surest of what the points are; z unless another is clearly better.
+    """Return the axis along which the network is surest of what the points are. Z unless another is clearly better.
 
     ``mean p + w max(0, u)``: the points' mean best probability p, and the height u of the head above the pelvis in
     trunk lengths. The network reads people who lie nearly as surely, and people who begin to record stand.
@@ -59,11 +59,11 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 REACH_M, REACH_M_S = 0.03, 2.0
 """A point is the same as one of the frame before within 3 cm of where that was going, and 2 m/s more."""
 MEMORY_S = 0.7
-"""Time in which earlier labels fade."""
+"""Time where earlier labels fade."""
 UNSEEN_S = 0.15
 """Time for which a point that went away may come back."""
 _FLOOR = -6.0
-"""Evidence of one frame at least, a log-probability: one frame does not outweigh a track; chosen by hand."""
+"""Evidence of one frame at least, a log-probability: one frame does not outweigh a track. Chosen by hand."""
 
 
 class PointTracks:
@@ -123,17 +123,17 @@ class PointTracks:
 FEWEST = 8
 """Points, and labelled ones, without which a frame has no pose of its own."""
 MOST_READ = 90
-"""Points that the network reads; of more, those nearest to the body, or to their middle."""
+"""Points that the network reads. Of more, those nearest to the body, or to their middle."""
 FROZEN_S = 0.5
 """Time of the same points again and again from which a stream is frozen."""
 BAD_M = 0.08
 """Markers this far from the body in the median are no good pose."""
 SURE = 0.6
-"""Share of a point's evidence that its label has to have; chosen by hand."""
+"""Share of a point's evidence that its label has to have. Chosen by hand."""
 _WORLD_FRAMES = 5
-"""Frames from which the axis that points up is found; chosen by hand."""
+"""Frames from which the axis that points up is found. Chosen by hand."""
 _TRIAL_FRAMES = 6
-"""Frames of a trial before any comes, so that the first real one is not late; chosen by hand."""
+"""Frames of a trial before any comes, so that the first real one is not late. Chosen by hand."""
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):
@@ -145,8 +145,8 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         """Take what labels points and what fits them.
 
         Args:
-            unit: of the points; found from the first frames if None.
-            up_axis: axis that points up; found from the first frames if None.
+            unit: of the points. Found from the first frames if None.
+            up_axis: axis that points up. Found from the first frames if None.
         """
         super().__init__(fit)
         self.network, self.unit, self.up_axis = network, unit, up_axis
@@ -167,7 +167,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
 
     @property
     def to_metres(self) -> np.ndarray | None:
-        """(3, 3) what turns the source's points into metres, Z up; None while it is not known."""
+        """(3, 3) what turns the source's points into metres, Z up. None while it is not known."""
         return self._turn
 
     def _lines(self, moment: PointFrame, dt: float) -> Iterator[LiveLine]:
@@ -234,7 +234,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._good = None
 
     def _found_world(self, points: np.ndarray) -> str | None:
-        """Gather first frames, and then find unit and axis from them; return what was found."""
+        """Gather first frames, and then find unit and axis from them. Return what was found."""
         unit = self.unit or unit_of(points)
         if unit is None:
             return None

@@ -56,7 +56,7 @@ Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """One person, live: clock, restarts, lines and events; subclasses fit the moments."""
+    """One person, live: clock, restarts, lines and events. Subclasses fit the moments."""
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
@@ -65,11 +65,11 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         self.shown: np.ndarray | None = None
         """(N, 3) points of the last fitted moment, metres, Z up."""
         self.shown_off_m = np.zeros(0)
-        """(N,) metres between each of them and the body; NaN where they are not the body's."""
+        """(N,) metres between each of them and the body. NaN where they are not the body's."""
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason why there is none; ``dt`` is seconds since the last moment."""
+        """Yield events, then a pose or the reason why there is none. ``dt`` is seconds since the last moment."""
 
     @abstractmethod
     def _reset(self) -> None:
@@ -81,7 +81,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
     def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
-        """Yield a line per moment, and events; nothing that comes as a moment ends it."""
+        """Yield a line per moment, and events. Nothing that comes as a moment ends it."""
         for moment in moments:
             if isinstance(moment, dict):
                 yield moment
@@ -161,11 +161,11 @@ _LIMBS = {
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
-    """Return why a pose is unsure, with the numbers; an empty text where it is not.
+    """Return why a pose is unsure, with the numbers. An empty text where it is not.
 
     Args:
         off_m: (L,) metres between each seen marker or keypoint and the body, NaN where it is not seen.
-        limbs: rows of each limb; those of the 53 markers if left out.
+        limbs: rows of each limb. Those of the 53 markers if left out.
     """
     far = {limb: off for limb, off in limbs_off(off_m, limbs).items() if off > OFF_M}
     found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in far.items()]
@@ -207,7 +207,7 @@ RATE_S = 1.0
 
 
 class LiveStatistics:
-    """Counts the lines of a run; memory does not grow."""
+    """Counts the lines of a run. Memory does not grow."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -229,7 +229,7 @@ class LiveStatistics:
 
     @property
     def rate_hz(self) -> float:
-        """Poses a second over the last second."""
+        """Poses per second over the last second."""
         while self._recent and self._recent[0] < time.monotonic() - RATE_S:
             self._recent.popleft()
         if len(self._recent) < 2:

@@ -71,7 +71,7 @@ class ExchangedSides:
 WORLD_MOMENTS = 12
 """Moments with a person by which up and floor of the cameras' world are checked, before the first pose."""
 BAD_M = 0.12
-"""Keypoints this far from the body in the median are no good pose; detectors and bodies differ by 3 cm."""
+"""Keypoints this far from the body in the median are no good pose. Detectors and bodies differ by 3 cm."""
 STARTS_WITH = 0.8
 """Share of the keypoints of two views on which they must agree at a start: later the pose decides whose a limb is."""
 _TRIAL_MOMENTS = 6
@@ -88,7 +88,7 @@ class ViewMoment:
     arrived: float
     """``time.perf_counter()`` when the last of its pictures came."""
     people: tuple[np.ndarray | None, ...]
-    """(P, K, 3) keypoints of everybody in each view, x and y in pixels and confidence; None of a view left out."""
+    """(P, K, 3) keypoints of everybody in each view, x and y in pixels and confidence. None of a view left out."""
     times: tuple[float, ...] = ()
     """Seconds of each view's own picture, NaN of a view left out."""
 
@@ -117,9 +117,9 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         """Take cameras and what is known of the person.
 
         Args:
-            cameras: as calibrated; the session moves them to a world that fits the person once that is known.
+            cameras: as calibrated. The session moves them to a world that fits the person once that is known.
             betas: (10,) shape of a person who is known.
-            up_axis: axis of the calibration that points up; Z, or the one that the person stands along, if None.
+            up_axis: axis of the calibration that points up. Z, or the one that the person stands along, if None.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
         self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis

@@ -38,11 +38,11 @@ FARTHEST_M = 1e4
 """No person is farther from the origin, in metres."""
 FACE = "/VMC/Ext/Blend/Val"
 MOST_CHANNELS = 256
-"""Channels of a face that are kept; ARKit has 52."""
+"""Channels of a face that are kept. ARKit has 52."""
 _LARGEST = 10.0
 """No channel has a value as large."""
 _LONGEST_NAME = 40
-"""Letters of a foreign name that are shown; chosen by hand."""
+"""Letters of a foreign name that are shown. Chosen by hand."""
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
@@ -61,11 +61,11 @@ class BoneFrame:
     root: tuple[np.ndarray, np.ndarray]
     """Unit quaternion wxyz and (3,) metres of the root, in Unity's world."""
     face: dict[str, float]
-    """Value of each channel of the face, of a sender that has some; 0 to 1 as a rule."""
+    """Value of each channel of the face, of a sender that has some. 0 to 1 as a rule."""
 
 
 class FrameAssembly(OneSender):
-    """Gathers the bones of one sender; a frame is whole when every bone of the last one, or one of them twice, came."""
+    """Gathers the bones of one sender. A frame is whole when every bone of the last one, or one of them twice, came."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -90,7 +90,7 @@ class FrameAssembly(OneSender):
         """Yield the frames that a packet makes whole.
 
         Args:
-            sender: whose it is; frames are of one sender at a time.
+            sender: whose it is. Frames are of one sender at a time.
             arrived: ``time.perf_counter()``.
         """
         if self.is_other(sender, arrived):  # at once: it may send without end
@@ -189,7 +189,7 @@ def _shown(name: object) -> str:
 
 
 _OURS_M = 1e-4
-"""Metres by which no bone of our own body differs; other bodies differ by centimetres."""
+"""Metres by which no bone of our own body differs. Other bodies differ by centimetres."""
 _ROUNDS = 6
 _PULL = 1e-11
 """Square metres by which shapes that joints hardly know of are held to the mean."""
@@ -256,10 +256,10 @@ class Assembly(Protocol[Frame]):
 def listen(
     address: VmcAddress, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames as they come, and events; a port that is taken is waited for.
+    """Yield frames as they come, and events. A port that is taken is waited for.
 
     Args:
-        ask: asks a sender to send, by our socket; called at the beginning and as long as nothing comes.
+        ask: asks a sender to send, by our socket. Called at the beginning and as long as nothing comes.
 
     Raises:
         CommandLineInvalid: there is no such address on this machine.
@@ -357,7 +357,7 @@ class BonesOnBody:
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) axis-angles and (3,) transl of a frame; bones that were not heard do not turn."""
+        """Return the (J, 3) axis-angles and (3,) transl of a frame. Bones that were not heard do not turn."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and has_fingers(frame):
@@ -399,7 +399,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Yield the lines of a live run; frames are recorded before.
+    """Yield the lines of a live run. Frames are recorded before.
 
     Args:
         found: what ``listen`` yields.

@@ -29,7 +29,7 @@ class SensorTake:
     """What a folder of sensors shows."""
 
     cloud: MarkerCloud
-    """Points without names, with covariances; the residual is each point's standard deviation."""
+    """Points without names, with covariances. The residual is each point's standard deviation."""
     frames: dict[str, int]
     findings: tuple[Diagnostic, ...]
 
@@ -81,7 +81,7 @@ def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
 
 
 def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
-    """Return the capture of a folder of sensors, named as it is; raises what ``cloud_of`` raises."""
+    """Return the capture of a folder of sensors, named as it is. Raises what ``cloud_of`` raises."""
     return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
 
 
@@ -139,7 +139,7 @@ INTERLEAVE_S = 160e-6
 """By how much each time-of-flight sensor exposes later than the one before, so that its light does not reach another
 (thesis 5.3.2, after the Azure Kinect's documentation)."""
 LARGEST_INTERLEAVE_S = 0.02
-"""Seconds between two sensors' exposures at most; chosen by hand."""
+"""Seconds between two sensors' exposures at most. Chosen by hand."""
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
@@ -148,7 +148,7 @@ def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
     Stamps are the trigger's: what a sensor shows at stamp t happened at ``t + c · interleave``.
 
     Args:
-        interleave_s: seconds; ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
+        interleave_s: seconds. ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
 
     Raises:
         CommandLineInvalid: the interleave is negative or longer than a frame.

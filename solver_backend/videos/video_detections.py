@@ -46,7 +46,7 @@ class VideoDetections:
     """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
 
     def __post_init__(self) -> None:
-        """Make sure that there are pictures, one after the other; points beyond any picture are missing ones."""
+        """Make sure that there are pictures, one after the other. Points beyond any picture are missing ones."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
@@ -71,7 +71,7 @@ class VideoDetections:
 
     @property
     def fps(self) -> float:
-        """Pictures a second."""
+        """Pictures per second."""
         return rate_of(self.times_s)
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
@@ -92,7 +92,7 @@ class VideoDetections:
 
 
 def _extent(xy: np.ndarray) -> np.ndarray:
-    """Return (F, P) the diagonal of the box around each person, px; NaN where nobody."""
+    """Return (F, P) the diagonal of the box around each person, px. NaN where nobody."""
     known = np.isfinite(xy).all(-1)[..., None]
     span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)

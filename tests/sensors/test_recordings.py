@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
 import os
 import shutil
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from itertools import islice
 from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -14,9 +18,10 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.sensors.devices.device import NoMarkers, RecordingInvalid, SensorUnknown
+from solver_backend.sensors.devices.device import NoMarkers, OpenedDevice, RecordingInvalid, SensorFrame, SensorUnknown
 from solver_backend.sensors.devices.record import HEADER, INDEX, Recording, SensorFiles, SensorRecorder, read_index
 from solver_backend.sensors.devices.recorded import StudioSensor, due_frames, open_folder
+from solver_backend.sensors.streaming.chain import SensorTask, run_sensor
 from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.shots import list_shots
@@ -50,6 +55,48 @@ def test_what_was_recorded_is_read_again(kind: str, tmp_path: Path) -> None:
             assert (frame.infrared == true.infrared).all() and (frame.depth == true.depth).all()
             assert frame.device_s == pytest.approx(k / FPS, abs=1e-6) and frame.number == k
         assert len(frames) == 3
+
+
+class Strange(OpenedDevice):
+    """A sensor whose frames are not of the calibration's size; the second one has yet another."""
+
+    name = CAMERAS.names[0]
+
+    def frames(self) -> Iterator[SensorFrame]:
+        """Yield two frames."""
+        for number, shape in enumerate([(4, 6), (5, 6)]):
+            yield SensorFrame(self.name, np.full(shape, 7, np.uint8), None, number / FPS, 0.0, number)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2])
+def test_frames_that_cannot_be_used_are_recorded_all_the_same(tmp_path: Path, count: int) -> None:
+    here, there = multiprocessing.Pipe()
+    task = SensorTask(Strange(), CAMERAS, record=tmp_path, live=False)
+    thread = threading.Thread(target=run_sensor, args=(task, there))
+    with mock.patch.object(Strange, "frames", lambda self: islice(_frames(self), count)):
+        thread.start()
+        assert here.recv() == ("ready",)
+        here.send(0.0)
+        told = [here.recv()]
+        while told[-1][0] != "end":
+            told.append(here.recv())
+        thread.join()
+    assert told[-1][1].written == min(count, 1) and ("trouble" in [item[0] for item in told]) == (count > 0)
+    if count:
+        assert len(read_index(tmp_path / Strange.name / INDEX)) == 1
+
+
+_frames = Strange.frames
+
+
+def test_a_recorder_drops_frames_of_another_size(tmp_path: Path) -> None:
+    first, other = Strange().frames()
+    recorder = SensorRecorder(tmp_path, SensorFiles.of(first), "raw", patient=True)
+    for frame in (first, other, first):
+        recorder(frame)
+    recorder.close()
+    assert (recorder.written, recorder.dropped) == (2, 1)
+    assert (tmp_path / Strange.name / "frames.bin").stat().st_size == 2 * 24
 
 
 def test_a_recording_becomes_a_cloud(recording: Path) -> None:

@@ -31,13 +31,13 @@ class BodySightings:
     body: Int[np.ndarray, " n"]
     """(N,) which body it belongs to."""
     local: Float[np.ndarray, "n 3"]
-    """(N, 3) metres in the body's axes; zero for a point alone."""
+    """(N, 3) metres in the body's axes. Zero for a point alone."""
     px: Float[np.ndarray, "n 2"]
     """(N, 2) where it is seen."""
     sigma: Float[np.ndarray, " n"]
     """(N,) px, standard deviation."""
     velocity: Float[np.ndarray, "n 2"] | None = None
-    """(N, 2) px/s, how fast each moves in its picture; needed where delays are unknown."""
+    """(N, 2) px/s, how fast each moves in its picture. Needed where delays are unknown."""
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
         """Return the chosen ones."""
@@ -90,11 +90,11 @@ class Unknowns:
     """(C, 12) unknown numbers of each lens."""
     one_focal: bool = True
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) how far each number is expected from where it starts; None is anywhere."""
+    """(C, 12) how far each number is expected from where it starts. None is anywhere."""
     delays: Bool[np.ndarray, " cameras"] | None = None
-    """(C,) cameras whose delay against the others is unknown; None is no camera's."""
+    """(C,) cameras whose delay against the others is unknown. None is no camera's."""
     held: Held | None = None
-    """Poses that are known beforehand, where all are unknown; a camera far from its own is let go (Cauchy)."""
+    """Poses that are known beforehand, where all are unknown. A camera far from its own is let go (Cauchy)."""
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Adjusted:
     cameras: Cameras
     bodies: Bodies
     error: Float[np.ndarray, "n 2"]
-    """(N, 2) px, projected minus seen; NaN behind a camera."""
+    """(N, 2) px, projected minus seen. NaN behind a camera."""
     covariance: Float[np.ndarray, "numbers numbers"]
     """(19 C, 19 C) of ``CAMERA_PARAMETERS`` about the solution, the world's own freedom taken out."""
     steps: int
@@ -145,7 +145,7 @@ def adjust(
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
     Args:
-        delays: (C,) seconds at a start, see ``Adjusted``; zero if left out.
+        delays: (C,) seconds at a start, see ``Adjusted``. Zero if left out.
         gauge: directions that change nothing (6, or 7 where the scale is free), left out of the covariance.
 
     Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).

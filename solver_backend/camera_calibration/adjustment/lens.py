@@ -32,7 +32,7 @@ class LensModel:
 LENS_MODELS = {
     name: LensModel(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
-"""From the simplest to the richest; ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
+"""From the simplest to the richest. ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
 
 
 @dataclass(frozen=True)
@@ -90,9 +90,9 @@ def project_local(
     """Return pixels of points in camera axes, with their derivatives by the point and by the lens.
 
     Args:
-        cameras: C cameras; their poses are not used.
+        cameras: C cameras. Their poses are not used.
         which: (N,) each point's camera.
-        x_cam: (N, 3) metres; a depth of zero or less gives NaN.
+        x_cam: (N, 3) metres. A depth of zero or less gives NaN.
 
     Returns:
         px (N, 2), by the point (N, 2, 3) px/m, by ``PARAMETERS`` (N, 2, 12).

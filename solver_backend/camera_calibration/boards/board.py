@@ -25,15 +25,15 @@ _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board; its first point lies at the origin, X to the right, Y down, as one looks at it."""
+    """A flat board. Its first point lies at the origin, X to the right, Y down, as one looks at it."""
 
     kind: str
     columns: int
-    """Squares from left to right; of rings: rings in a row."""
+    """Squares from left to right. Of rings: rings in a row."""
     rows: int
-    """Squares from top to bottom; of rings: rows, every other one shifted by half a distance."""
+    """Squares from top to bottom. Of rings: rows, every other one shifted by half a distance."""
     square_m: float
-    """Side of a square; of rings: distance of two in a row."""
+    """Side of a square. Of rings: distance of two in a row."""
     marker_m: float = 0.0
     dictionary: str = DEFAULT_DICTIONARY
     """OpenCV's name of the Charuco board's marker dictionary."""
@@ -57,7 +57,7 @@ class Board:
 
     @property
     def points(self) -> Float[np.ndarray, "points 3"]:
-        """(N, 3) metres: inner corners row by row, or centres of rings; z is 0."""
+        """(N, 3) metres: inner corners row by row, or centres of rings. Z is 0."""
         if self.kind == "rings":
             row, column = np.divmod(np.arange(self.columns * self.rows), self.columns)
             x, y = (2 * column + row % 2) * self.square_m / 2, row * self.square_m / 2
@@ -68,7 +68,7 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """Whether the board half turned looks different, so that several cameras agree which end is which."""
+        """Return whether the board half turned looks different, so that several cameras agree which end is which."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property

@@ -26,7 +26,7 @@ class BoardSighting:
     ids: Int[np.ndarray, " points"]
     """(n,) which of the board's points."""
     px: Float[np.ndarray, "points 2"]
-    """(n, 2) where they are; (0, 0) is the middle of the first pixel."""
+    """(n, 2) where they are. (0, 0) is the middle of the first pixel."""
     sharpness: float
     """Spread of the Laplacian by the spread of the grey values on the board: about 1 in focus, 0.1 blurred."""
     spacing_px: float
@@ -171,11 +171,11 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
     """Return (n, 2) px/s of the points seen at a frame: central differences, one-sided where one neighbour is missing.
 
-    A point without neighbours moves like the median of the others; NaN where no frame beside saw the board.
+    A point without neighbours moves like the median of the others. NaN where no frame beside saw the board.
 
     Args:
         sightings: of one camera, by the frame's number.
-        fps: frames a second.
+        fps: frames per second.
     """
     here = sightings[frame]
     steps = np.full((2, len(here.ids), 2), np.nan)

@@ -55,7 +55,7 @@ class PageLine:
 
 @dataclass(frozen=True)
 class PageText:
-    """A line of text; ``place`` is the left end of its base line."""
+    """A line of text. ``place`` is the left end of its base line."""
 
     place: tuple[float, float]
     text: str
@@ -81,7 +81,7 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     """Return the page of a board with a ruler of 100 mm to check the printer's scale by.
 
     Args:
-        paper: a name of ``PAPERS``, or 'fit' for a page as large as needed; turned where it then fits.
+        paper: a name of ``PAPERS``, or 'fit' for a page as large as needed. Turned where it then fits.
 
     Raises:
         JobInvalid: the paper is unknown, or the board does not fit on it.
@@ -185,7 +185,7 @@ POINTS_PER_MM = 72.0 / 25.4
 _KAPPA = 0.5522847498
 """Bézier handles of a quarter circle, in radii."""
 _THIN_MM = 0.15
-"""Width of a thin line, millimetres; chosen by hand."""
+"""Width of a thin line, millimetres. Chosen by hand."""
 
 
 def svg(page: Page) -> str:

@@ -1,1 +1,1 @@
-"""Whether a calibration fits what the cameras saw."""
+"""True if a calibration fits what the cameras saw."""

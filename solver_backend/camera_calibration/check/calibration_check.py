@@ -1,4 +1,4 @@
-"""Whether a calibration fits what the cameras saw: by camera, part of the picture, over time, in scale, upright."""
+"""True if a calibration fits what the cameras saw: by camera, part of the picture, over time, in scale, upright."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ STAGE = "Checking the calibration"
 FRAMES = 240
 """Frames at most that are looked at."""
 WINDOWS = 6
-"""Stretches of the take whose epipolar errors are compared."""
+"""Parts of the take whose epipolar errors are compared."""
 WORSE = 1.4
 """Refined cameras that explain the keypoints so much better show that the calibration is wrong."""
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
@@ -35,7 +35,7 @@ class CalibrationCheck:
     camera_px: np.ndarray
     """(C,) median distance of keypoints to where the other cameras have them."""
     region_px: np.ndarray
-    """(C, 3, 3) the same by part of the picture, rows first; NaN where fewer than 30 keypoints are."""
+    """(C, 3, 3) the same by part of the picture, rows first. NaN where fewer than 30 keypoints are."""
     epipolar_px: np.ndarray
     """(C, windows) median distance to epipolar lines over the take."""
     refined_px: float

@@ -40,13 +40,13 @@ class BoardFootage:
 
     lens: dict[str, Path]
     extrinsic: dict[str, Path]
-    """Of the board seen by several cameras at once; may be empty."""
+    """Of the board seen by several cameras at once. May be empty."""
 
 
 def board_footage(folder: Path) -> BoardFootage:
     """Return the footage of a folder: ``intrinsics/`` and ``extrinsics/`` in it or below, or its videos themselves.
 
-    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it;
+    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it.
     ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
 
     Raises:
@@ -115,9 +115,9 @@ class BoardOptions:
     models: tuple[str, ...] = tuple(LENS_MODELS)
     """Lens models to choose from."""
     step: int = 1
-    """Every how many frames of lens videos are looked at; those of the poses are all looked at."""
+    """Every how many frames of lens videos are looked at. Those of the poses are all looked at."""
     fps: float | None = None
-    """Frames a second of the videos for the poses, by which cameras' delays are found."""
+    """Frames per second of the videos for the poses, by which cameras' delays are found."""
     origin_frame: int | None = None
     """Frame at which the board lies on the floor, origin and axes of the world."""
     refine_lenses: bool = False
@@ -143,7 +143,7 @@ def calibrate_lenses(
     """Return each camera's lens and the sightings it was found from.
 
     Raises:
-        CalibrationInvalid: a camera has too few pictures of the board; names it.
+        CalibrationInvalid: a camera has too few pictures of the board. Names it.
     """
     lenses, used = {}, {}
     for done, (name, path) in enumerate(footage.items()):
@@ -174,7 +174,7 @@ def calibrate_by_board(
 
     Raises:
         CalibrationMissing: there is no footage for the poses.
-        CalibrationInvalid: a lens or a pose cannot be found; names the camera.
+        CalibrationInvalid: a lens or a pose cannot be found. Names the camera.
     """
     if len(footage.extrinsic) < 2:
         message = f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed."

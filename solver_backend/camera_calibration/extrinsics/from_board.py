@@ -42,7 +42,7 @@ from solver_backend.types import Cameras
 FEWEST_TOGETHER = 2
 """Moments at which a pair must see the board together to be believed."""
 OUTLIER_SIGMAS = 6.0
-"""Moments of one camera whose error is larger, in median errors, are left out of the second adjustment."""
+"""Moments of one camera whose error is larger, in median errors, are skipped of the second adjustment."""
 
 ZOOM_GAIN = 0.25
 UNKNOWN_VELOCITY = 10.0
@@ -59,7 +59,7 @@ class BoardCalibration:
     seen: BodySightings
     together: dict[tuple[int, int], int]
     left_out: int
-    """Sightings that were left out as contradicting the others."""
+    """Sightings that were skipped as contradicting the others."""
 
 
 def calibrate_from_board(
@@ -74,8 +74,8 @@ def calibrate_from_board(
     """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
 
     Args:
-        sightings: for each camera, what it saw by the frame's number; frames are synchronous.
-        fps: frames a second; where it is given, each camera's delay against the first is found too.
+        sightings: for each camera, what it saw by the frame's number. Frames are synchronous.
+        fps: frames per second. Where it is given, each camera's delay against the first is found too.
 
     Raises:
         CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
@@ -109,7 +109,7 @@ def calibrate_from_board(
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     """Return each camera whose lens was found in another zoom or mode: another focal length fits better.
 
-    All lenses are freed; reported are focal lengths that change by more than 3 % and five standard deviations where the
+    All lenses are freed. Reported are focal lengths that change by more than 3 % and five standard deviations where the
     error then falls by a quarter or more.
     """
     names, stated = solved.adjusted.cameras.names, solved.adjusted.cameras

@@ -44,7 +44,7 @@ FOCAL_SIGMA = 0.15
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras found by a person; the first camera's axes, the unit is arbitrary."""
+    """Cameras found by a person. The first camera's axes, the unit is arbitrary."""
 
     adjusted: Adjusted
     """Cameras, points (as bodies) and errors."""
@@ -67,7 +67,7 @@ def calibrate_from_person(
 
     Raises:
         NoDetections: no two cameras see enough in common.
-        CalibrationInvalid: a camera fits nowhere; names it.
+        CalibrationInvalid: a camera fits nowhere. Names it.
 
     Reference: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
@@ -88,7 +88,7 @@ def calibrate_from_person(
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
 ) -> PersonCalibration:
-    """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
+    """Return an earlier calibration adjusted to one person's keypoints. The world drifts a little with it.
 
     Raises:
         NoDetections: no two cameras see the person at the same moment.
@@ -252,10 +252,10 @@ JUMP = 0.5
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
     """Return in every view and frame the detection with the greatest height times mean confidence.
 
-    A frame in which the largest is elsewhere than the one before, by more than half a height, takes the nearest.
+    A frame where the largest is elsewhere than the one before, by more than half a height, takes the nearest.
 
     Args:
-        fps: frames a second.
+        fps: frames per second.
     """
     xy, confidence = detections.xy, detections.confidence
     known = confidence > 0

@@ -28,12 +28,12 @@ WALKED_M = 0.6
 """Feet that stayed nearer than this contribute little to floor and cameras."""
 
 FRAMES_ALIKE = 10
-"""Frames that count as one, for a detector's errors are alike from frame to frame; by the benchmark's known cameras."""
+"""Frames that count as one, for a detector's errors are alike from frame to frame. By the benchmark's known cameras."""
 LEAST_GAIN = 0.03
 """Share by which refined cameras must explain a take better: they always do by a little, for they were fitted to it
-(1.3 % on a take of 120 frames with true cameras; 28 % where a real calibration was a little off)."""
+(1.3 % on a take of 120 frames with true cameras. 28 % where a real calibration was a little off)."""
 MOVED_SIGMAS = 3.0
-"""Standard deviations from which a camera counts as moved; chosen by hand."""
+"""Standard deviations from which a camera counts as moved. Chosen by hand."""
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 
@@ -89,7 +89,7 @@ def calibrate_by_person(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Return an earlier calibration made to fit a take, in its own world and scale; as it was where that fits as well.
+    """Return an earlier calibration made to fit a take, in its own world and scale. As it was where that fits as well.
 
     Cameras that nobody touched stay where they are, so that those that moved stand out: see ``align_cameras``. One is
     named where it moved by three of its standard deviations.
@@ -137,7 +137,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
     """Return rotation, translation and scale that bring cameras to others, those that nobody touched exactly.
 
-    Each camera is three points, its centre and two at its axes' ends as far away as cameras are apart; the similarity
+    Each camera is three points, its centre and two at its axes' ends as far away as cameras are apart. The similarity
     minimises the sum of the roots of the cameras' distances, by reweighted least squares that start from the sum of the
     distances, so that one that moved drags no other along.
     """

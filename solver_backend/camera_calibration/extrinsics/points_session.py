@@ -45,7 +45,7 @@ def read_clicks(path: Path) -> Clicks:
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: a row has too few fields or no numbers; names its line.
+        FileDamaged: a row has too few fields or no numbers. Names its line.
     """
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
@@ -75,7 +75,7 @@ def read_clicks(path: Path) -> Clicks:
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Return cameras in the world of the known points; points that are not known take part where two cameras see them.
+    """Return cameras in the world of the known points. Points that are not known take part where two cameras see them.
 
     Args:
         clicks: at least four known points in each camera, six where they are not in one plane.

@@ -56,11 +56,11 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the evidence of a carried board; each pose starts by the camera that sees most of it.
+    """Return the evidence of a carried board. Each pose starts by the camera that sees most of it.
 
     Args:
         sightings: for each camera, what it saw by the frame's number.
-        fps: frames a second, where cameras may be late.
+        fps: frames per second, where cameras may be late.
 
     Raises:
         NoDetections: no camera saw it.
@@ -95,14 +95,14 @@ def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
-    """Return the evidence of clicked points; known places hold them."""
+    """Return the evidence of clicked points. Known places hold them."""
     xy, known = click_tables(cameras, clicks)
     bodies, seen, _ = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known, PLACE_SIGMA_M)
     return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()))
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known places, as far as these fix it; as they are where none is known.
+    """Return the cameras in the world of the known places, as far as these fix it. As they are where none is known.
 
     Raises:
         CalibrationInvalid: fewer than three known places are seen by two cameras, or they are in a line.
@@ -129,15 +129,15 @@ HELD_REACH_M = 3.0
 CONTRADICTION = 2.0
 """A camera whose error in one source grows by this factor beside the others contradicts them."""
 LEAST_CONTRADICTION_PX = 3.0
-"""Less is nothing that harms a take; few points fit anything alone."""
+"""Less is nothing that harms a take. Few points fit anything alone."""
 WORST_SHARE = 0.6
-"""A moved camera draws the others along; named are those whose errors grew by this share of the most."""
+"""A moved camera draws the others along. Named are those whose errors grew by this share of the most."""
 FREEDOM = 1.2
 """What a fit of many points takes from the residuals, as in ``from_person``."""
 LEAST_SIGMA_PX = 0.05
-"""Standard deviation of a source at least, pixels; chosen by hand."""
+"""Standard deviation of a source at least, pixels. Chosen by hand."""
 _ROBUST = 3.0
-"""Standard deviations at which a residual begins to lose weight; chosen by hand."""
+"""Standard deviations at which a residual begins to lose weight. Chosen by hand."""
 
 
 def calibrate_together(

@@ -21,7 +21,7 @@ HYPOTHESES = 400
 COMPARED_POINTS = 600
 """Points on which the samples are compared."""
 _REFINEMENTS = 6
-"""Gauss-Newton steps; chosen by hand."""
+"""Gauss-Newton steps. Chosen by hand."""
 
 ImagePoints = Float[np.ndarray, "n 2"]
 """Undistorted normalised coordinates."""
@@ -165,7 +165,7 @@ def _homogeneous(xy: np.ndarray) -> np.ndarray:
 RESECTION_HYPOTHESES = 300
 """Samples of six points."""
 _RESECTION_REFINEMENTS = 5
-"""Rounds of reweighting at most; chosen by hand."""
+"""Rounds of reweighting at most. Chosen by hand."""
 
 
 def resected_pose(
@@ -253,7 +253,7 @@ def inverted(a: Pose) -> Pose:
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     """Return the pose first camera to second camera that agrees best with all moments both saw the board.
 
-    Each moment proposes ``T_second T_first⁻¹``; the proposal whose median distance to all others is least is taken, so
+    Each moment proposes ``T_second T_first⁻¹``. The proposal whose median distance to all others is least is taken, so
     that the false of a flat board's two poses does not win.
 
     Args:
@@ -275,7 +275,7 @@ def chained(
         together: how much each pair (i < j) saw together.
 
     Raises:
-        CalibrationInvalid: some cameras saw nothing together with the others; names the groups.
+        CalibrationInvalid: some cameras saw nothing together with the others. Names the groups.
 
     Reference: Prim 1957 (maximum spanning tree).
     """
@@ -308,7 +308,7 @@ class CalibratedCameras:
     camera_rmse_px: Float[np.ndarray, " cameras"]
     """(C,) of each camera."""
     centre_sigma_m: Float[np.ndarray, " cameras"]
-    """(C,) standard deviation of each camera's centre, by the residuals, about the whole array; metres."""
+    """(C,) standard deviation of each camera's centre, by the residuals, about the whole array. Metres."""
     turn_sigma: Float[np.ndarray, " cameras"]
     """(C,) of its direction, radians."""
     delays_s: Float[np.ndarray, " cameras"]

@@ -41,7 +41,7 @@ FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Return the lenses of a library by their names, such as ``phone wide 1080p60``; none where there is no file.
+    """Return the lenses of a library by their names, such as ``phone wide 1080p60``. None where there is no file.
 
     Raises:
         FileDamaged: it is no library, or a lens in it is impossible.
@@ -143,7 +143,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
 
 
 BAD_VIEW = 4.0
-"""A picture whose error is so many times the median, and above half a pixel, is left out."""
+"""A picture whose error is so many times the median, and above half a pixel, is skipped."""
 
 
 @dataclass(frozen=True)
@@ -195,9 +195,9 @@ def camera_lens(
 GUESSED_SIGMA = 0.15
 """Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""
 EQUIVALENT_SIGMA = 0.08
-"""The same of a 35 mm equivalent: it is of the whole sensor; a video shows a part (16:9 of 4:3, stabilised)."""
+"""The same of a 35 mm equivalent: it is of the whole sensor. A video shows a part (16:9 of 4:3, stabilised)."""
 FILM_DIAGONAL_MM = 43.27
-"""Of 36 x 24 mm; equivalents compare diagonals (CIPA DCG-001)."""
+"""Of 36 x 24 mm. Equivalents compare diagonals (CIPA DCG-001)."""
 PLAUSIBLE_SHARE = (0.2, 20.0)
 """Of the picture's longer side: a fisheye, and a telescope."""
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
@@ -260,10 +260,10 @@ def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model under which all cameras together predict best; None where one of them lacks it.
+    """Return the distortion model under which all cameras together predict best. None where one of them lacks it.
 
     With errors of a normal distribution a camera's evidence is ``-n log σ`` for n pictures whose corners are predicted
-    to σ px; that of a family is the sum over cameras of their best model in it.
+    to σ px. That of a family is the sum over cameras of their best model in it.
 
     Args:
         lenses: by the camera's name, with the errors of pictures left out.

@@ -34,7 +34,7 @@ from solver_backend.types.shapes import Bool, Float
 FEWEST_VIEWS = 3
 """Pictures of a board from which a lens is fitted."""
 CORNER_SIGMA_PX = 0.3
-"""What a corner is expected to be off by; the penalty's scale follows from it."""
+"""What a corner is expected to be off by. The penalty's scale follows from it."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def fitted_lens(
     fx equals fy but for the start's ratio.
 
     Args:
-        start: a lens to start from; found from the homographies if left out.
+        start: a lens to start from. Found from the homographies if left out.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or all of them show the board alike.
@@ -178,8 +178,8 @@ def chosen_lens(
 ) -> LensChoice:
     """Fit every model without a part of the pictures, evaluate it on that part, and fit the best one to all.
 
-    Parts are taken in turn (picture i belongs to part i mod 4), so that each spans the recording; of fewer than twelve
-    pictures each is left out alone. A richer model is
+    Parts are taken in turn (picture i belongs to part i mod 4), so that each spans the recording. Of fewer than twelve
+    pictures each is skipped alone. A richer model is
     taken only if it predicts better by 3 %.
 
     Args:
@@ -230,7 +230,7 @@ def _held_out(
 MOST_VIEWS = 40
 """Pictures a lens is fitted to."""
 BLUR_SHARE = 0.4
-"""A picture less sharp than this share of the camera's 80 % quantile is left out."""
+"""A picture less sharp than this share of the camera's 80 % quantile is skipped."""
 CELLS = (8, 6)
 """Cells of the picture, across and down, that corners should fall into."""
 
@@ -238,7 +238,7 @@ CELLS = (8, 6)
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
     """Return frames of sharp pictures, one by one the picture that differs most from those chosen before.
 
-    Pictures differ by where the board's corners lie, in picture heights; corners that are seen count.
+    Pictures differ by where the board's corners lie, in picture heights. Corners that are seen count.
 
     Args:
         image_size: width and height, px.
@@ -276,7 +276,7 @@ def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.
 def advice(
     sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Return what to film again; nothing where the pictures suffice.
+    """Return what to film again. Nothing where the pictures suffice.
 
     Args:
         image_size: width and height, px.
@@ -340,12 +340,12 @@ def _outline(view: BoardSighting) -> str:
 
 
 WIDTH = 480
-"""Width of the picture, pixels; chosen by hand."""
+"""Width of the picture, pixels. Chosen by hand."""
 _PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
 
 
 def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's picture; cells of the picture that the board reached are green.
+    """Write a PNG of all corners in the camera's picture. Cells of the picture that the board reached are green.
 
     Raises:
         OutputNotWritable: the file cannot be written.

@@ -71,7 +71,7 @@ def no_sightings(
 SUNLIGHT = "sensor_sunlight"
 """Code where there are no markers for sunlight, a window or a lamp."""
 MEDIAN_LOSS = 1.25
-"""Standard deviation of a median by that of a mean; the ring's mean about it is no worse."""
+"""Standard deviation of a median by that of a mean. The ring's mean about it is no worse."""
 
 
 class Acquisition:

@@ -15,7 +15,7 @@ class AcquisitionSettings:
     marker_radius_m: float = 0.007
     """Radius of a marker."""
     full: float | None = None
-    """Counts at which infrared saturates; the largest of the picture's type if None."""
+    """Counts at which infrared saturates. The largest of the picture's type if None."""
 
     background_quantile: float = 0.99
     """Quantile of the picture that counts as its background: markers cover less than the rest."""
@@ -33,34 +33,34 @@ class AcquisitionSettings:
     """Lamps are masked this much larger."""
 
     most_bright: float = 0.04
-    """Share of bright pixels from which on it is sunlight, and no markers are looked for."""
+    """Share of bright pixels from which on it is sunlight, and no markers are searched."""
     most_blobs: int = 400
     """Number of blobs from which on the same."""
     least_pixels: int = 2
     """Pixels of the smallest blob."""
     saturated: float = 0.98
-    """Share of ``full`` from which on a pixel is saturated; such pixels have no depth of their own."""
+    """Share of ``full`` from which on a pixel is saturated. Such pixels have no depth of their own."""
 
     ring_px: int = 2
     """Width of the ring around the blind patch."""
     least_ring: int = 4
     """Depths in the ring with which a marker has a depth."""
     mad_limit: float = 3.0
-    """Depths farther from the ring's median than this times their spread are left out (Leys et al. 2013)."""
+    """Depths farther from the ring's median than this times their spread are skipped (Leys et al. 2013)."""
     mad_floor_m: float = 0.003
     """Spread that a ring has at least, so that quantised depths are no outliers."""
     two_depths_m: float = 0.010
     """A ring with a larger spread lies on two surfaces: of its depths the closest half counts, not their median."""
     most_spread_m: float = 0.020
-    """A ring that spreads more even so has no depth; the marker is a ray."""
+    """A ring that spreads more even so has no depth. The marker is a ray."""
     behind_m: float = 0.030
     """Depths of the ring farther behind the rest are of another surface: three deviations of a pixel at 3 m."""
     most_behind: float = 0.1
-    """With more of its ring behind it the depth is an occluder's; the marker is a ray."""
+    """With more of its ring behind it the depth is an occluder's. The marker is a ray."""
     surface_radii: float = 2.0 / 3.0
     """How far before a sphere's middle its light comes from, in radii: 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)
-    """Depths in which a marker is believed."""
+    """Depths where a marker is believed."""
 
     halo_px: float = 1.5
     """How much larger than its sphere a blob is, by blur and saturation, until it is measured on round blobs."""
@@ -79,7 +79,7 @@ class AcquisitionSettings:
     too_small: float = 0.12
     """And one whose area falls below this share."""
     least_share: float = 0.45
-    """With less of its area a marker is hidden so far that the ring is its occluder's; the marker is a ray."""
+    """With less of its area a marker is hidden so far that the ring is its occluder's. The marker is a ray."""
 
     sigma_px: float = 0.08
     """Standard deviation of a centroid."""
@@ -105,9 +105,9 @@ DEFAULT = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch of each bright pixel, numbered from 0, and how many there are; corners connect.
+    """Return the patch of each bright pixel, numbered from 0, and how many there are. Corners connect.
 
-    Rows of the picture fall into runs of pixels; runs that touch a run of the next row are one patch.
+    Rows of the picture fall into runs of pixels. Runs that touch a run of the next row are one patch.
 
     Args:
         pixels: (P,) flat indices in rising order.
@@ -136,7 +136,7 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
     """Return the component of each of ``count`` nodes under edges a-b, numbered from 0, and how many there are.
 
-    Each node takes the least number it can reach; roots are halved on the way (Shiloach and Vishkin 1982).
+    Each node takes the least number it can reach. Roots are halved on the way (Shiloach and Vishkin 1982).
     """
     root = np.arange(count)
     while len(a):
@@ -251,7 +251,7 @@ def learned_mask(pictures: Iterable[np.ndarray], settings: AcquisitionSettings =
     """Return (h, w) bool: what is bright in a scene without markers (lamps, other sensors), grown a little.
 
     Args:
-        pictures: (h, w) infrared pictures of the empty scene; the brightest value of each pixel counts.
+        pictures: (h, w) infrared pictures of the empty scene. The brightest value of each pixel counts.
 
     Raises:
         ValueError: there is no picture.

@@ -41,7 +41,7 @@ class RingDepths:
     spread: np.ndarray
     """(N,) metres, standard deviation of them by their median absolute deviation."""
     rough: np.ndarray
-    """(N,) metres, the ring's middle even where it agrees on nothing; gives a blob's size, no marker's place."""
+    """(N,) metres, the ring's middle even where it agrees on nothing. Gives a blob's size, no marker's place."""
 
     def with_parts(self, other: RingDepths, parts: np.ndarray) -> RingDepths:
         """Return these with the other's for the (N',) blobs that are parts, N' >= N."""
@@ -64,12 +64,12 @@ def ring_of(
     scratch: np.ndarray,
     settings: AcquisitionSettings = DEFAULT,
 ) -> Ring:
-    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch; of two blobs the nearer has it.
+    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. Of two blobs the nearer has it.
 
     Args:
         depth_mm: (h, w) uint16, 0 where there is none.
-        saturated: (P,) whether a pixel of a blob is saturated; those are blind, or without any the ones without depth.
-        scratch: (h * w,) int32, any content; spares a new array for each frame.
+        saturated: (P,) whether a pixel of a blob is saturated. Those are blind, or without any the ones without depth.
+        scratch: (h * w,) int32, any content. Spares a new array for each frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
@@ -121,7 +121,7 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     """Return the depth each of ``count`` rings agrees on: the mean within ``mad_limit`` spreads of its median.
 
     A ring of which a part lies on another surface (an arm before the marker, the room behind it) has no use for its
-    median; there the closest half of its depths counts. A marker's light covers what lies behind it: a ring of which a
+    median. There the closest half of its depths counts. A marker's light covers what lies behind it: a ring of which a
     part lies behind the depth it agrees on is its occluder's, and the marker, somewhere behind, has no depth.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
@@ -208,7 +208,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table; NaN outside the picture."""
+        """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table. NaN outside the picture."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -255,7 +255,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return (h + 2, w + 2, 2) of a lens given as bytes, a second of work for four sensors; it must not be written to.
+    """Return (h + 2, w + 2, 2) of a lens given as bytes, a second of work for four sensors. It must not be written to.
 
     One pixel more on each side, so that every point of the picture lies between four of the table.
     """
@@ -276,9 +276,9 @@ def split_merged(
 ) -> tuple[Blobs, Ring, np.ndarray]:
     """Return blobs and rings with merged ones taken apart, and (N',) which are parts.
 
-    A disc of radius R has the variance ``R²/4`` along any axis; two whose middles are s apart have ``R²/4 + s²/4``
+    A disc of radius R has the variance ``R²/4`` along any axis. Two whose middles are s apart have ``R²/4 + s²/4``
     along the line between them. So a blob is several where its longer variance exceeds ``merged`` times a disc's:
-    as many as its area holds and, until every part is as round as a disc, up to ``most_in_blob``; at first its
+    as many as its area holds and, until every part is as round as a disc, up to ``most_in_blob``. At first its
     pixels that are farthest apart (Gonzalez 1985), then moved by k-means (Lloyd 1982).
 
     Args:

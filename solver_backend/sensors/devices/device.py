@@ -14,23 +14,23 @@ from solver_backend.exchange.errors import MocapError
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """What one sensor saw at one moment; infrared and depth are pixel-aligned."""
+    """What one sensor saw at one moment. Infrared and depth are pixel-aligned."""
 
     sensor: str
     infrared: np.ndarray
     """(h, w) uint8 or uint16 counts."""
     depth: np.ndarray | None
-    """(h, w) uint16 millimetres along the optical axis, 0 where there is none; None where the sensor has no depth."""
+    """(h, w) uint16 millimetres along the optical axis, 0 where there is none. None where the sensor has no depth."""
     device_s: float
     """Seconds of the exposure's middle on the device's clock, which sensors that are triggered together share."""
     host_s: float
     """Seconds when it arrived, on the host's monotonic clock (``time.perf_counter``)."""
     number: int = 0
-    """The device's own count of frames; gaps are frames that were lost."""
+    """The device's own count of frames. Gaps are frames that were lost."""
 
 
 class Device(Protocol):
-    """A sensor: opened, asked for frames until it ends, closed; as a context manager it opens and closes itself."""
+    """A sensor: opened, asked for frames until it ends, closed. As a context manager it opens and closes itself."""
 
     @property
     def name(self) -> str:
@@ -41,12 +41,12 @@ class Device(Protocol):
         """Begin.
 
         Raises:
-            MocapError: the device is not there or cannot be used; the error names which.
+            MocapError: the device is not there or cannot be used. The error names which.
         """
         ...
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames as they come until the device ends; a frame that nobody took in time is left out.
+        """Yield frames as they come until the device ends. A frame that nobody took in time is skipped.
 
         Raises:
             SensorFailed: the device went away.
@@ -54,11 +54,11 @@ class Device(Protocol):
         ...
 
     def close(self) -> None:
-        """End; may be called several times, and from another thread."""
+        """End. May be called several times, and from another thread."""
         ...
 
     def starting(self, start: float) -> Device:
-        """Return the sensor with its time 0 due at host's seconds ``start``; a physical one is itself: it runs now."""
+        """Return the sensor with its time 0 due at host's seconds ``start``. A physical one is itself: it runs now."""
         ...
 
 
@@ -75,10 +75,10 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Begin; nothing to do unless a device overrides this."""
+        """Begin. Nothing to do unless a device overrides this."""
 
     def close(self) -> None:
-        """End; nothing to do unless a device overrides this."""
+        """End. Nothing to do unless a device overrides this."""
 
     def starting(self, start: float) -> Self:
         """Return the device itself, which has no recorded time, unless one from disk overrides this."""

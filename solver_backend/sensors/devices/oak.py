@@ -20,14 +20,14 @@ from solver_backend.types import Cameras
 LEAST_VERSION = 3
 QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 """Else it takes over the process' signals, of a full disk too, and writes among the lines on standard output that
-programs read; what matters comes as exceptions."""
+programs read. What matters comes as exceptions."""
 
 
 def depthai() -> Any:
     """Return the module ``depthai``.
 
     Raises:
-        BackendMissing: it is not installed, or of a version before 3; it belongs to the extra ``oak``.
+        BackendMissing: it is not installed, or of a version before 3. It belongs to the extra ``oak``.
     """
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
@@ -91,7 +91,7 @@ def set_sync_role(device: Any, role: str, name: str) -> None:
     """Let a device lead or follow on the sync wire, if it is to do either.
 
     Args:
-        role: 'master' or 'slave'; any other name is none of the wire's.
+        role: 'master' or 'slave'. Any other name is none of the wire's.
 
     Raises:
         SensorFailed: the device cannot.
@@ -118,8 +118,8 @@ def paired(
     """Return the queue of pairs of pictures of one exposure, by a ``Sync`` node on the host.
 
     Args:
-        fps: frames a second; pictures half a frame apart are of two exposures.
-        blocking: nothing is dropped, for recordings; a device drops the oldest.
+        fps: frames per second. Pictures half a frame apart are of two exposures.
+        blocking: nothing is dropped, for recordings. A device drops the oldest.
     """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
@@ -140,7 +140,7 @@ class PairStream:
     name: str
     queue: Any
     running: Callable[[], bool]
-    """Whether more may come."""
+    """True if more may come."""
     silent_s: float
     """Seconds without a frame after which the device counts as gone."""
     by_ptp: bool = False
@@ -217,7 +217,7 @@ class PairStream:
 
 
 SYNCS = ("none", "master", "slave", "ptp")
-"""By no wire; giving and taking the wire's pulse (M8 or FSIN); by the network's clock (OAK-4 over Ethernet)."""
+"""By no wire. Giving and taking the wire's pulse (M8 or FSIN). By the network's clock (OAK-4 over Ethernet)."""
 SIZES = ((640, 400), (1280, 800))
 """Pictures of the mono cameras."""
 
@@ -227,21 +227,21 @@ class OakSettings:
     """Constants of one OAK with two mono cameras and an infrared flood."""
 
     fps: float = 60.0
-    """Frames a second; 60 is what 640 x 400 with depth gives, 1280 x 800 about 30."""
+    """Frames per second. 60 is what 640 x 400 with depth gives, 1280 x 800 about 30."""
     size: tuple[int, int] = (640, 400)
     """Width and height of infrared and depth, px."""
     exposure_us: int = 800
     """Fixed: a hand at 5 m/s moves 4 mm meanwhile."""
     iso: int = 200
-    """Fixed; low, so that all but what reflects stays dark."""
+    """Fixed. Low, so that all but what reflects stays dark."""
     flood: float = 1.0
-    """Infrared flood light, 0 to 1; retro-reflective markers need it."""
+    """Infrared flood light, 0 to 1. Retro-reflective markers need it."""
     sync: str = "none"
     """One of ``SYNCS``."""
     silent_s: float = 5.0
     """Seconds without a frame after which the device counts as gone."""
     queue: int = 4
-    """Frames that wait for the host; older ones are dropped, so that what comes is new."""
+    """Frames that wait for the host. Older ones are dropped, so that what comes is new."""
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
@@ -263,7 +263,7 @@ class OakSettings:
 
 @dataclass
 class Oak(OpenedDevice):
-    """One OAK; its infrared picture is the rectified left one, to whose pixels depth is aligned."""
+    """One OAK. Its infrared picture is the rectified left one, to whose pixels depth is aligned."""
 
     name: str
     identifier: str
@@ -302,7 +302,7 @@ class Oak(OpenedDevice):
         yield from self._stream.frames()
 
     def close(self) -> None:
-        """End; may be called several times."""
+        """End. May be called several times."""
         pipeline, self._pipeline, self._stream = self._pipeline, None, None
         if pipeline is not None:
             pipeline.stop()
@@ -342,7 +342,7 @@ def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
     """Return the left mono cameras as the factory calibrated them, rectified, all at the origin.
 
     Args:
-        oaks: closed devices; each is connected to for a moment.
+        oaks: closed devices. Each is connected to for a moment.
 
     Raises:
         SensorFailed: a device is not there.

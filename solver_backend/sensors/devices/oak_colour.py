@@ -53,7 +53,7 @@ class ColourSource(Protocol):
         ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None where there is none yet; ends with the device."""
+        """Yield pictures as they come, None where there is none yet. Ends with the device."""
         ...
 
     def close(self) -> None:
@@ -111,7 +111,7 @@ class OakColour(OpenedDevice):
             yield found and ColourPicture(bytes(found.getData()), found.getTimestamp(middle).total_seconds())
 
     def close(self) -> None:
-        """End; may be called several times."""
+        """End. May be called several times."""
         pipeline, self._pipeline, self._queue = self._pipeline, None, None
         if pipeline is not None:
             pipeline.stop()
@@ -123,7 +123,7 @@ class ColourFile:
     Args:
         path: an MP4.
         size: width and height, px.
-        fps: asked for; the pictures keep their own times.
+        fps: asked for. The pictures keep their own times.
         begin_s: the shared clock's time at which the video begins.
     """
 
@@ -138,10 +138,10 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append a picture; those before the beginning, or not later than the one before, are left out.
+        """Append a picture. Those before the beginning, or not later than the one before, are skipped.
 
         Raises:
-            OutputNotWritable: the disk is full; what was written stays readable.
+            OutputNotWritable: the disk is full. What was written stays readable.
         """
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:

@@ -128,7 +128,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) number, device's and host's seconds of each frame; a last line that was cut off is left out.
+    """Return (F, 3) number, device's and host's seconds of each frame. A last line that was cut off is skipped.
 
     Raises:
         RecordingInvalid: it is not there, or a line is no index.
@@ -154,11 +154,11 @@ WAITING = 8
 SPARE_BYTES = 64 << 20
 """Recording ends while the disk still has this much, for whatever else needs it."""
 _ASK_EVERY = 32
-"""Frames from one look at the free disk to the next; chosen by hand."""
+"""Frames from one look at the free disk to the next. Chosen by hand."""
 
 
 class Recording:
-    """The folder of a recording: what it is and where its sensors stand; sensors are added as they show up.
+    """The folder of a recording: what it is and where its sensors stand. Sensors are added as they show up.
 
     Args:
         kind: 'raw' or 'png', how pictures are kept.
@@ -205,15 +205,15 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 
 
 class SensorRecorder:
-    """Writes the frames of one sensor in a thread of its own; what does not fit through is dropped and counted.
+    """Writes the frames of one sensor in a thread of its own. What does not fit through is dropped and counted.
 
     Args:
         kind: 'raw' or 'png'.
-        patient: wait for the disk; for sources that wait themselves.
+        patient: wait for the disk. For sources that wait themselves.
     """
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
-        self._folder, self._kind, self._patient = folder / sensor.name, kind, patient
+        self._folder, self._sensor, self._kind, self._patient = folder / sensor.name, sensor, kind, patient
         self._queue: queue.Queue[SensorFrame | None] = queue.Queue(WAITING)
         self.written, self.dropped = 0, 0
         self.ended = ""
@@ -222,10 +222,12 @@ class SensorRecorder:
         self._thread.start()
 
     def __call__(self, frame: SensorFrame) -> None:
-        """Take a frame to be written; it is dropped where the disk is slower than the sensor."""
+        """Take a frame to be written. It is dropped if the disk is too slow or its size is another."""
         if self.ended:
             return
         try:
+            if SensorFiles.of(frame) != self._sensor:  # a file of frames holds one size
+                raise queue.Full
             self._queue.put(frame, block=self._patient)
         except queue.Full:
             self.dropped += 1

@@ -32,7 +32,7 @@ def due_frames(
     Args:
         times: (F,) seconds of the frames on the device's clock.
         start: host's seconds (``time.perf_counter``) at which time 0 is due, None to yield all of them at once.
-        repeat: begin again after the end, on and on; the device's clock goes on.
+        repeat: begin again after the end, on and on. The device's clock goes on.
     """
     if not len(times):
         return
@@ -68,7 +68,7 @@ class RecordedSensor(OpenedDevice):
     sensor: SensorFiles
     kind: str
     start: float | None = None
-    """Host's seconds at which the recording's time 0 is due; None: as fast as frames are taken."""
+    """Host's seconds at which the recording's time 0 is due. None: as fast as frames are taken."""
     repeat: bool = False
     zero: float = 0.0
     """Device's seconds that count as 0."""

@@ -21,13 +21,13 @@ class FusionSettings:
     radius_m: float = 0.01
     """Radius of the published clusters (paper, appendix K)."""
     calibration_m: float = 0.0012
-    """Standard deviation, per axis, by which a sensor's place and lens are wrong; added in tests, not in the result."""
+    """Standard deviation, per axis, by which a sensor's place and lens are wrong. Added in tests, not in the result."""
     joined: float = 16.27
     """Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom."""
     joined_ray: float = 13.82
     """The same of a point and a ray: 0.999 with two."""
     joined_rays: float = 6.63
-    """The same of two rays: 0.99 with one; chance brings rays together more often than points."""
+    """The same of two rays: 0.99 with one. Chance brings rays together more often than points."""
     reach_m: float = 0.05
     """Sightings farther apart are never one marker, however unsure."""
     closest_m: float = 0.028
@@ -47,13 +47,13 @@ class FusionSettings:
     """Time after which a track that is not seen is given up."""
 
     hit_alone: float = 0.8
-    """Added to a track's log-odds of being a marker by a frame in which one sensor sees it."""
+    """Added to a track's log-odds of being a marker by a frame where one sensor sees it."""
     hit_together: float = 3.0
     """The same of two or more sensors."""
     hit_rays: float = 1.0
     """The same of two rays alone."""
     miss: float = 1.0
-    """Taken from it by a frame in which none does."""
+    """Taken from it by a frame where none does."""
     start: float = -2.0
     """Log-odds of a point that was not there before."""
     most: float = 6.0
@@ -70,7 +70,7 @@ _NEVER = 1e6
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return pairs (a, b) of candidates, each name at most once, as many as can be and of least ``Σ cost``.
 
-    Candidates fall into parts that share no name; a part of one pair is that pair, the others are solved by the
+    Candidates fall into parts that share no name. A part of one pair is that pair, the others are solved by the
     Hungarian method (Kuhn 1955).
 
     Args:
@@ -240,7 +240,7 @@ class _Clusters:
         seen: SensorSightings,
         settings: FusionSettings,
     ) -> np.ndarray:
-        """Take one sensor's rays: each sharpens the cluster that it passes; return which pass none, (R,) bool."""
+        """Take one sensor's rays: each sharpens the cluster that it passes. Return which pass none, (R,) bool."""
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
             return rest
@@ -286,7 +286,7 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _within_radius(time: float, sightings: list[SensorSightings], settings: FusionSettings) -> FusedPoints:
-    """Return the mean of each group of points that ``radius_m`` joins, as published; covariances of means."""
+    """Return the mean of each group of points that ``radius_m`` joins, as published. Covariances of means."""
     deep = [np.flatnonzero(np.isfinite(s.depth)) for s in sightings]
     none = np.zeros((0, 3))
     points = np.concatenate([none, *(s.points[d] for s, d in zip(sightings, deep, strict=True))])

@@ -18,9 +18,9 @@ from solver_backend.types import MarkerCloud
 SILENT_S = 0.25
 """A sensor from which nothing came for so long is reported, and not waited for."""
 JUMP_S = 0.5
-"""A step of a sensor's clock that differs by more from the host's is a jump; the host's step takes its place."""
+"""A step of a sensor's clock that differs by more from the host's is a jump. The host's step takes its place."""
 WAITING = 30
-"""Frames of one sensor that may wait for the others; older ones are dropped."""
+"""Frames of one sensor that may wait for the others. Older ones are dropped."""
 MOST_FINDINGS = 1000
 """Findings that are kept until somebody takes them."""
 
@@ -45,7 +45,7 @@ class Gatherer:
     """Puts frames of sensors together that were taken at one moment.
 
     Args:
-        period_s: seconds from frame to frame; frames closer than half of it are of one moment.
+        period_s: seconds from frame to frame. Frames closer than half of it are of one moment.
         wait_s: seconds of the host's clock that a moment waits for the last sensor, None for as long as it takes.
     """
 
@@ -61,7 +61,7 @@ class Gatherer:
         self.findings: list[Finding] = []
 
     def push(self, seen: SensorSightings) -> None:
-        """Take a frame; one whose times are no numbers is reported and dropped."""
+        """Take a frame. One whose times are no numbers is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
             self._report("time_jumped", seen, "sensor_time_wrong", problem="missing")
             return
@@ -140,7 +140,7 @@ class Gatherer:
 
 
 _LONGEST_STEP_S = 0.5
-"""Seconds from one frame to the next, above which tracks begin anew; chosen by hand."""
+"""Seconds from one frame to the next, above which tracks begin anew. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -153,13 +153,13 @@ class TrackedPoints:
     covariance: np.ndarray
     """(N, 3, 3) m²."""
     track: np.ndarray
-    """(N,) number of the track; it stays with a marker while it is seen."""
+    """(N,) number of the track. It stays with a marker while it is seen."""
     score: np.ndarray
-    """(N,) log-odds that the track is a marker; ghosts are below 0."""
+    """(N,) log-odds that the track is a marker. Ghosts are below 0."""
 
 
 class MarkerTracks:
-    """Kalman filters of constant velocity, all at once (Bar-Shalom and Li 1993; white noise of acceleration)."""
+    """Kalman filters of constant velocity, all at once (Bar-Shalom and Li 1993. White noise of acceleration)."""
 
     def __init__(self, settings: FusionSettings = DEFAULT) -> None:
         self._settings = settings
@@ -167,7 +167,7 @@ class MarkerTracks:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all tracks; numbers are not used again."""
+        """Forget all tracks. Numbers are not used again."""
         self._time: float | None = None
         self._state = np.zeros((0, 6))
         self._covariance = np.zeros((0, 6, 6))
@@ -178,7 +178,7 @@ class MarkerTracks:
         """Return the points of a moment with their tracks.
 
         Args:
-            found: later than the moment before; where time ran back or stood still, tracks begin anew.
+            found: later than the moment before. Where time ran back or stood still, tracks begin anew.
         """
         settings = self._settings
         dt = 0.0 if self._time is None else found.time - self._time
@@ -263,7 +263,7 @@ class CloudBuilder:
     def cloud(self, fps: float) -> MarkerCloud:
         """Return the take on frames of equal length.
 
-        A track is a marker if its log-odds ever rose above 0; it takes the first column that is free. The cloud's
+        A track is a marker if its log-odds ever rose above 0. It takes the first column that is free. The cloud's
         residual is each point's standard deviation, ``√(tr Σ / 3)``.
 
         Raises:

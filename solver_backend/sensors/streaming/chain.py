@@ -31,11 +31,11 @@ from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTrack
 from solver_backend.types import Cameras
 
 KEPT = 4096
-"""Latencies that are kept; a chain that runs for days keeps no more."""
+"""Latencies that are kept. A chain that runs for days keeps no more."""
 
 
 class ChainStatistics:
-    """Counts moments; memory does not grow."""
+    """Counts moments. Memory does not grow."""
 
     def __init__(self) -> None:
         self.moments, self.points = 0, 0
@@ -74,12 +74,12 @@ class ChainStatistics:
 
 
 RETRY_S = 1.0
-"""Time after which a sensor that went away is looked for again."""
+"""Time after which a sensor that went away is searched again."""
 
 
 @dataclass(frozen=True)
 class SensorTask:
-    """What the process of one sensor does; everything in it can be sent to another process."""
+    """What the process of one sensor does. Everything in it can be sent to another process."""
 
     device: Device
     cameras: Cameras
@@ -162,8 +162,11 @@ class _SensorRun:
                 return
 
     def _take(self, frame: SensorFrame, acquisition: Acquisition) -> None:
+        self._record(frame)  # first: what cannot be used is kept for a look at what is wrong
         self._out.send(("seen", acquisition(frame)))
         self._frames += 1
+
+    def _record(self, frame: SensorFrame) -> None:
         if self._task.record is None:
             return
         if self._recorder is None:
@@ -189,7 +192,7 @@ WAIT_S = 0.012
 """A moment waits this long for its last sensor."""
 LISTEN_S = 0.005
 MOST_WAITING = 1
-"""Complete moments that are fused at once; of more, the newest, for what is late makes all that follows late."""
+"""Complete moments that are fused at once. Of more, the newest, for what is late makes all that follows late."""
 MOST_AHEAD = 8
 """Frames of a sensor that wait for the others where all can wait."""
 READY_S, AHEAD_S = 60.0, 0.05
@@ -197,7 +200,7 @@ READY_S, AHEAD_S = 60.0, 0.05
 END_S = 5.0
 """Time that a sensor's process has for ending."""
 END_RECORDING_S = 15.0
-"""The same where it records, for it writes what waits first; Blender waits 20 s for all."""
+"""The same where it records, for it writes what waits first. Blender waits 20 s for all."""
 
 
 @dataclass(frozen=True)
@@ -211,7 +214,7 @@ class LiveMoment:
 
 
 class MarkerChain:
-    """Devices, acquisition and fusion, running; a context manager that ends its processes.
+    """Devices, acquisition and fusion, running. A context manager that ends its processes.
 
     Args:
         fps: frames per second of the sensors.

@@ -36,7 +36,7 @@ FRAMES_PER_NEWS = 3.0
 SHARED_SIGMA_M = 0.5e-3
 """How far a marker is off in all frames together, of a well calibrated array."""
 _ROUNDS = 20
-"""Rounds at most; chosen by hand."""
+"""Rounds at most. Chosen by hand."""
 
 
 class GammaNotFound(MocapError):
@@ -96,16 +96,16 @@ def ground_from_gamma(
 ) -> Ground:
     """Return up, floor and origin.
 
-    Of each cloud the three points whose edges and angle are nearest to the Γ's are taken; their places are averaged
-    robustly; up is ``u × v / |u × v|`` of the edges u (long) and v (short), its covariance that of both edges. A Γ that
+    Of each cloud the three points whose edges and angle are nearest to the Γ's are taken. Their places are averaged
+    robustly. Up is ``u × v / |u × v|`` of the edges u (long) and v (short), its covariance that of both edges. A Γ that
     was laid down mirrored follows from the sensors, which stand above the floor.
 
     Args:
-        clouds: points of each moment, of one sensor or of all, metres; anything else may be among them.
+        clouds: points of each moment, of one sensor or of all, metres. Anything else may be among them.
         sensors: (C, 3) where the sensors stand, in the same world.
 
     Raises:
-        GammaNotFound: in too few clouds; the message states what was seen.
+        GammaNotFound: in too few clouds. The message states what was seen.
     """
     padded = _padded(clouds)
     found, triples = _triples(padded, gamma)
@@ -138,7 +138,7 @@ def on_ground(calibration: CalibratedCameras, ground: Ground) -> CalibratedCamer
 
 
 def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (F, N, 3) clouds filled up with NaN; those of too many points are empty."""
+    """Return (F, N, 3) clouds filled up with NaN. Those of too many points are empty."""
     sizes = [len(cloud) if len(cloud) <= MOST_POINTS else 0 for cloud in clouds]
     padded = np.full((len(clouds), max(sizes, default=0), 3), np.nan)
     for f, size in enumerate(sizes):
@@ -206,7 +206,7 @@ MOST_MOMENTS = 300
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """Return the points of each moment, metres in the cameras' world.
 
-    Of sensors with depth a cloud is what one of them saw at one moment; of cameras without, all meetings of rays of two
+    Of sensors with depth a cloud is what one of them saw at one moment. Of cameras without, all meetings of rays of two
     of them, most of which are none: the Γ's edges choose.
 
     Args:
@@ -242,9 +242,9 @@ def depth_clouds(
     """Return the points one sensor saw, (N, 3) metres a moment.
 
     Args:
-        times: (rows,) a marker each; rows of one time are one moment.
+        times: (rows,) a marker each. Rows of one time are one moment.
         px: (rows, 2).
-        depth_m: (rows,) metres along the axis; those not above zero are left out.
+        depth_m: (rows,) metres along the axis. Those not above zero are skipped.
     """
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]

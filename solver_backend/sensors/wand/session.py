@@ -49,7 +49,7 @@ from solver_backend.videos.sync.signals import Signal, pair_lag
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 RATE_HZ = 120.0
-"""Speeds are compared at so many moments a second."""
+"""Speeds are compared at so many moments per second."""
 PIECE_S, FLOOR_S = 6.0, 0.004
 """Length of the pieces that are compared, and how far perspective shifts the peak of a speed."""
 CLIP_SIGMAS = 3.0
@@ -73,7 +73,7 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
 
     Args:
         views: of C sensors, lights in the wand's order.
-        wand: its lengths, which give distances where there is no depth; None for a marker with depth.
+        wand: its lengths, which give distances where there is no depth. None for a marker with depth.
 
     Raises:
         SyncUnknown: the speeds of a sensor agree with nobody's.
@@ -89,7 +89,7 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks by speed; alike, with a word, where speeds show nothing or no more than that."""
+    """Return the clocks by speed. Alike, with a word, where speeds show nothing or no more than that."""
     names = tuple(view.name for view in views)
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
@@ -147,7 +147,7 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
 MOST_CROWDED = 0.5
 """Share of frames with more than one wand in sight with which a recording is refused."""
 REACH_S = 6.5
-"""Largest offset of clocks that is looked for."""
+"""Largest offset of clocks that is searched."""
 LATE_FRAMES = 0.25
 """A delay beyond this share of a frame moves the moments that are compared, and is found again."""
 
@@ -157,8 +157,8 @@ def calibrate_by_wand(
 ) -> WandCalibration:
     """Return sensors' poses by a wand that all of them saw.
 
-    Clocks first (given, or found by speed to a frame and by the adjustment to a small part of one); then poses, by
-    Umeyama's alignment of every pair's points or by essential matrices and the wand's lengths, chained; then one sparse
+    Clocks first (given, or found by speed to a frame and by the adjustment to a small part of one). Then poses, by
+    Umeyama's alignment of every pair's points or by essential matrices and the wand's lengths, chained. Then one sparse
     bundle adjustment on pixels with the first sensor held.
 
     Raises:

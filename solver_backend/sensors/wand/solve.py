@@ -37,11 +37,11 @@ HELD_OUT_BLOCKS = 10
 
 @dataclass(frozen=True)
 class WandTask:
-    """What is solved: C views, and the wand's lights about its middle, (K, 3); zero for a marker alone."""
+    """What is solved: C views, and the wand's lights about its middle, (K, 3). Zero for a marker alone."""
 
     names: tuple[str, ...]
     cameras: Cameras
-    """C cameras with lenses; poses where they start."""
+    """C cameras with lenses. Poses where they start."""
     lights: np.ndarray
     """(K, 3) metres."""
     find_delays: bool
@@ -58,7 +58,7 @@ def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.n
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     """Return the bundle adjustment of moments, and the numbers of the moments that took part.
 
-    Minimised is the reprojection of the lights of a rigid wand, or of a marker; the world is the first sensor's axes.
+    Minimised is the reprojection of the lights of a rigid wand, or of a marker. The world is the first sensor's axes.
     Lights alone do not determine a scale where there is but one: see ``depth_scale``.
 
     Reference: Triggs et al. 2000.
@@ -98,7 +98,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Return (M, K, 3) metres where the rays of what was seen meet, delays taken into account; NaN with one ray."""
+    """Return (M, K, 3) metres where the rays of what was seen meet, delays taken into account. NaN with one ray."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
@@ -112,7 +112,7 @@ def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
 
 
 def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (C, M, K) px between points (M, K, 3) and what was seen; NaN where it was not."""
+    """Return (C, M, K) px between points (M, K, 3) and what was seen. NaN where it was not."""
     px = project(cameras, at)
     return np.linalg.norm(px - in_step_px(moments, delays), axis=-1)
 
@@ -255,7 +255,7 @@ DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
 SENSOR_BIAS_M = 2e-3
 """How far all depths of one sensor are off together, beyond what is seen here."""
 ROUNDS = 20
-"""Rounds of reweighting; chosen by hand."""
+"""Rounds of reweighting. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -303,11 +303,11 @@ class WandOptions:
     """How a wand's recording is taken."""
 
     wand: Wand | None = None
-    """Three lights; None is one marker with depth."""
+    """Three lights. None is one marker with depth."""
     clocks: Clocks | None = None
-    """Given by a trigger; None has them found from the wand's movement."""
+    """Given by a trigger. None has them found from the wand's movement."""
     every_sensor: bool = False
-    """Only moments at which all sensors saw it, as published; else two are enough."""
+    """Only moments at which all sensors saw it, as published. Else two are enough."""
 
 
 @dataclass(frozen=True)
@@ -320,11 +320,11 @@ class WandCalibration:
     """(C, C) moments that two sensors saw together."""
     moments: int
     held_out_px: float
-    """Root mean squared reprojection error of stretches of time that were left out of the fit."""
+    """Root mean squared reprojection error of stretches of time that were skipped of the fit."""
     length_rmse_m: np.ndarray
-    """(3,) root mean squared error of the lights' distances over those stretches; NaN without lights."""
+    """(3,) root mean squared error of the lights' distances over those stretches. NaN without lights."""
     depth_rmse_m: float
-    """Spread of measured depths about the marker; NaN without depth."""
+    """Spread of measured depths about the marker. NaN without depth."""
     coverage: Coverage
 
     def lines(self) -> list[str]:
@@ -353,7 +353,7 @@ class WandCalibration:
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
     def as_dict(self) -> dict[str, object]:
-        """Return ``lines`` as plain JSON values; None where a number is not known."""
+        """Return ``lines`` as plain JSON values. None where a number is not known."""
         array, cameras = self.array, self.array.cameras
         return {
             "method": array.method,

@@ -25,17 +25,17 @@ from solver_backend.types import Cameras
 
 
 def is_sensor_folder(path: Path) -> bool:
-    """Whether a folder is a recording of sensors, or a shot of the studio."""
+    """Return whether a folder is a recording of sensors, or a shot of the studio."""
     return (path / ABOUT).is_file() or all((path / name).exists() for name in STUDIO_SHOT)
 
 
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker: frames in which a sensor sees exactly one count, others are crowded or empty.
+    """Return the views of one marker: frames where a sensor sees exactly one count, others are crowded or empty.
 
     Args:
-        folder: with the sensors' lenses in its calibration; where they stand is not used.
+        folder: with the sensors' lenses in its calibration. Where they stand is not used.
         masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
 
     Raises:
@@ -80,7 +80,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield what one sensor of a folder sees; nothing where the folder has not got it.
+    """Yield what one sensor of a folder sees. Nothing where the folder has not got it.
 
     Args:
         masks: (h, w) bool a sensor.
@@ -112,7 +112,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     Raises:
         FileMissing: there is no table.
         CalibrationMissing: a sensor has no lens.
-        FileDamaged: a row is none of either kind, or both kinds are mixed; names file and line.
+        FileDamaged: a row is none of either kind, or both kinds are mixed. Names file and line.
     """
     files = points_files(folder)
     if not files:
@@ -142,7 +142,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return the numbers of a table, a row a moment or a marker, and whether it is of markers with depth.
+    """Return the numbers of a table, a row per moment or a marker, and whether it is of markers with depth.
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or a row is of neither kind.
@@ -197,7 +197,7 @@ def wand_views(
     """Return what each sensor saw of the wand.
 
     Args:
-        lenses: a calibration or a lens library; None takes what lies beside the tables.
+        lenses: a calibration or a lens library. None takes what lies beside the tables.
 
     Raises:
         FileMissing: there is nothing of a wand.

@@ -51,11 +51,11 @@ class WandView:
     times_s: Float[np.ndarray, " frames"]
     """(F,) on its own clock, growing."""
     px: Float[np.ndarray, "frames lights 2"]
-    """(F, K, 2) pixels, NaN where a light is not seen; nothing at all where anything else shone too."""
+    """(F, K, 2) pixels, NaN where a light is not seen. Nothing at all where anything else shone too."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
-    """(F, K) metres along the optical axis, NaN where there is none; None of a sensor without depth."""
+    """(F, K) metres along the optical axis, NaN where there is none. None of a sensor without depth."""
     crowded: int = 0
-    """Frames in which more than one wand, or anything else, shone."""
+    """Frames where more than one wand, or anything else, shone."""
     findings: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -92,7 +92,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Return the view without the rows whose times do not grow; each time belongs to one row.
+    """Return the view without the rows whose times do not grow. Each time belongs to one row.
 
     Raises:
         TimesInvalid: that are too many, or none is left, or the rows span more than a day.
@@ -180,7 +180,7 @@ def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Return which of three spots is which light, (F, 3) indices, and whether that is sure, (F,).
 
-    The middle light lies between the others; of the ends, the one on the shorter part's side is nearer to it, which
+    The middle light lies between the others. Of the ends, the one on the shorter part's side is nearer to it, which
     perspective turns around only where the wand points at the camera.
 
     Args:
@@ -217,7 +217,7 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     """Return where the middle light is, (F, 3) metres in a camera's axes, from one picture of the wand.
 
     Lights on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``, give the proportions of their depths
-    (the null vector of three rays), the wand's length their size. Depths are rough; ways across the sight are sure.
+    (the null vector of three rays), the wand's length their size. Depths are rough. Ways across the sight are sure.
 
     Args:
         flat: (F, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
@@ -237,7 +237,7 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
 EXACT_SHARE = 0.01
 """A moment this near a frame, as a share of the interval, is that frame."""
 LONGEST_GAP = 1.5
-"""Frames further apart than this many usual intervals are a gap, in which nothing is interpolated."""
+"""Frames further apart than this many usual intervals are a gap, where nothing is interpolated."""
 
 
 def values_and_velocities(
@@ -247,7 +247,7 @@ def values_and_velocities(
 ) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:
     """Return a track's values and their rates of change at wanted times.
 
-    Values are those of the frame where a moment is one; else of Hermite's cubic between both neighbours, whose slopes
+    Values are those of the frame where a moment is one. Else of Hermite's cubic between both neighbours, whose slopes
     are central differences. Rates are those of the nearest frame. NaN where a frame that is needed is missing.
 
     Args:
@@ -306,7 +306,7 @@ _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 @dataclass
 class Coverage:
-    """Counts that grow while the wand is waved; ``add`` is what a live view calls for each moment."""
+    """Counts that grow while the wand is waved. ``add`` is what a live view calls for each moment."""
 
     names: tuple[str, ...]
     size_px: Int[np.ndarray, "views 2"]
@@ -314,7 +314,7 @@ class Coverage:
     pictures: np.ndarray = field(init=False)
     """(C, ROWS, COLUMNS) sightings."""
     volume: dict[tuple[int, int, int], int] = field(init=False, default_factory=dict)
-    """Moments by cell of ``CELL_M`` in which the wand was located."""
+    """Moments by cell of ``CELL_M`` where the wand was located."""
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
@@ -324,7 +324,7 @@ class Coverage:
 
         Args:
             px: (C, M, 2) where the wand is, NaN where a sensor does not see it.
-            at: (M, 3) metres, where sensors stand is known already; NaN where it is not located.
+            at: (M, 3) metres, where sensors stand is known already. NaN where it is not located.
         """
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
@@ -343,7 +343,7 @@ class Coverage:
 
     @property
     def volume_m3(self) -> float:
-        """Volume of the cells in which the wand was located."""
+        """Volume of the cells where the wand was located."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:

@@ -103,10 +103,10 @@ def assembled(
 ) -> Capture:
     """Return the capture of a take.
 
-    With cameras, the person whom most views agree on; without, whoever is seen most in each view.
+    With cameras, the person whom most views agree on. Without, whoever is seen most in each view.
 
     Args:
-        calibration: of the cameras, in the same order; None where there is none yet.
+        calibration: of the cameras, in the same order. None where there is none yet.
         one: what is known where one video alone is solved.
     """
     detections, fps = everybody(found, clocks)

@@ -23,7 +23,7 @@ from solver_backend.videos.video_detections import VideoDetections
 WIDTH_PX = 640
 """Pictures are looked at in this width: a feature is located to a twentieth of such a pixel."""
 FEATURES, FEWEST = 400, 40
-"""Features that are followed; with fewer left new ones are looked for, and with fewer to find nothing is known."""
+"""Features that are followed. With fewer left new ones are searched, and with fewer to find nothing is known."""
 MARGIN = 0.25
 """People's boxes are widened by this share of their size: hair, clothes and shadows move with them."""
 STILL_DEG = 0.25
@@ -52,14 +52,14 @@ class CameraTurns:
 
     @property
     def explain(self) -> bool:
-        """Whether the camera was only turned, not carried or zoomed."""
+        """Return whether the camera was only turned, not carried or zoomed."""
         return self.left_px <= max(LEFT_PX, LEFT_SHARE * self.moved_px)
 
 
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return the detections of a single video as if its camera stood still; of several, as they are."""
+    """Return the detections of a single video as if its camera stood still. Of several, as they are."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -101,9 +101,9 @@ def as_if_still(
 def camera_turns(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> CameraTurns | None:
-    """Return how the camera was turned; None where too little background is seen.
+    """Return how the camera was turned. None where too little background is seen.
 
-    Features of a picture are followed from one to the next (Lucas and Kanade 1981) until few are left; the turn since
+    Features of a picture are followed from one to the next (Lucas and Kanade 1981) until few are left. The turn since
     that picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
     """
     cv2 = opencv()

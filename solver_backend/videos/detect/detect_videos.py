@@ -77,7 +77,7 @@ LEAST_SIMILARITY = 0.05
 LOST_S = 1.0
 """A person out of sight for longer comes back under another number."""
 MOST_PEOPLE = 12
-"""People of a picture that are followed, the most confident; chosen by hand."""
+"""People of a picture that are followed, the most confident. Chosen by hand."""
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -85,7 +85,7 @@ def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, 
 
     The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over the keypoints that both have, d
     the distance to the last sight moved on by its velocity, s the person's size and κ ``SPREAD``, widened with the time
-    between; the assignment that is best in sum is taken.
+    between. The assignment that is best in sum is taken.
 
     Args:
         frames: F arrays (N, K, 3) of x, y, confidence.
@@ -140,7 +140,7 @@ class _Sight:
 
 
 def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: int) -> list[int]:
-    """Return the track's number of each person; new ones from ``fresh`` on."""
+    """Return the track's number of each person. New ones from ``fresh`` on."""
     known = list(last)
     similarity = np.array([[last[n].similarity(person, time_s) for n in known] for person in people])
     similarity = similarity.reshape(len(people), len(known))
@@ -155,7 +155,7 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: 
 
 
 _POLL_S = 0.2
-"""Seconds from one look at the detectors to the next; chosen by hand."""
+"""Seconds from one look at the detectors to the next. Chosen by hand."""
 
 
 def detect_videos(
@@ -169,15 +169,15 @@ def detect_videos(
     cameras: Sequence[str] = (),
     pictures_fps: float = PICTURES_FPS,
 ) -> list[VideoDetections]:
-    """Return what is found in each video; a video that was done with this detector before is not done again.
+    """Return what is found in each video. A video that was done with this detector before is not done again.
 
     One process of the detector a video, ``jobs`` of them at a time. A finished video's detections are in ``folder``
     at once, under a name made of the video's, its bytes' hash and the detector.
 
     Args:
         folder: where detections are kept.
-        jobs: processes at a time; 0 is one a core.
-        cameras: names of the cameras; those of the videos if left out.
+        jobs: processes at a time. 0 is one a core.
+        cameras: names of the cameras. Those of the videos if left out.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
@@ -212,7 +212,7 @@ def _watch(futures: list[Future[VideoDetections]], run: _DetectionRun, progress:
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return where a video's detections are kept; a model and a worker of the user's own count by their bytes."""
+    """Return where a video's detections are kept. A model and a worker of the user's own count by their bytes."""
     options = dict(choice.options)
     if "model" in options:
         options["model"] = file_hash(options["model"])

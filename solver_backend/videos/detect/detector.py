@@ -44,14 +44,13 @@ class DetectorFailed(MocapError):
 
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
-"""Largest line and array of an answer in bytes, and most arrays of one; chosen by hand."""
+"""Largest line and array of an answer in bytes, and most arrays of one. Chosen by hand."""
 READY_S, ANSWER_S = 300.0, 60.0
-"""Seconds in which a detector must be ready, and answer a picture; large models on slow machines take 10 s."""
+"""Seconds where a detector must be ready, and answer a picture. Large models on slow machines take 10 s."""
 _LOG_BYTES = 1 << 16
 """Bytes at the end of a detector's log that are read."""
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
-_HANDS_WORKER = "litert_hands"
 
 
 class AnswerInvalid(ValueError):
@@ -78,7 +77,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the arrays that a line announces in ``arrays``: their shapes by name; the bytes are little-endian float32.
+    """Return the arrays that a line announces in ``arrays``: their shapes by name. The bytes are little-endian float32.
 
     Raises:
         AnswerInvalid: it announces none, too many or too large ones.
@@ -119,7 +118,7 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
 
     Args:
         found: arrays by name, see ``PoseDetector.detect``.
-        about: what the detector states of itself; None for one that looks for a hand in a crop.
+        about: what the detector states of itself. None for one that looks for a hand in a crop.
 
     Raises:
         AnswerInvalid: an array is missing or has another shape.
@@ -173,6 +172,9 @@ class DetectorChoice:
     python: Path
     options: dict[str, Any]
 
+    one_hand: bool = False
+    """True if it finds the points of one hand in a crop instead of people."""
+
     @property
     def program(self) -> list[str]:
         """What the Python is started with, before the options."""
@@ -193,7 +195,7 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
-        python: Python to run it in; else the environment for MediaPipe, or our own for a model.
+        python: Python to run it in. Else the environment for MediaPipe, or our own for a model.
         hands: also find hands, where the detector can.
         worker: a program of the user's own that is asked instead (see ``pose_workers.serve``).
         environment: the process's environment variables.
@@ -231,7 +233,7 @@ def chosen_hand_detector(model: Path, *, python: Path | None = None) -> Detector
 
     Args:
         model: ``hand_landmark_full.tflite``, which the user takes from the npm package @mediapipe/hands.
-        python: Python that has ai-edge-litert; our own if None.
+        python: Python that has ai-edge-litert. Our own if None.
 
     Raises:
         DetectorMissing: there is no such model or Python.
@@ -240,7 +242,8 @@ def chosen_hand_detector(model: Path, *, python: Path | None = None) -> Detector
         raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
     if not model.is_file():
         raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
-    return DetectorChoice("litert_hands", python or Path(sys.executable), {"model": os.path.abspath(model)})
+    options = {"model": os.path.abspath(model)}
+    return DetectorChoice("litert_hands", python or Path(sys.executable), options, one_hand=True)
 
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
@@ -303,7 +306,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """End the process, whatever it is doing; may be called from another thread and several times."""
+        """End the process, whatever it is doing. May be called from another thread and several times."""
         self._ended = True
         self._kill()
 
@@ -346,7 +349,7 @@ class DetectorProcess:
                     self._pictures.write(np.ascontiguousarray(rgb).data)
                     self._pictures.flush()
                     found = read_arrays(read_head(self._answers), self._answers)
-                return check_answer(found, None if self._choice.module == _HANDS_WORKER else self.about)
+                return check_answer(found, None if self._choice.one_hand else self.about)
             except (OSError, EOFError, AnswerInvalid) as error:
                 if not (self._late and again) or self._ended:
                     raise self._broken(error, ANSWER_S) from error
@@ -370,7 +373,7 @@ class DetectorProcess:
                 raise AnswerInvalid("the detector does not describe itself")
         except (OSError, EOFError, AnswerInvalid, KeyError, TypeError) as error:
             raise self._broken(error, READY_S) from error
-        if self._choice.module != _HANDS_WORKER:
+        if not self._choice.one_hand:
             joint_set_of(about)
         return {**about, "name": plain(about["name"])[:200]}
 

@@ -32,10 +32,10 @@ ALIKE = 0.02
 
 
 def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) how wide and high the footage is by the calibration's pictures; 1 where their shapes differ.
+    """Return (C, 2) how wide and high the footage is by the calibration's pictures. 1 where their shapes differ.
 
     Args:
-        sizes: width and height of each view's footage in px; None where it has none.
+        sizes: width and height of each view's footage in px. None where it has none.
     """
     scale = np.ones((len(cameras), 2))
     for view, size in enumerate(sizes):
@@ -69,14 +69,14 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 REACH = 5
-"""Frames by which footage is off at most: further off, hands are not at the wrists they are looked for."""
+"""Frames by which footage is off at most: further off, hands are not at the wrists they are searched."""
 LEAST_FRAMES = 20
-"""Frames that show a hand and its wrist; chosen by hand."""
+"""Frames that show a hand and its wrist. Chosen by hand."""
 SURE = 0.3
-"""Confidence from which a wrist counts; chosen by hand."""
+"""Confidence from which a wrist counts. Chosen by hand."""
 MOVES = 0.5
 """Hands move enough where their errors at the best shift are less than this share of those at the worst one. By
-``python -m tests.benchmarks.hands.late_footage``: no shift of hands that rest is invented up to 0.7, 7 of 16 at 1.0; of
+``python -m tests.benchmarks.hands.late_footage``: no shift of hands that rest is invented up to 0.7, 7 of 16 at 1.0. Of
 112 known shifts 1 is wrong at 0.3, 5 at 0.5 and 6 at 0.7, and 26, 11 and 6 are missed."""
 AGREE = 0.75
 """Share of the hands of all views that must be nearer to their wrists with the shift than without. By the same command:
@@ -86,7 +86,7 @@ at 0.9 twice as many shifts are missed and as many are wrong, at 0.5 four fewer 
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return by how many pictures the footage is late of the detections; 0 where hands do not show it.
+    """Return by how many pictures the footage is late of the detections. 0 where hands do not show it.
 
     ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, s their size, is least at some shift d, between
     frames by a parabola. What is constant is the detectors' own difference.
@@ -145,7 +145,7 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 
 _STEP = 25
-"""Frames from one report of progress to the next; chosen by hand."""
+"""Frames from one report of progress to the next. Chosen by hand."""
 
 AGAIN_S = 0.05
 """Seconds from one search for a hidden hand to the next: hands hide for longer, and each search costs up to six looks.
@@ -206,7 +206,7 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
     """Return (C, 2) which views look for which hand: those that had it, others in turn where enough views had it.
 
     Args:
-        before: (C, 2, 21, 3) hands of the frame before; None: all views look.
+        before: (C, 2, 21, 3) hands of the frame before. None: all views look.
     """
     if before is None or every <= 1:
         return None
@@ -216,12 +216,12 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by_two(capture: Capture) -> dict[str, float]:
-    """Return the share of the frames, per cent, in which two views or more show a hand, by side."""
+    """Return the share of the frames, per cent, where two views or more show a hand, by side."""
     return seen_by(capture, 2)
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the share of the frames, per cent, in which so many views or more show a hand, by side."""
+    """Return the share of the frames, per cent, where so many views or more show a hand, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}

@@ -26,7 +26,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
     """Return the noise map of a detector from captures of calibrated cameras.
 
     Every detection is compared with where the other views see the keypoint (``predict_views``), after the cameras were
-    refined by the person; the variance of that prediction is taken off. Each step's variance is the median of the
+    refined by the person. The variance of that prediction is taken off. Each step's variance is the median of the
     squared distances over 2 ln 2, and pooled until it falls with the confidence.
 
     Raises:

@@ -21,7 +21,7 @@ SIDE = 224
 HAND_M = 0.19
 """From the wrist to the middle finger's tip."""
 MARGIN = 1.3
-"""How many hands long a crop is; 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
+"""How many hands long a crop is. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
 caliscope's."""
 AHEAD = 0.45
 """The crop's middle from the wrist along the forearm, in hands."""
@@ -40,7 +40,7 @@ class HandCrop:
     """(2,) px."""
 
     def cut(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the (224, 224, 3) uint8 crop, bilinear; black beyond the picture."""
+        """Return the (224, 224, 3) uint8 crop, bilinear. Black beyond the picture."""
         high, wide = rgb.shape[:2]
         step = np.arange(SIDE, dtype=np.float32)
         (ax, bx), (ay, by) = self.A.astype(np.float32)
@@ -104,7 +104,7 @@ def second_crop(points: np.ndarray, side: int) -> HandCrop:
 
 
 def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> HandCrop:
-    """Return the crop of this middle, up direction and length in px; a left hand's is mirrored to look like a right."""
+    """Return the crop of this middle, up direction and length in px. A left hand's is mirrored to look like a right."""
     right = np.array([-up[1], up[0]])
     A = np.stack([right if side else -right, -up], axis=1) * (length / SIDE)
     return HandCrop(A, middle - A @ np.full(2, 0.5 * (SIDE - 1)))
@@ -116,20 +116,20 @@ PLACED = 0.05
 """Presence from which a first look is worth a second, about what it found: the model was trained on crops that sit
 better than a forearm places them. Of 88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
 AWAY_M = 0.1
-"""A hand has its wrist so near the arm's at most, where all views or its own have that; chosen on two takes."""
+"""A hand has its wrist so near the arm's at most, where all views or its own have that. Chosen on two takes."""
 ALIKE = 0.1
 """Arms this near each other, in hands, place crops that show the same."""
 NEAREST_M = 0.1
-"""No hand is looked for nearer to a camera."""
+"""No hand is searched nearer to a camera."""
 SURE = 0.3
-"""Confidence from which a view's own elbow and wrist place a crop; chosen on two takes."""
+"""Confidence from which a view's own elbow and wrist place a crop. Chosen on two takes."""
 SIGMA = 0.06
 """Standard deviation of a point, as a share of the hand's length in the picture, by which views agree on a hand."""
 
 RIGHT, LEAST_TRUST = 0.5, 0.1
 """A hand that looks less like a right one than this counts for less, in proportion, down to this share: points of a
 back that is taken for a palm are those of other fingers. Chosen on Pose2Sim's balancing videos, where it ends fingers
-that run through one another; of hands below 0.1 that face a view two thirds are turned about."""
+that run through one another. Of hands below 0.1 that face a view two thirds are turned about."""
 
 
 @dataclass(frozen=True)
@@ -158,7 +158,7 @@ class Arms:
     """Elbows and wrists of one frame, left first."""
 
     places: np.ndarray
-    """(2, 2, 3) metres: elbow and wrist, of each side; NaN where no views agree."""
+    """(2, 2, 3) metres: elbow and wrist, of each side. NaN where no views agree."""
     detected: np.ndarray
     """(C, 2, 2, 3) px and confidence of the same in each view."""
 
@@ -168,7 +168,7 @@ class ArmsInViews:
     """Elbows and wrists over F frames."""
 
     places: np.ndarray
-    """(F, 2, 2, 3) metres: elbow and wrist, of each side, left first; NaN where no views agree."""
+    """(F, 2, 2, 3) metres: elbow and wrist, of each side, left first. NaN where no views agree."""
     detected: np.ndarray
     """(C, F, 2, 2, 3) px and confidence of the same in each view."""
 
@@ -185,12 +185,12 @@ def search_hands(
     before: np.ndarray | None = None,
     due: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view; unseen where there is none.
+    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view. Unseen where there is none.
 
     Args:
         pictures: (H, W, 3) uint8 by view.
-        before: (C, 2, 21, 3) of the frame before: a hand that is still there is looked for once.
-        due: (C, 2) which views look for which hand; None: all look for both.
+        before: (C, 2, 21, 3) of the frame before: a hand that is still there is searched once.
+        due: (C, 2) which views look for which hand. None: all look for both.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = np.tile(np.array(UNSEEN_POINT), (len(cameras), 2, NUM_HAND_POINTS, 1))
@@ -269,7 +269,7 @@ def _where_others_see_it(
 
 
 def _looked_twice(rgb: np.ndarray, crop: HandCrop, side: int, look: Look) -> np.ndarray | None:
-    """Return (21, 3) of a hand in a crop about what a first look finds; None where the second sees no hand."""
+    """Return (21, 3) of a hand in a crop about what a first look finds. None where the second sees no hand."""
     first = _in_crop(rgb, crop, look)
     if first.presence < PLACED:
         return None

@@ -46,7 +46,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Yield the open container of a video; what goes wrong inside is reported in our own words.
+    """Yield the open container of a video. What goes wrong inside is reported in our own words.
 
     Raises:
         VideoUnreadable: the file is missing, empty, broken or no video.
@@ -112,9 +112,9 @@ class VideoInfo:
     times_s: np.ndarray
     """(F,) when each picture is shown, ascending, on the file's clock."""
     parts: tuple[Path, ...] = ()
-    """Its files in order, see ``parts_of``; () where it is one file."""
+    """Its files in order, see ``parts_of``. () where it is one file."""
     timed: bool = True
-    """Whether the file times its pictures; else they are taken as even, at the rate that it states."""
+    """True if the file times its pictures. Else they count as even, at the rate that it states."""
 
     @property
     def num_frames(self) -> int:
@@ -123,12 +123,12 @@ class VideoInfo:
 
     @property
     def fps(self) -> float:
-        """Pictures a second, see ``rate_of``."""
+        """Pictures per second, see ``rate_of``."""
         return rate_of(self.times_s)
 
     @property
     def variable(self) -> bool:
-        """Whether the pictures come at uneven intervals, as phones film in poor light."""
+        """Return whether the pictures come at uneven intervals, as phones film in poor light."""
         gaps = np.diff(self.times_s)
         if len(gaps) < 2:
             return False
@@ -139,11 +139,11 @@ class VideoInfo:
 UNTIMED_SHARE = 0.5
 """A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""
 PICTURES_FPS = 30.0
-"""Pictures a second of a folder of pictures, which does not state it."""
+"""Pictures per second of a folder of pictures, which does not state it."""
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return what a video is; its packets are counted and its first picture is decoded.
+    """Return what a video is. Its packets are counted and its first picture is decoded.
 
     Chapters of one recording are one video, and so are the pictures of a folder.
 
@@ -186,10 +186,10 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return pictures a second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
+    """Return pictures per second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
 
     Args:
-        times_s: (F,) ascending; 0 comes back of fewer than two.
+        times_s: (F,) ascending. 0 comes back of fewer than two.
     """
     if len(times_s) < 2:
         return 0.0
@@ -204,7 +204,7 @@ def quarter_turn(degrees: float) -> int:
 
 
 LOST_SHARE = 0.02
-"""So large a share of the pictures may be broken; beyond it the video is refused."""
+"""So large a share of the pictures may be broken. Beyond it the video is refused."""
 
 
 @dataclass(frozen=True)
@@ -214,7 +214,7 @@ class Picture:
     number: int
     """From 0, in the order they are shown."""
     time_s: float
-    """When it is shown, on the file's clock; uneven where the rate is."""
+    """When it is shown, on the file's clock. Uneven where the rate is."""
     rgb: np.ndarray
     """(H, W, 3) uint8, turned as a player shows it."""
 
@@ -264,7 +264,7 @@ def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def decoded_frames(path: Path) -> Iterator[Any]:
-    """Yield PyAV's frames of a file that have a time; what cannot be decoded is passed over."""
+    """Yield PyAV's frames of a file that have a time. What cannot be decoded is passed over."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -289,7 +289,7 @@ def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
 
 
 _PIECE = 1 << 22
-"""Bytes that are read at a time; chosen by hand."""
+"""Bytes that are read at a time. Chosen by hand."""
 
 
 def file_hash(path: Path | str) -> str:
@@ -302,7 +302,7 @@ def file_hash(path: Path | str) -> str:
 
 
 def recording_hash(parts: Sequence[Path]) -> str:
-    """Return the hash of a recording's files in their order; that of the file where it is one."""
+    """Return the hash of a recording's files in their order. That of the file where it is one."""
     if len(parts) == 1:
         return file_hash(parts[0])
     return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
@@ -312,7 +312,7 @@ def require_different(hashes: Mapping[Path, str]) -> None:
     """Check that no two videos have the same bytes.
 
     Raises:
-        SameVideoTwice: two have; names both.
+        SameVideoTwice: two have. Names both.
     """
     first: dict[str, Path] = {}
     for path, digest in hashes.items():
@@ -324,7 +324,7 @@ def require_different(hashes: Mapping[Path, str]) -> None:
 
 
 RATE_HZ = 16_000
-"""Samples a second that sound is brought to."""
+"""Samples per second that sound is brought to."""
 SILENCE = 1e-5
 """Root mean square, of full scale 1, below which there is only silence."""
 
@@ -338,7 +338,7 @@ class Sound:
     start_s: float
     """When the first sample is heard, on the clock of the pictures."""
     rate_hz: int = RATE_HZ
-    """Samples a second."""
+    """Samples per second."""
 
 
 def read_sound(path: Path | str) -> Sound:
@@ -365,7 +365,7 @@ def read_sound(path: Path | str) -> Sound:
 
 
 def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
-    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number; odd sizes lose a row or column."""
+    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number. Odd sizes lose a row or column."""
     av, count = library(), 0
     with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
         stream = None

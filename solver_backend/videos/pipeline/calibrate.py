@@ -56,7 +56,7 @@ class KnownOfCameras:
     """What the user states of cameras and of what they filmed."""
 
     board: str | None = None
-    """The board, as ``board_named`` reads it; None looks for a ``board.toml`` beside its footage."""
+    """The board, as ``board_named`` reads it. None looks for a ``board.toml`` beside its footage."""
     lenses: Path | None = None
     stature_m: float | None = None
     """Of the person, who sets the scale where no board does."""
@@ -87,12 +87,12 @@ class TakeCalibration:
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
     """Find the cameras of a take, write them, and return what was found.
 
-    Footage of a board that several cameras saw is enough; footage for lenses alone, or lenses that are known, leave
-    the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
+    Footage of a board that several cameras saw is enough. Footage for lenses alone, or lenses that are known, leave
+    the places to the person. Without any the lenses are guessed from the pictures' size and found with the places.
 
     Raises:
         CommandLineInvalid: footage of a board is to be used, and nobody names it.
-        CalibrationMissing: footage or lenses of a camera are missing; names it.
+        CalibrationMissing: footage or lenses of a camera are missing. Names it.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
     names = request.take.cameras
@@ -165,7 +165,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the footage of boards of these kinds, by the take's names of its cameras; nothing where there is none."""
+    """Return the footage of boards of these kinds, by the take's names of its cameras. Nothing where there is none."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

@@ -30,7 +30,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 
 
 def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
-    """Return the footage of camera folders: by take, then by camera; a take's name is "" where each has one alone.
+    """Return the footage of camera folders: by take, then by camera. A take's name is "" where each has one alone.
 
     Folders are cameras where each holds one recording, or where they are named like cameras and hold several, whose
     names are the takes'.
@@ -86,11 +86,11 @@ VIDEO_FOLDERS = (
     "videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video", "recordings",
     "raw_videos", "videos_raw", "videosraw", "footage",
 )  # fmt: skip
-"""Folders of a take that hold its videos; synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
+"""Folders of a take that hold its videos. Synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
 _PICTURE_FOLDERS = ("images", "frames")
-"""Folders of a take that hold a folder of pictures a camera (EasyMocap)."""
+"""Folders of a take that hold a folder of pictures per camera (EasyMocap)."""
 _LEVELS = 4
-"""Folders below that are searched for takes; chosen by hand."""
+"""Folders below that are searched for takes. Chosen by hand."""
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
 _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics|output_data|annotated.*|\..*")
@@ -108,7 +108,7 @@ class FoundTake:
     """Names of the cameras: of the videos, or of the folders that hold them."""
 
     def calibration(self, session: Path) -> Calibration | None:
-        """Return the calibration that knows this take's cameras: from its folders, or from the session's; or None.
+        """Return the calibration that knows this take's cameras: from its folders, or from the session's. Or None.
 
         Raises:
             CalibrationInvalid, FileDamaged: the nearest one is bad.
@@ -151,7 +151,7 @@ class FoundFolder:
 def look_through(root: Path) -> FoundFolder:
     """Return the takes and the calibration footage of a folder.
 
-    A video is a take of one camera, and so is the only video of a folder; beside takes of several cameras those of one
+    A video is a take of one camera, and so is the only video of a folder. Beside takes of several cameras those of one
     are passed over.
 
     Raises:
@@ -195,7 +195,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the take of the only video of a folder, or of its folder of videos; none where there are several."""
+    """Return the take of the only video of a folder, or of its folder of videos. None where there are several."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

@@ -24,13 +24,13 @@ SIDE = 768
 PAPER, INK, FAINT = (30, 32, 36), (225, 225, 225), (80, 84, 90)
 COLOURS = ((236, 112, 70), (82, 178, 255), (122, 204, 92), (214, 120, 230), (240, 204, 80), (120, 220, 220),
            (250, 140, 170), (170, 150, 250))  # fmt: skip
-"""RGB, one a camera in turn."""
+"""RGB, one per camera in turn."""
 
 Colour = tuple[int, int, int]
 
 
 class Canvas:
-    """An RGB picture to draw on; pixels from the top left."""
+    """An RGB picture to draw on. Pixels from the top left."""
 
     def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
         self._cv2 = opencv()
@@ -55,7 +55,7 @@ class Canvas:
         self._cv2.rectangle(self.rgb, a, b, colour, -1)
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
-        """Write words, their base line beginning at (x, y); letters beyond ASCII become '?'."""
+        """Write words, their base line beginning at (x, y). Letters beyond ASCII become '?'."""
         plain = words.encode("ascii", "replace").decode()
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         self._cv2.putText(self.rgb, plain, (round(x), round(y)), font, size, colour, 1, self._cv2.LINE_AA)
@@ -95,7 +95,7 @@ def grid(count: int) -> tuple[int, int]:
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Return pictures side by side, each below its title; an empty canvas where there is none."""
+    """Return pictures side by side, each below its title. An empty canvas where there is none."""
     if not pictures:
         return Canvas()
     columns, rows = grid(len(pictures))
@@ -179,7 +179,7 @@ LOOKED_AT = 240
 SHOWN_S = 12.0
 """Seconds of the clocks' curves."""
 _LEFT, _TOP, _RIGHT = 40, 30, 190
-"""Margins of the clocks' curves; the cameras' names stand in the right one."""
+"""Margins of the clocks' curves. The cameras' names stand in the right one."""
 _TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
 _MOST_TICKS = 13
 _WEDGE = 90.0

@@ -25,7 +25,7 @@ class TakePlan:
     take: FoundTake
     folder: Path
     calibration: Calibration | None
-    """The one that is there; None where the cameras are to be calibrated."""
+    """The one that is there. None where the cameras are to be calibrated."""
     problem: str = ""
 
     @property
@@ -50,7 +50,7 @@ class TakePlan:
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Return the plan of every take; the results of several go into folders of their own."""
+    """Return the plan of every take. The results of several go into folders of their own."""
     plans = []
     several = len(found.takes) > 1
     for take in found.takes:
@@ -102,7 +102,7 @@ class RoadSettings:
     until: str = "solve"
     """The last step."""
     jobs: int = 0
-    """Detectors at a time; 0 is one a core."""
+    """Detectors at a time. 0 is one a core."""
     pictures_fps: float = PICTURES_FPS
     """Rate of cameras whose footage is a folder of pictures."""
     redo: tuple[str, ...] = ()
@@ -116,4 +116,4 @@ class RoadSettings:
     cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
     """What is known of cameras that have no calibration."""
     hands: DetectorChoice | None = None
-    """What finds hands where the body has its wrists; None for the hands that ``detector`` finds, or none."""
+    """What finds hands where the body has its wrists. None for the hands that ``detector`` finds, or none."""

@@ -104,7 +104,7 @@ class Steps:
         self._reports: dict[str, StepReport] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Keep what a step found; of its pictures those that are there."""
+        """Keep what a step found. Of its pictures those that are there."""
         drawn = tuple(path.relative_to(self._folder).as_posix() for path in pictures if path.is_file())
         self._reports[step] = StepReport(step, state, tuple(found), drawn)
         values = {"format": FORMAT, "version": VERSION, "take": self._take, "steps": self.as_list()}

@@ -45,7 +45,7 @@ from solver_backend.videos.sync.synchronise import synchronise
 
 
 def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Progress) -> Capture:
-    """Return the capture with the hands that a detector finds; as it is without one.
+    """Return the capture with the hands that a detector finds. As it is without one.
 
     Args:
         detector: of hands in crops, or None.
@@ -73,14 +73,14 @@ def made_of_hands(detector: DetectorChoice | None) -> list[str]:
 
 
 FOUND_SHARE = 0.5
-"""Somebody found in a smaller share of a video's pictures is a warning; chosen by hand."""
+"""Somebody found in a smaller share of a video's pictures is a warning. Chosen by hand."""
 
 
 def go(found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent) -> Steps:
-    """Go the road of one take and return what its steps found; ``road.json`` and the pictures show it step by step.
+    """Go the road of one take and return what its steps found. ``road.json`` and the pictures show it step by step.
 
     Raises:
-        MocapError: whatever a step raises; the results of the steps before stay.
+        MocapError: whatever a step raises. The results of the steps before stay.
     """
     check_output(plan.capture, overwrite=True)
     road = _Road(found, plan, settings, progress)
@@ -265,7 +265,7 @@ class _Road:
         self.steps.report("sync", "kept" if kept else "made", found, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
-        """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""
+        """Hold the calibration against the take, and draw the cameras and how they fit. None if too little is seen."""
         if capture.is_one_view:
             return None
         cameras, keypoints = capture.require_multiview()

@@ -37,11 +37,11 @@ class KeypointDetector(Protocol):
 
 
 MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]
-"""Makes a detector for one camera; entering it makes it ready."""
+"""Makes a detector for one camera. Entering it makes it ready."""
 
 
 class LiveView:
-    """A camera and its detector; what changes is announced by a condition, under which all is read."""
+    """A camera and its detector. What changes is announced by a condition, under which all is read."""
 
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
@@ -49,7 +49,7 @@ class LiveView:
         self.about: dict[str, Any] = {}
         """What the detector reports of itself; {} until it is ready."""
         self.busy = False
-        """Whether a picture is being detected."""
+        """True if a picture is being detected."""
         self.used = -1
         """Number of the last moment that it was asked for."""
         self.answer: tuple[int, np.ndarray] | None = None
@@ -69,12 +69,12 @@ class LiveView:
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Have a picture detected; the condition is held."""
+        """Have a picture detected. The condition is held."""
         self.busy, self.used, self._asked = True, moment, (moment, picture)
         self.changed.notify_all()
 
     def stop(self) -> None:
-        """End both threads; what they are at is not waited for."""
+        """End both threads. What they are at is not waited for."""
         with self.changed:
             self._stopped = self.ended = True
             self.changed.notify_all()
@@ -152,7 +152,7 @@ class ViewBudget:
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Learn how long a moment of so many views took; what was begun under another number teaches nothing."""
+        """Learn how long a moment of so many views took. What was begun under another number teaches nothing."""
         if count != self.count:
             return
         before = self._usual_s
@@ -169,7 +169,7 @@ class ViewBudget:
 
 
 RATE_HZ = 30.0
-"""Moments a second that are wanted of cameras that are faster."""
+"""Moments per second that are wanted of cameras that are faster."""
 SAME_SHARE = 0.6
 """Pictures of two cameras are of one moment within this share of the time from one picture to the next."""
 STALL_S = 0.15
@@ -196,7 +196,7 @@ class MomentCounts:
 
 
 class LiveMoments:
-    """Cameras and their detectors, running; a context manager that ends them."""
+    """Cameras and their detectors, running. A context manager that ends them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()
@@ -270,7 +270,7 @@ class LiveMoments:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Have the next moment detected; return its pictures by view, and when that was.
+        """Have the next moment detected. Return its pictures by view, and when that was.
 
         None where there is none, and where a camera is to be reported first.
         """
@@ -294,9 +294,9 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the pictures of the next moment, by view; none where it is not there yet.
+        """Return the pictures of the next moment, by view. None where it is not there yet.
 
-        Of the views that are idle, those that were left out longest are taken, as many as the budget has.
+        Of the views that are idle, those that were skipped longest are taken, as many as the budget has.
         """
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
@@ -357,7 +357,7 @@ class LiveMoments:
                 yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
 
     def require_views(self) -> None:
-        """Raise what ended a run in which cameras failed.
+        """Raise what ended a run where cameras failed.
 
         Raises:
             TooFewViews: fewer than two are left because of it.

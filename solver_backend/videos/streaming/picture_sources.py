@@ -19,7 +19,7 @@ from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, l
 
 @dataclass(frozen=True)
 class LivePicture:
-    """A picture of one camera; its pixels are made only if they are asked for."""
+    """A picture of one camera. Its pixels are made only if they are asked for."""
 
     number: int
     """Count of the camera's pictures, from 0."""
@@ -36,9 +36,9 @@ class PictureSource(Protocol):
 
     name: str
     size: tuple[int, int]
-    """Width and height, px; known once it is open."""
+    """Width and height, px. Known once it is open."""
     fps: float
-    """Pictures a second; known once it is open."""
+    """Pictures per second. Known once it is open."""
 
     def open(self) -> None:
         """Connect, so that no picture has to wait for it.
@@ -57,18 +57,18 @@ class PictureSource(Protocol):
         ...
 
     def close(self) -> None:
-        """End; may be called several times, and from another thread."""
+        """End. May be called several times, and from another thread."""
         ...
 
 
 SIZE, FPS = (1280, 720), 30.0
-"""What is asked of a webcam; it may give another size."""
+"""What is asked of a webcam. It may give another size."""
 _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"), "win32": ("dshow", "video={}")}
 """FFmpeg's name of each system's cameras, and how one is named."""
 
 
 class Webcam:
-    """A camera by its number; pictures have the times at which they come."""
+    """A camera by its number. Pictures have the times at which they come."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -171,7 +171,7 @@ class ReplayedVideo:
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield each picture when it is due; one that is decoded late comes late."""
+        """Yield each picture when it is due. One that is decoded late comes late."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
             for frame in decoded_frames(self.path):

@@ -28,7 +28,7 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 
 @dataclass(frozen=True)
 class ViewsRecording:
-    """Moments of live cameras, from the first on; becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
+    """Moments of live cameras, from the first on. Becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
 
     The first file is a capture of the keypoints at one rate. The second holds the live poses at the same frames, for a
     solve to start from. Every row holds the cameras' poses as they were known, because the world may become known late.
@@ -36,7 +36,7 @@ class ViewsRecording:
 
     pieces: ClassVar[str] = "moments"
     session: ViewsSession | None = None
-    """The session that is recorded; None to finish what another run left."""
+    """The session that is recorded. None to finish what another run left."""
     source: str = ""
 
     def head(self) -> bytes:
@@ -61,7 +61,7 @@ class ViewsRecording:
         return pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *(session.chosen or unseen))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write the capture and the live motion, see ``RecordingFormat``; nothing where no person was ever seen."""
+        """Write the capture and the live motion, see ``RecordingFormat``. Nothing where no person was ever seen."""
         head, rows = read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
         parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
         time_s, seen_s, R, t, poses, betas, xy, confidence = parts
@@ -119,7 +119,7 @@ def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
 def _view(
     seen_s: np.ndarray, xy: np.ndarray, confidence: np.ndarray, frames: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return one view's (F, K, 2) px and (F, K) confidence at even times; missing where it was left out for long."""
+    """Return one view's (F, K, 2) px and (F, K) confidence at even times. Missing where it was skipped for long."""
     there = np.flatnonzero(np.isfinite(seen_s))
     there = there[np.concatenate([[True], np.diff(seen_s[there]) > 1e-4])] if len(there) else there
     placed = partial(at_times, times_s=seen_s[there], wanted_s=frames)

@@ -43,7 +43,7 @@ def detector(tmp_path: Path) -> DetectorChoice:
     worker, model = tmp_path / "drawn.py", tmp_path / "hand.tflite"
     worker.write_text(WORKER)
     model.write_bytes(b"model")
-    return DetectorChoice(str(worker), Path(sys.executable), {"model": str(model)})
+    return DetectorChoice(str(worker), Path(sys.executable), {"model": str(model)}, one_hand=True)
 
 
 @pytest.fixture

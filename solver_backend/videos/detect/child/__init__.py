@@ -1,1 +1,1 @@
-"""The folder that a detector's process finds its package in; see ``pose_workers``."""
+"""The folder that a detector's process finds its package in. See ``pose_workers``."""

@@ -1,6 +1,6 @@
 """MediaPipe's pose models run by Google's LiteRT: 33 keypoints of each person, followed from picture to picture.
 
-The person detector looks at the whole picture where somebody is missing; the landmark model looks at one person's
+The person detector looks at the whole picture where somebody is missing. The landmark model looks at one person's
 square, and two of its points place the square in the next picture (Bazarevsky et al. 2020, BlazePose).
 """
 
@@ -24,7 +24,7 @@ LANDMARKS = {
 }
 """SHA-256 of the models that are known."""
 DETECTOR_FILE = "pose_solution_packed_assets.data"
-"""The person detector as the package names it; it lies beside the landmark models."""
+"""The person detector as the package names it. It lies beside the landmark models."""
 PACKAGE = "@mediapipe/pose 0.5.1675469404"
 SIDE = 256
 """Pixels of the landmark model's input."""

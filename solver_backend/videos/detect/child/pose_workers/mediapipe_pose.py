@@ -1,6 +1,6 @@
 """MediaPipe's pose model, which its wheel carries: 33 keypoints of one person, followed from picture to picture.
 
-More people are looked for in the same picture with those found before painted grey. With hands, its holistic model
+More people are searched in the same picture with those found before painted grey. With hands, its holistic model
 finds 21 points of each beside the body.
 """
 
@@ -19,7 +19,7 @@ MARGIN = 0.15
 
 
 class MediaPipePose:
-    """Detects by ``mediapipe.solutions``; its own smoothing stays off, for it would delay fast movement."""
+    """Detects by ``mediapipe.solutions``. Its own smoothing stays off, for it would delay fast movement."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
@@ -71,7 +71,7 @@ class MediaPipePose:
 
 
 def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
-    """Return (K, 3); points outside the picture, which the model makes up, have confidence 0."""
+    """Return (K, 3). Points outside the picture, which the model makes up, have confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)
     points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])

@@ -1,7 +1,7 @@
 """The kinds of pose models: how a picture goes in, and what their numbers mean.
 
-RTMPose: Jiang et al. 2023, SimCC of Li et al. 2022; RTMO: Lu et al. 2024; YOLO-pose: Maji et al. 2022 and Ultralytics'
-layout of outputs; MoveNet: Google's model cards.
+RTMPose: Jiang et al. 2023, SimCC of Li et al. 2022. RTMO: Lu et al. 2024. YOLO-pose: Maji et al. 2022 and Ultralytics'
+layout of outputs. MoveNet: Google's model cards.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.3
 
 
 class Model:
-    """A kind of model; ``people`` returns (P, K, 3) x, y, confidence."""
+    """A kind of model. ``people`` returns (P, K, 3) x, y, confidence."""
 
     label = ""
 
@@ -72,7 +72,7 @@ class RtmPose(Model):
         return x[2] % given[3] == 0 and x[2] // given[3] == y[2] / given[2]
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Look into the boxes of the people of the last picture; into the whole picture where there are none."""
+        """Look into the boxes of the people of the last picture. Into the whole picture where there are none."""
         whole = np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])
         found = [self._in_box(rgb, box) for box in self.boxes]
         if not any(_is_somebody(person) for person in found):
@@ -124,7 +124,7 @@ class Rtmo(Model):
 
 
 class YoloPose(Model):
-    """One row a candidate: box by centre and size, score, K keypoints; or, with its own suppression, corners and class.
+    """One row a candidate: box by centre and size, score, K keypoints. Or, with its own suppression, corners and class.
 
     (N, 5 + 3K, candidates) as Ultralytics exports it, or (N, candidates, 6 + 3K) with suppression in the model.
     """

@@ -1,6 +1,6 @@
 """Pose models in ONNX files, distinguished by their inputs and outputs: RTMPose, RTMO, YOLO-pose and MoveNet.
 
-Picture models (RTMO, YOLO-pose, MoveNet) find people by themselves; RTMPose looks at one box at a time and follows the
+Picture models (RTMO, YOLO-pose, MoveNet) find people by themselves. RTMPose looks at one box at a time and follows the
 people it has found from picture to picture, from the whole picture on.
 """
 

@@ -34,7 +34,7 @@ class PersonBox:
     """(2,) px."""
 
     def cut(self, rgb: np.ndarray, side: int, *, black: bool) -> np.ndarray:
-        """Return the (side, side, 3) float32 crop, 0 to 1, bilinear; beyond the picture it is black, or as its edge."""
+        """Return the (side, side, 3) float32 crop, 0 to 1, bilinear. Beyond the picture it is black, or as its edge."""
         high, wide = rgb.shape[:2]
         step = np.arange(side, dtype=np.float32)
         (ax, bx), (ay, by) = self.A.astype(np.float32)

@@ -9,7 +9,7 @@ PADDING = 114.0
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y; beyond the picture is black), bilinear.
+    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y. Beyond the picture is black), bilinear.
 
     Column j of the result is ``x = low + (high - low) j / w``, as models are trained that map a box's corner to the
     first pixel.
@@ -35,7 +35,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y; ``outside`` beyond the picture."""
+    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y. ``outside`` beyond the picture."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)

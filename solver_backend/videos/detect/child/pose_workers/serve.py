@@ -1,7 +1,7 @@
 """The protocol between us and a detector's process: a line of JSON, then the bytes of the arrays it announces.
 
 The process first writes ``{"ready": {...}}`` with what it is, or ``{"error": {"code", "message", "hint"}}``. For every
-picture it is sent ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes; it answers ``{"arrays": {name: shape}}`` and
+picture it is sent ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
 the arrays' float32 in that order. The end of its input ends it.
 """
 
@@ -33,13 +33,13 @@ class PoseDetector(Protocol):
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return ``keypoints`` (P, K, 3): x, y in pixels, (0, 0) the centre of the first, and confidence 0 to 1.
 
-        ``hands`` (P, 2, 21, 3), left hand first, where the detector finds them; NaN for a hand that is not seen.
+        ``hands`` (P, 2, 21, 3), left hand first, where the detector finds them. NaN for a hand that is not seen.
         """
         ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer until the input ends; what libraries print goes to standard error."""
+    """Answer until the input ends. What libraries print goes to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
