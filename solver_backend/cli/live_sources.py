@@ -94,9 +94,10 @@ def _poses(args: argparse.Namespace) -> LiveSource:
         )
     from solver_backend.body.body import load_body
     from solver_backend.io.native.motion_file import read_subject
+    from solver_backend.live.port import listen
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.recordings import FaceRecording, PosesRecording
-    from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, listen, pose_lines
+    from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -122,9 +123,9 @@ def _face(args: argparse.Namespace) -> LiveSource:
         )
     from solver_backend.body.body import load_body
     from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
+    from solver_backend.live.port import listen
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.recordings import FaceRecording
-    from solver_backend.live.vmc_source import listen
 
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()

@@ -59,12 +59,12 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Go the road from a folder of videos to solved motions."""
+    """Run all steps from a folder of videos to solved motions."""
     from solver_backend.videos.detect.detector import chosen_hand_detector
     from solver_backend.videos.pipeline.calibrate import KnownOfCameras
     from solver_backend.videos.pipeline.layout import look_through
-    from solver_backend.videos.pipeline.plan import RoadSettings, described, planned
-    from solver_backend.videos.pipeline.run import go
+    from solver_backend.videos.pipeline.plan import PipelineSettings, described, planned
+    from solver_backend.videos.pipeline.run import run_take
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -79,7 +79,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         return Outcome("\n".join(lines), {"plan": lines, "takes": done})
     python = args.hand_python or args.python
     hands = None if args.hand_model is None else chosen_hand_detector(args.hand_model, python=python)
-    settings = RoadSettings(
+    settings = PipelineSettings(
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
@@ -89,7 +89,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     found_in: dict[str, tuple[Diagnostic, ...]] = {}
     for plan in plans:
         try:
-            record = go(found, plan, settings, progress)
+            record = run_take(found, plan, settings, progress)
         except MocapError as error:
             if len(plans) == 1 or error.code == "cancelled":
                 raise
@@ -143,8 +143,8 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_detector
     from solver_backend.videos.pipeline.layout import NoVideos, look_through
-    from solver_backend.videos.pipeline.plan import RoadSettings, planned
-    from solver_backend.videos.pipeline.run import go
+    from solver_backend.videos.pipeline.plan import PipelineSettings, planned
+    from solver_backend.videos.pipeline.run import run_take
 
     try:
         found = look_through(folder)
@@ -154,7 +154,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
         names = ", ".join(take.name for take in found.takes)
         raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=f"Choose one: {names}.")
     [plan] = planned(found, out / "from_videos")
-    go(found, plan, RoadSettings(chosen_detector(), until="capture"), progress)
+    run_take(found, plan, PipelineSettings(chosen_detector(), until="capture"), progress)
     return read_capture(plan.capture)
 
 

@@ -17,34 +17,34 @@ from solver_backend.io.markers.live_recording import MOST_POINTS
 from solver_backend.types import MarkerCloud
 
 FARTHEST = 1e8
-"""A coordinate at least this large is no marker's, in whichever unit: 100 km in millimetres."""
+"""Largest plausible coordinate in any unit: 100 km in millimetres."""
 
 _LONGEST_LINE = 1 << 17
-"""Bytes of a line: 400 points of three numbers of 100 digits."""
+"""Longest line in bytes: 400 points of three numbers with 100 digits."""
 
 
 @dataclass(frozen=True)
 class PointFrame:
-    """The points of a moment."""
+    """Points of one frame."""
 
     time: float
     points: np.ndarray
     """(N, 3) in the source's unit and axes."""
     arrived: float
-    """``time.perf_counter()`` when it came, or when a replay took it up."""
+    """``time.perf_counter()`` when it arrived, or when a replay read it."""
     fault: str = ""
-    """What is wrong with the line, where there are no points to be had from it."""
+    """Fault of a line without points, or an empty text."""
     due: float | None = None
-    """``time.perf_counter()`` from which a pose can be expected, where that is not when it came."""
+    """``time.perf_counter()`` when its pose is due, if later than the arrival."""
 
     @property
     def lag_s(self) -> float:
-        """Seconds by which a pose of it is behind by now."""
+        """Delay of its pose at this moment, in seconds."""
         return time.perf_counter() - (self.arrived if self.due is None else self.due)
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield the frames of a take at its own rate, or as fast as they are taken. Points in an order of their own."""
+    """Yield the frames of a take at its own rate, or as fast as they are read."""
     start, number = time.perf_counter(), 0
     while True:
         for frame in cloud.positions:
@@ -59,7 +59,7 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
 
 
 def measured(points: np.ndarray) -> np.ndarray:
-    """Return those of (N, 3) points that can be markers: finite, and not at the other end of the world."""
+    """Return the (N, 3) points that can be markers: finite, and within ``FARTHEST``."""
     return points[(np.abs(points) < FARTHEST).all(-1)]
 
 
@@ -115,28 +115,28 @@ def _message(error: Exception) -> str:
 
 
 _Waiting = Queue[PointFrame | BaseException | None]
-"""Frames, and then what ended them."""
+"""Frames, then an error or None at the end."""
 
 LATE_S = 0.1
-"""Seconds behind its source from which a frame is not fitted any more: people see a delay of that much."""
+"""Frames with a larger delay are dropped, in seconds. People notice a delay of this size."""
 IN_TIME_S = 0.02
-"""Seconds behind its source at which frames are fitted again, so that a slow machine does not stay at ``LATE_S``."""
+"""Dropping ends at this delay in seconds, so a slow machine does not stay at ``LATE_S``."""
 _MOST_WAITING = 512
-"""Frames that wait at most. A source that is faster waits itself."""
+"""Most waiting frames. A faster source must wait."""
 _LOOK_S = 0.2
-"""Seconds after which waiting looks about itself: for a signal, or for a reader that is gone."""
+"""Longest uninterrupted wait in seconds, so that signals and a lost reader are noticed."""
 
 
 class KeepUp:
-    """Passes frames on while they are in time, and counts those that are not."""
+    """Pass frames on while they are in time, and count the others."""
 
     def __init__(self) -> None:
         self.dropped = 0
-        """Frames that were not passed on."""
+        """Number of dropped frames."""
         self._behind = False
 
     def in_time(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield the frames that are in time: from ``LATE_S`` behind none until ``IN_TIME_S`` is reached."""
+        """Yield the frames in time: none after a delay of ``LATE_S`` until it falls to ``IN_TIME_S``."""
         for frame in frames:
             self._behind = frame.lag_s > (IN_TIME_S if self._behind else LATE_S)
             if self._behind and not frame.fault:
@@ -146,7 +146,7 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in their order, each read as soon as it comes, whatever is done with those before.
+    """Yield the frames of a stream in order, and read each one as soon as it arrives.
 
     A frame is due when it came, or when its sender's clock has it due, whichever is later: lines of a file, which come
     all at once, are late only once they are behind their own clock.

@@ -1,4 +1,4 @@
-"""Record while something is live: every item as it comes, a finished file at the end or when the next run starts."""
+"""Record a live run item by item, and finish the file at the end or when the next run starts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class RecordingFormat(Protocol[Item]):
     pieces: ClassVar[str]
 
     def head(self) -> bytes:
-        """Return what stands before the first item."""
+        """Return the bytes before the first item."""
         ...
 
     def encode(self, *args: Item.args, **kwargs: Item.kwargs) -> bytes:
@@ -46,7 +46,7 @@ class RecordingFormat(Protocol[Item]):
 class Recorder(Generic[Item]):
     """Append items to ``PATH.recording`` and make ``PATH`` of them at the end. A context manager.
 
-    The items are in that file however the process ends. The next run to the same path finishes it under another name.
+    The file keeps all items however the process ends. The next run to the same path finishes it under another name.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:

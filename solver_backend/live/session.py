@@ -23,9 +23,9 @@ from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, eve
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
 _PEOPLE_M = (0.5, 3.5)
-"""Reach of a person's markers from end to end."""
+"""Plausible extent of a person's markers, in metres."""
 _CLEARLY = 0.08
-"""An axis other than z is taken only if points are surer by so much."""
+"""Least gain in certainty of an up axis other than z."""
 _UPRIGHT = 0.1
 """What a person who stands counts for beside that: read from eight recorded takes, whose own axis is surer than the
 next by -0.001 to 0.21, and along whose wrong axes the head is at most 0.16 of a trunk above the pelvis."""
@@ -59,15 +59,15 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 REACH_M, REACH_M_S = 0.03, 2.0
 """A point is the same as one of the frame before within 3 cm of where that was going, and 2 m/s more."""
 MEMORY_S = 0.7
-"""Time where earlier labels fade."""
+"""Time constant of earlier labels, in seconds."""
 UNSEEN_S = 0.15
-"""Time for which a point that went away may come back."""
+"""A lost point may return within this time, in seconds."""
 _FLOOR = -6.0
 """Evidence of one frame at least, a log-probability: one frame does not outweigh a track. Chosen by hand."""
 
 
 class PointTracks:
-    """Which points of a frame are those of the frame before."""
+    """Tracks of points from frame to frame."""
 
     def __init__(self) -> None:
         self.position = np.zeros((0, 3))
@@ -121,19 +121,19 @@ class PointTracks:
 
 
 FEWEST = 8
-"""Points, and labelled ones, without which a frame has no pose of its own."""
+"""Fewest points, and fewest labelled points, of a frame with a pose."""
 MOST_READ = 90
-"""Points that the network reads. Of more, those nearest to the body, or to their middle."""
+"""Most points that the network reads, nearest to the body or to their middle."""
 FROZEN_S = 0.5
-"""Time of the same points again and again from which a stream is frozen."""
+"""A stream counts as frozen after this time with equal points, in seconds."""
 BAD_M = 0.08
-"""Markers this far from the body in the median are no good pose."""
+"""Largest median distance of markers from the body in a good pose, in metres."""
 SURE = 0.6
-"""Share of a point's evidence that its label has to have. Chosen by hand."""
+"""Least share of a point's evidence for its label. Chosen by hand."""
 _WORLD_FRAMES = 5
-"""Frames from which the axis that points up is found. Chosen by hand."""
+"""Number of frames that decide the up axis. Chosen by hand."""
 _TRIAL_FRAMES = 6
-"""Frames of a trial before any comes, so that the first real one is not late. Chosen by hand."""
+"""Number of frames that are fitted before the first real one, to warm up. Chosen by hand."""
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):
@@ -142,7 +142,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
     def __init__(
         self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
     ) -> None:
-        """Take what labels points and what fits them.
+        """Create a session.
 
         Args:
             unit: of the points. Found from the first frames if None.

@@ -1,4 +1,4 @@
-"""Run one person live: a line for every moment, whatever comes, and statistics of the lines."""
+"""Run one person live: one line per moment, events, and statistics of both."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.labelling.outputs import MARKERS
 
 NEVER = 1.0 / 120.0
-"""Seconds that are taken for those since the last frame where there is none."""
+"""Assumed time step of the first frame, in seconds."""
 LOST_S = 0.4
-"""Time without a good pose, or without a frame, after which the next one starts again."""
+"""The pose starts again after this time without a good pose or without a frame, in seconds."""
 _LONGEST_S, _SHORTEST_S = 0.1, 1e-3
 
 
 class Moment(Protocol):
-    """What a live source shows at one time."""
+    """One sample of a live source."""
 
     @property
     def time(self) -> float:
@@ -40,12 +40,12 @@ class Moment(Protocol):
 
     @property
     def fault(self) -> str:
-        """What is wrong with it if it holds nothing."""
+        """Fault of a sample without data, or an empty text."""
         ...
 
     @property
     def lag_s(self) -> float:
-        """Seconds by which a pose of it is behind by now."""
+        """Delay of its pose at this moment, in seconds."""
         ...
 
 
@@ -69,19 +69,19 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
-        """Yield events, then a pose or the reason why there is none. ``dt`` is seconds since the last moment."""
+        """Yield events, then a pose or the reason for its absence. ``dt`` is the time step in seconds."""
 
     @abstractmethod
     def _reset(self) -> None:
         """Forget the pose."""
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
-        """Return the layout and the (J, 3) rest joints of the person as they are known by now."""
+        """Return the layout and the (J, 3) rest joints of the person as currently known."""
         subject = self.fit.subject
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
     def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
-        """Yield a line per moment, and events. Nothing that comes as a moment ends it."""
+        """Yield one line per moment, and events. A moment that cannot be fitted restarts the pose."""
         for moment in moments:
             if isinstance(moment, dict):
                 yield moment
@@ -94,7 +94,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: Shown) -> Iterator[LiveLine]:
-        """Yield what one moment makes: perhaps events, then a pose or the reason why there is none."""
+        """Yield events, then a pose or the reason for its absence."""
         if moment.fault:
             yield event("line_ignored", moment.fault, moment.time)
             return
@@ -143,12 +143,11 @@ def millimetres(values_m: np.ndarray) -> list[float | None]:
 
 
 UNEXPLAINED = 10
-"""Points without a name from which a pose is unsure: a second person, a prop of many markers, or a body that the fit
-has not found."""
+"""A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit."""
 OFF_M = 0.08
-"""Distance in the median of a limb's markers from which a pose is unsure."""
+"""A pose is unsure if the median distance of a limb's markers is larger, in metres."""
 _FEWEST = 3
-"""Markers of a limb without which nothing is known of it."""
+"""Fewest markers by which a limb is judged."""
 _PARTS = {
     "arm": ("UPA", "ELB", "ELM", "FRM", "WRA", "WRB", "FIN"),
     "leg": ("THI", "KNE", "KNM", "SHN", "ANK", "ANM", "HEE", "MT5", "MT1", "TOE"),
@@ -161,11 +160,11 @@ _LIMBS = {
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
-    """Return why a pose is unsure, with the numbers. An empty text where it is not.
+    """Return why a pose is unsure, with numbers, or an empty text.
 
     Args:
         off_m: (L,) metres between each seen marker or keypoint and the body, NaN where it is not seen.
-        limbs: rows of each limb. Those of the 53 markers if left out.
+        limbs: rows of each limb, by default of the 53 markers.
     """
     far = {limb: off for limb, off in limbs_off(off_m, limbs).items() if off > OFF_M}
     found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in far.items()]
@@ -201,9 +200,9 @@ def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
 
 
 KEPT = 16384
-"""Latencies that are kept, the newest: a run of hours keeps no more."""
+"""Number of recent latencies that are kept."""
 RATE_S = 1.0
-"""Seconds that the rate is counted over."""
+"""Time window of the rate, in seconds."""
 
 
 class LiveStatistics:

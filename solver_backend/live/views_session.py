@@ -21,20 +21,20 @@ from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, eve
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 CLEARLY = 0.5
-"""A limb pair is exchanged where that brings it nearer than this share of its distance as it is."""
+"""A limb pair is exchanged if that reduces its distance to this share."""
 FAR = 0.08
-"""Share of the person's size in the picture within which a pair is never exchanged: limbs that cross lie as near."""
+"""Pairs closer than this share of the person's size are never exchanged: crossing limbs are as close."""
 _PARTS = {
     "arms": ("shoulder", "elbow", "wrist", "thumb", "index", "pinky"),
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
 _FEWEST = 2
-"""Seen keypoints of a pair without which no decision on it is made."""
+"""Fewest visible keypoints of a pair that can be exchanged."""
 
 
 class ExchangedSides:
-    """Finds pairs of limbs whose sides are exchanged, among a detector's keypoints."""
+    """Find limb pairs with exchanged sides among a detector's keypoints."""
 
     def __init__(self, names: Sequence[str]) -> None:
         rows = {name: row for row, name in enumerate(names)}
@@ -69,42 +69,42 @@ class ExchangedSides:
 
 
 WORLD_MOMENTS = 12
-"""Moments with a person by which up and floor of the cameras' world are checked, before the first pose."""
+"""Number of moments with a person that decide up axis and floor, before the first pose."""
 BAD_M = 0.12
-"""Keypoints this far from the body in the median are no good pose. Detectors and bodies differ by 3 cm."""
+"""Largest median distance of keypoints from the body in a good pose, in metres. Detectors differ by 3 cm."""
 STARTS_WITH = 0.8
-"""Share of the keypoints of two views on which they must agree at a start: later the pose decides whose a limb is."""
+"""Least share of common keypoints on which two views agree at the start. Later the pose decides."""
 _TRIAL_MOMENTS = 6
-"""Moments of a start, so that all of its parts were run once."""
+"""Number of trial moments that run every part once."""
 SAME_PERSON = 0.5
-"""A detection is the person's if it lies, in the median, within this share of their size in the picture."""
+"""Largest median distance of the person's detection, as a share of their size in the picture."""
 
 
 @dataclass(frozen=True)
 class ViewMoment:
-    """What C cameras show at one moment."""
+    """Detections of C cameras at one moment."""
 
     time: float
     arrived: float
-    """``time.perf_counter()`` when the last of its pictures came."""
+    """``time.perf_counter()`` when its last picture arrived."""
     people: tuple[np.ndarray | None, ...]
-    """(P, K, 3) keypoints of everybody in each view, x and y in pixels and confidence. None of a view left out."""
+    """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
     times: tuple[float, ...] = ()
-    """Seconds of each view's own picture, NaN of a view left out."""
+    """Time of each view's picture in seconds, NaN for a skipped view."""
 
     @property
     def fault(self) -> str:
-        """Nothing: a moment always holds its views."""
+        """Return an empty text: a moment always has views."""
         return ""
 
     @property
     def lag_s(self) -> float:
-        """Seconds by which a pose of it is behind by now."""
+        """Delay of its pose at this moment, in seconds."""
         return time.perf_counter() - self.arrived
 
 
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
-    """One person before live cameras."""
+    """One person in front of live cameras."""
 
     def __init__(
         self,
@@ -114,7 +114,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         world: WorldSettings = WorldSettings(),
         up_axis: str | None = None,
     ) -> None:
-        """Take cameras and what is known of the person.
+        """Create a session.
 
         Args:
             cameras: as calibrated. The session moves them to a world that fits the person once that is known.
@@ -130,12 +130,12 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         self._may_start_anew = True
         self._sides = ExchangedSides(joint_set.keypoints)
         self.sides_put_back = 0
-        """Pairs of limbs of one view whose sides were exchanged."""
+        """Number of limb pairs whose exchanged sides were corrected."""
         self.chosen: tuple[np.ndarray, np.ndarray] | None = None
         """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
 
     def warm_up(self) -> None:
-        """Fit a few moments of a body that stands before the cameras and forget them: no person's first one is late."""
+        """Fit a few moments of a standing body and discard them, so that the first real one is not late."""
         cameras, trial = self.cameras, LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
         standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(cameras)[None])
         points = pose(trial.subject, standing).points
@@ -219,7 +219,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Return the number of (C, K, 3) keypoints on which two views agree."""
+        """Count the (C, K, 3) keypoints on which two views agree."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _project(self, points: np.ndarray) -> np.ndarray:

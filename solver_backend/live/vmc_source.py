@@ -5,67 +5,62 @@ Packets that cannot be used are reported once per kind and change nothing.
 
 from __future__ import annotations
 
-import errno
 import math
-import socket
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.hands import with_fingers
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.live_lines import EventLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
-from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF, JOINT_OF
 from solver_backend.exchange.vmc.bundle import BONE, ROOT, TIME
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.osc import LONGEST, OscMessage, PacketInvalid, decode_packet
+from solver_backend.exchange.vmc.osc import OscMessage, PacketInvalid, decode_packet
 from solver_backend.exchange.vmc.t_pose import t_pose, turned
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
-from solver_backend.live.named_once import JUMP_S, OneSender
+from solver_backend.live.port import JUMP_S, OneSender
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
 
 FARTHEST_M = 1e4
-"""No person is farther from the origin, in metres."""
+"""Largest plausible distance from the origin, in metres."""
 FACE = "/VMC/Ext/Blend/Val"
 MOST_CHANNELS = 256
-"""Channels of a face that are kept. ARKit has 52."""
+"""Most channels of a face. ARKit has 52."""
 _LARGEST = 10.0
-"""No channel has a value as large."""
+"""Largest plausible value of a channel."""
 _LONGEST_NAME = 40
-"""Letters of a foreign name that are shown. Chosen by hand."""
+"""Longest foreign name in messages. Chosen by hand."""
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
 @dataclass(frozen=True)
 class BoneFrame:
-    """Unity's humanoid at a moment, as the sender has it."""
+    """Unity's humanoid of the sender at one moment."""
 
     time: float
-    """Seconds since the first frame, on the sender's clock where it has one."""
+    """Seconds since the first frame, on the sender's clock if it has one."""
     arrived: float
-    """``time.perf_counter()`` when its last packet came."""
+    """``time.perf_counter()`` when its last packet arrived."""
     quat: dict[str, np.ndarray]
-    """(4,) unit quaternion wxyz of each bone that was heard, relative to its parent."""
+    """(4,) unit quaternion wxyz of each received bone, relative to its parent."""
     place: dict[str, np.ndarray]
     """(3,) metres of the same bones, relative to their parents."""
     root: tuple[np.ndarray, np.ndarray]
     """Unit quaternion wxyz and (3,) metres of the root, in Unity's world."""
     face: dict[str, float]
-    """Value of each channel of the face, of a sender that has some. 0 to 1 as a rule."""
+    """Value of each face channel, usually 0 to 1."""
 
 
 class FrameAssembly(OneSender):
-    """Gathers the bones of one sender. A frame is whole when every bone of the last one, or one of them twice, came."""
+    """Gather the bones of one sender. A frame is complete when all bones of the last one, or one bone twice, arrived."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -87,7 +82,7 @@ class FrameAssembly(OneSender):
         self._time = 0.0
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[BoneFrame]:
-        """Yield the frames that a packet makes whole.
+        """Yield the frames that a packet completes.
 
         Args:
             sender: whose it is. Frames are of one sender at a time.
@@ -139,7 +134,7 @@ class FrameAssembly(OneSender):
         return None if numbers is None else (name, *numbers)
 
     def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return rotation wxyz and place of a message's seven numbers, None where they cannot be."""
+        """Return rotation wxyz and position from a message's seven numbers, None if they are impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
         good = bool(np.isfinite(numbers).all()) and bool((np.abs(numbers) < FARTHEST_M).all())
@@ -189,10 +184,10 @@ def _shown(name: object) -> str:
 
 
 _OURS_M = 1e-4
-"""Metres by which no bone of our own body differs. Other bodies differ by centimetres."""
+"""Largest bone error of our own body, in metres. Other bodies differ by centimetres."""
 _ROUNDS = 6
 _PULL = 1e-11
-"""Square metres by which shapes that joints hardly know of are held to the mean."""
+"""Weight of the mean shape, in square metres, for directions that joints do not determine."""
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
@@ -226,114 +221,9 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     return betas if np.abs(r).max() < _OURS_M else None
 
 
-SILENT_S = 2.0
-"""Seconds without a packet from which a sender is reported as silent."""
-_LOOK_S = 0.2
-"""Seconds after which waiting looks about itself."""
-_ASK_S = 1.0
-"""Seconds of silence from one request to the next."""
-_RETRY_S = 0.5
-_BUFFER = 1 << 20
-"""Bytes that the system keeps for us: a second of the largest bundles."""
 _LEGS = (("left_hip", "left_knee", "left_ankle"), ("right_hip", "right_knee", "right_ankle"))
 _SAME = 0.005
-"""Share by which legs may differ in length without the path being scaled."""
-
-Frame = TypeVar("Frame", covariant=True)
-
-
-class Assembly(Protocol[Frame]):
-    """What makes frames of packets, and news of what is wrong with them."""
-
-    news: list[tuple[str, str]]
-    """Kind and sentence of what was wrong for the first time."""
-
-    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet makes whole."""
-        ...
-
-
-def listen(
-    address: VmcAddress, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
-) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames as they come, and events. A port that is taken is waited for.
-
-    Args:
-        ask: asks a sender to send, by our socket. Called at the beginning and as long as nothing comes.
-
-    Raises:
-        CommandLineInvalid: there is no such address on this machine.
-    """
-    there: socket.socket | None = None
-    busy = False
-    while there is None:
-        there = _bound(address)
-        if there is None:
-            if not busy:
-                yield event_line("port_busy", f"Another program listens at {address}; waiting until it ends.")
-            busy = True
-            time.sleep(_RETRY_S)
-    with there:
-        yield event_line("listening", f"Listening at {address}.")
-        yield from _received(there, assembly, ask)
-
-
-def _received(
-    there: socket.socket, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
-) -> Iterator[Frame | EventLine]:
-    heard, silent, broken = time.perf_counter(), False, False
-    ask(there)
-    asked = heard
-    while True:
-        try:
-            packet, sender = there.recvfrom(LONGEST + 1)
-        except TimeoutError:
-            if time.perf_counter() - asked > _ASK_S:
-                asked = time.perf_counter()
-                ask(there)
-            if not silent and time.perf_counter() - heard > SILENT_S:
-                silent = True
-                yield event_line("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
-            continue
-        except ConnectionError:  # Windows reports what an earlier packet of ours met
-            continue
-        except OSError as error:
-            if not broken:
-                broken = True
-                yield event_line("port_broken", f"Nothing can be received ({error.strerror or error}); trying again.")
-            time.sleep(_LOOK_S)
-            continue
-        heard, broken = time.perf_counter(), False
-        if silent:
-            silent = False
-            yield event_line("sender_back", "Packets arrive again.")
-        yield from assembly.take(packet, sender, heard)
-        while assembly.news:
-            yield event_line(*assembly.news.pop(0))
-
-
-def _bound(address: VmcAddress) -> socket.socket | None:
-    """Return a socket that listens, None where another program has the port."""
-    with ExitStack() as on_failure:
-        try:
-            family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
-            there = on_failure.enter_context(socket.socket(family, kind, protocol))
-            there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-            there.settimeout(_LOOK_S)
-            there.bind(where)
-        except (OSError, UnicodeError) as error:
-            return _refuse(error, address)
-        on_failure.pop_all()
-        return there
-
-
-def _refuse(error: Exception, address: VmcAddress) -> None:
-    """Return None for a port that is taken."""
-    if getattr(error, "errno", None) == errno.EADDRINUSE:
-        return
-    reason = getattr(error, "strerror", None) or error
-    hint = "A source is an address of this machine: vmc:// for its own programs, vmc://0.0.0.0 for the network."
-    raise CommandLineInvalid(f"Nothing can be received here: {reason}.", where=str(address), hint=hint) from error
+"""Largest difference of leg lengths, as a share, without scaling the path."""
 
 
 class BonesOnBody:
@@ -349,7 +239,7 @@ class BonesOnBody:
         self._scale, self._fingers = 1.0, False
 
     def person(self) -> tuple[Body, np.ndarray]:
-        """Return the body and its (10,) shape as they are known by now."""
+        """Return the body and its (10,) shape as currently known."""
         return self.body, np.zeros(10) if self.betas is None else self.betas
 
     def proportions(self) -> tuple[BodyLayout, np.ndarray]:
@@ -357,7 +247,7 @@ class BonesOnBody:
         return self.body.layout, self.body.rest_joints(self.person()[1])
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
-        """Return the (J, 3) axis-angles and (3,) transl of a frame. Bones that were not heard do not turn."""
+        """Return the (J, 3) axis-angles and (3,) transl of a frame. Missing bones do not turn."""
         if self._humanoid is None:
             self._meet(frame)
         if not self._fingers and has_fingers(frame):
@@ -399,7 +289,7 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Yield the lines of a live run. Frames are recorded before.
+    """Yield the lines of a live run, each after its frame was recorded.
 
     Args:
         found: what ``listen`` yields.

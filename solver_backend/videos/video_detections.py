@@ -13,7 +13,7 @@ from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_PX, LONGEST_S, require_rate
 from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
-from solver_backend.videos.files.video import rate_of
+from solver_backend.videos.files.video import TimedPictures
 
 FORMAT, VERSION = "manifold_mocap_detections", 1
 _STORED = (
@@ -23,7 +23,7 @@ _STORED = (
 
 
 @dataclass(frozen=True)
-class VideoDetections:
+class VideoDetections(TimedPictures):
     """Everybody in every picture of one video: F pictures, up to P people, K keypoints."""
 
     video: Path
@@ -63,16 +63,6 @@ class VideoDetections:
     def name(self) -> str:
         """Name of the camera."""
         return self.camera or self.video.stem
-
-    @property
-    def num_frames(self) -> int:
-        """Number of pictures."""
-        return len(self.times_s)
-
-    @property
-    def fps(self) -> float:
-        """Pictures per second."""
-        return rate_of(self.times_s)
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return xy (F, K, 2) and confidence (F, K) of one person."""

@@ -31,9 +31,9 @@ from solver_backend.live.face_source import (
     decode_live_link,
     face_lines,
 )
+from solver_backend.live.port import listen
 from solver_backend.live.recorder import Recorder, recording_of
 from solver_backend.live.recordings import FaceRecording
-from solver_backend.live.vmc_source import listen
 
 ROOT = Path(__file__).parents[2]
 TEXT = (
@@ -167,8 +167,8 @@ def test_addresses_have_the_apps_ports():
 
 
 def test_a_phone_is_asked_answers_and_is_asked_again_after_silence(monkeypatch):
-    monkeypatch.setattr("solver_backend.live.vmc_source._ASK_S", 0.05)
-    monkeypatch.setattr("solver_backend.live.vmc_source._LOOK_S", 0.02)
+    monkeypatch.setattr("solver_backend.live.port._ASK_S", 0.05)
+    monkeypatch.setattr("solver_backend.live.port._LOOK_S", 0.02)
     phone = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     phone.bind(("127.0.0.1", 0))
     phone.settimeout(5.0)

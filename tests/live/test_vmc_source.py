@@ -22,16 +22,9 @@ from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
+from solver_backend.live.port import _received, listen
 from solver_backend.live.sending import PoseSender, rest_joints
-from solver_backend.live.vmc_source import (
-    MOST_CHANNELS,
-    BoneFrame,
-    BonesOnBody,
-    FrameAssembly,
-    _received,
-    listen,
-    pose_lines,
-)
+from solver_backend.live.vmc_source import MOST_CHANNELS, BoneFrame, BonesOnBody, FrameAssembly, pose_lines
 from solver_backend.types import Motion
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver, messages_of
@@ -304,7 +297,7 @@ def port_of(there: socket.socket) -> VmcAddress:
 
 
 def test_a_port_that_is_taken_is_named_once_and_waited_for(monkeypatch, packets):
-    monkeypatch.setattr("solver_backend.live.vmc_source._RETRY_S", 0.02)
+    monkeypatch.setattr("solver_backend.live.port._RETRY_S", 0.02)
     there = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     there.bind(("127.0.0.1", 0))
     address = port_of(there)
@@ -321,8 +314,8 @@ def test_a_port_that_is_taken_is_named_once_and_waited_for(monkeypatch, packets)
 
 
 def test_silence_is_named_once_and_its_end(monkeypatch, packets):
-    monkeypatch.setattr("solver_backend.live.vmc_source.SILENT_S", 0.05)
-    monkeypatch.setattr("solver_backend.live.vmc_source._LOOK_S", 0.02)
+    monkeypatch.setattr("solver_backend.live.port.SILENT_S", 0.05)
+    monkeypatch.setattr("solver_backend.live.port._LOOK_S", 0.02)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as spare:
         spare.bind(("127.0.0.1", 0))
         address = port_of(spare)
@@ -335,7 +328,7 @@ def test_silence_is_named_once_and_its_end(monkeypatch, packets):
 
 
 def test_a_system_that_fails_is_named_once_and_tried_again(monkeypatch, packets):
-    monkeypatch.setattr("solver_backend.live.vmc_source._LOOK_S", 0.001)
+    monkeypatch.setattr("solver_backend.live.port._LOOK_S", 0.001)
     answers = [OSError(errno.ENOBUFS, "no room"), OSError(errno.ENOBUFS, "no room"), ConnectionResetError(), packets[0]]
 
     class Failing:

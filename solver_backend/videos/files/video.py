@@ -101,8 +101,24 @@ OFF_SHARE = 0.2
 """... the median interval by more than this share of it."""
 
 
+class TimedPictures:
+    """Pictures with the times at which they are shown."""
+
+    times_s: np.ndarray
+
+    @property
+    def num_frames(self) -> int:
+        """Number of pictures."""
+        return len(self.times_s)
+
+    @property
+    def fps(self) -> float:
+        """Pictures per second, see ``rate_of``."""
+        return rate_of(self.times_s)
+
+
 @dataclass(frozen=True)
-class VideoInfo:
+class VideoInfo(TimedPictures):
     """A video of F pictures."""
 
     path: Path
@@ -115,16 +131,6 @@ class VideoInfo:
     """Its files in order, see ``parts_of``. () where it is one file."""
     timed: bool = True
     """True if the file times its pictures. Else they count as even, at the rate that it states."""
-
-    @property
-    def num_frames(self) -> int:
-        """Number of pictures."""
-        return len(self.times_s)
-
-    @property
-    def fps(self) -> float:
-        """Pictures per second, see ``rate_of``."""
-        return rate_of(self.times_s)
 
     @property
     def variable(self) -> bool:

@@ -1,1 +1,1 @@
-"""One road from a folder of videos to a solved motion: what is there, what is missing, and what is done about it."""
+"""Take a folder of videos to solved motions, and keep what was made before."""

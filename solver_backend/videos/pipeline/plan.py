@@ -15,12 +15,12 @@ from solver_backend.videos.pipeline.calibrate import KnownOfCameras
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
 STEPS = ("detect", "sync", "calibrate", "capture", "solve")
-"""The road's steps in their order."""
+"""Steps from videos to a motion, in their order."""
 
 
 @dataclass(frozen=True)
 class TakePlan:
-    """The road of one take."""
+    """Steps of one take."""
 
     take: FoundTake
     folder: Path
@@ -92,8 +92,8 @@ def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
 
 
 @dataclass(frozen=True)
-class RoadSettings:
-    """How the road is gone."""
+class PipelineSettings:
+    """Settings of all steps."""
 
     detector: DetectorChoice
     """What finds keypoints."""
@@ -108,7 +108,7 @@ class RoadSettings:
     redo: tuple[str, ...] = ()
     """Steps that are done again even if nothing has changed."""
     overwrite: bool = False
-    """Replace files that this road did not make."""
+    """Replace files that other programs made."""
     solve: SolveSettings = field(default_factory=SolveSettings)
     """How the capture is solved."""
     world: WorldSettings = field(default_factory=WorldSettings)

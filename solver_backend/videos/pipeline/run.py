@@ -38,7 +38,7 @@ from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
-from solver_backend.videos.pipeline.plan import STEPS, RoadSettings, TakePlan
+from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, TakePlan
 from solver_backend.videos.pipeline.records import Records, Steps
 from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
@@ -76,23 +76,23 @@ FOUND_SHARE = 0.5
 """Somebody found in a smaller share of a video's pictures is a warning. Chosen by hand."""
 
 
-def go(found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent) -> Steps:
+def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
     """Go the road of one take and return what its steps found. ``road.json`` and the pictures show it step by step.
 
     Raises:
         MocapError: whatever a step raises. The results of the steps before stay.
     """
     check_output(plan.capture, overwrite=True)
-    road = _Road(found, plan, settings, progress)
+    run = _TakeRun(found, plan, settings, progress)
     for step in STEPS[: STEPS.index(settings.until) + 1]:
-        getattr(road, step)()
-    return road.steps
+        getattr(run, step)()
+    return run.steps
 
 
-class _Road:
+class _TakeRun:
     """One take on its way: a method a step, in the order of ``STEPS``."""
 
-    def __init__(self, found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress) -> None:
+    def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
         self.steps = Steps(plan.folder, plan.take.name, STEPS)
         self._records = Records(plan.folder)
@@ -293,7 +293,7 @@ class _Road:
         return False
 
 
-def _refuse(output: Path, settings: RoadSettings) -> None:
+def _refuse(output: Path, settings: PipelineSettings) -> None:
     """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
     if not settings.overwrite:
         hint = "Choose another --out, or --overwrite."

@@ -16,9 +16,9 @@ from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
 from solver_backend.videos.pipeline.layout import NoVideos, look_through
-from solver_backend.videos.pipeline.plan import RoadSettings, planned
+from solver_backend.videos.pipeline.plan import PipelineSettings, planned
 from solver_backend.videos.pipeline.records import Records
-from solver_backend.videos.pipeline.run import go
+from solver_backend.videos.pipeline.run import run_take
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
@@ -114,8 +114,8 @@ def session(tmp_path: Path) -> Path:
     return folder.parent
 
 
-def settings(tmp_path: Path, **more) -> RoadSettings:
-    return RoadSettings(chosen_detector(str(write_rtmpose(tmp_path / "m.onnx"))), sync="none", **more)
+def settings(tmp_path: Path, **more) -> PipelineSettings:
+    return PipelineSettings(chosen_detector(str(write_rtmpose(tmp_path / "m.onnx"))), sync="none", **more)
 
 
 def test_cameras_are_calibrated_where_no_calibration_is(
@@ -124,7 +124,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     found, out = look_through(session), tmp_path / "out"
     [plan] = planned(found, out)
     with pytest.raises(NoDetections, match="15 pictures; 30 are needed"):
-        go(found, plan, settings(tmp_path))
+        run_take(found, plan, settings(tmp_path))
     left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
     assert sorted(path.name for path in out.iterdir()) == left
     kept = json.loads((out / "road.json").read_text(encoding="utf-8"))
@@ -162,20 +162,20 @@ def test_cameras_are_calibrated_where_no_calibration_is(
 
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
-    said = go(found, plan, chosen).lines()
+    said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith("made: 2 cameras calibrated by the person, 1.0 px. cam1: the focal")
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
-    said = go(found, plan, chosen).lines()
+    said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
     assert said["detect"].startswith("kept: 30 pictures")
     (next((out / "detections").glob("cam2*"))).unlink()
-    assert go(found, plan, chosen).lines()["detect"].startswith("made: 30 pictures")
-    go(found, plan, replace(chosen, redo=("calibrate",)))
+    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: 30 pictures")
+    run_take(found, plan, replace(chosen, redo=("calibrate",)))
     assert len(asked) == 2
-    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))
+    run_take(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))
     assert len(asked) == 2  # the person told it already
-    go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="board")))
+    run_take(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="board")))
     assert len(asked) == 3
 
 
@@ -203,7 +203,7 @@ def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
     touched(out / "sync.json")
     [plan] = planned(found, out)
     with pytest.raises(OutputExists, match="did not write"):
-        go(found, plan, settings(tmp_path))
+        run_take(found, plan, settings(tmp_path))
     assert (out / "sync.json").read_bytes() == b""
 
 
