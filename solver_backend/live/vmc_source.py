@@ -60,7 +60,7 @@ class BoneFrame:
 
 
 class FrameAssembly(OneSender):
-    """Gather the bones of one sender. A frame is complete when all bones of the last one, or one bone twice, arrived."""
+    """Gather the bones of one sender. A frame ends when all bones of the last one, or one bone twice, arrived."""
 
     def __init__(self) -> None:
         super().__init__()

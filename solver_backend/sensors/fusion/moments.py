@@ -16,18 +16,18 @@ from solver_backend.sensors.fusion.clusters import DEFAULT, FusedPoints, FusionS
 from solver_backend.types import MarkerCloud
 
 SILENT_S = 0.25
-"""A sensor from which nothing came for so long is reported, and not waited for."""
+"""A sensor counts as silent after this time without a frame, in seconds. The others then go on."""
 JUMP_S = 0.5
-"""A step of a sensor's clock that differs by more from the host's is a jump. The host's step takes its place."""
+"""Largest difference of a sensor's time step from the host's, in seconds. The host's step replaces a larger one."""
 WAITING = 30
-"""Frames of one sensor that may wait for the others. Older ones are dropped."""
+"""Most waiting frames per sensor. Older frames are dropped."""
 MOST_FINDINGS = 1000
-"""Findings that are kept until somebody takes them."""
+"""Most findings that are kept."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """Something that happened to a sensor."""
+    """An event of a sensor."""
 
     kind: str
     """'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code."""
@@ -37,12 +37,12 @@ class Finding:
 
     @property
     def message(self) -> str:
-        """What was found, for people."""
+        """Sentence of the finding."""
         return sentence(self.found)
 
 
 class Gatherer:
-    """Puts frames of sensors together that were taken at one moment.
+    """Join the frames that sensors took at one moment.
 
     Args:
         period_s: seconds from frame to frame. Frames closer than half of it are of one moment.
@@ -57,11 +57,11 @@ class Gatherer:
         self._expected = [True] * len(names)
         self._ended = [False] * len(names)
         self._gone: float | None = None
-        """Time of the last moment that went out."""
+        """Time of the last moment."""
         self.findings: list[Finding] = []
 
     def push(self, seen: SensorSightings) -> None:
-        """Take a frame. One whose times are no numbers is reported and dropped."""
+        """Add a frame. A frame without valid times is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
             self._report("time_jumped", seen, "sensor_time_wrong", problem="missing")
             return
@@ -104,7 +104,7 @@ class Gatherer:
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
-        """Return the moments that are complete, or that have waited long enough at host's seconds ``now``."""
+        """Return the moments that are complete or have waited long enough at the host time ``now``."""
         found = []
         while (moment := self._next(now)) is not None:
             found.append(moment)
@@ -140,12 +140,12 @@ class Gatherer:
 
 
 _LONGEST_STEP_S = 0.5
-"""Seconds from one frame to the next, above which tracks begin anew. Chosen by hand."""
+"""Tracks restart after a longer time step, in seconds. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class TrackedPoints:
-    """N points of one moment with the tracks that they belong to."""
+    """N points of one moment and their tracks."""
 
     time: float
     points: np.ndarray
@@ -153,13 +153,13 @@ class TrackedPoints:
     covariance: np.ndarray
     """(N, 3, 3) m²."""
     track: np.ndarray
-    """(N,) number of the track. It stays with a marker while it is seen."""
+    """(N,) track number, constant while a marker is visible."""
     score: np.ndarray
     """(N,) log-odds that the track is a marker. Ghosts are below 0."""
 
 
 class MarkerTracks:
-    """Kalman filters of constant velocity, all at once (Bar-Shalom and Li 1993. White noise of acceleration)."""
+    """Kalman filters of constant velocity, all at once with white noise of acceleration (Bar-Shalom and Li 1993)."""
 
     def __init__(self, settings: FusionSettings = DEFAULT) -> None:
         self._settings = settings
@@ -167,7 +167,7 @@ class MarkerTracks:
         self.clear()
 
     def clear(self) -> None:
-        """Forget all tracks. Numbers are not used again."""
+        """Delete all tracks. Their numbers are not reused."""
         self._time: float | None = None
         self._state = np.zeros((0, 6))
         self._covariance = np.zeros((0, 6, 6))
@@ -252,12 +252,12 @@ milliseconds for seconds would take 6 GB for three moments. Chosen by hand."""
 
 @dataclass
 class CloudBuilder:
-    """Collects the moments of a take."""
+    """Collect the moments of a take."""
 
     moments: list[TrackedPoints] = field(default_factory=list)
 
     def add(self, moment: TrackedPoints) -> None:
-        """Take a moment."""
+        """Add a moment."""
         self.moments.append(moment)
 
     def cloud(self, fps: float) -> MarkerCloud:

@@ -45,7 +45,7 @@ from solver_backend.videos.sync.synchronise import synchronise
 
 
 def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Progress) -> Capture:
-    """Return the capture with the hands that a detector finds. As it is without one.
+    """Return the capture with the hands that a detector finds, unchanged without a detector.
 
     Args:
         detector: of hands in crops, or None.
@@ -56,7 +56,7 @@ def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Prog
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Return in how many frames two views, or the only one, show the hands that were looked for."""
+    """Report the share of frames in which two views, or the only one, show each hand."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
     least, views = (1, "one") if capture.is_one_view else (2, "two")
@@ -65,7 +65,7 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
-    """Return what a capture with hands is made of besides: a model, which another file replaces."""
+    """Return the hand model as one more input of a capture."""
     if detector is None:
         return []
     model = Path(str(detector.options["model"]))
@@ -73,11 +73,11 @@ def made_of_hands(detector: DetectorChoice | None) -> list[str]:
 
 
 FOUND_SHARE = 0.5
-"""Somebody found in a smaller share of a video's pictures is a warning. Chosen by hand."""
+"""Least share of a video's pictures that show a person without a warning. Chosen by hand."""
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:
-    """Go the road of one take and return what its steps found. ``road.json`` and the pictures show it step by step.
+    """Run the steps of one take and return their reports. ``road.json`` and the pictures are written after each step.
 
     Raises:
         MocapError: whatever a step raises. The results of the steps before stay.
@@ -90,7 +90,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
 
 
 class _TakeRun:
-    """One take on its way: a method a step, in the order of ``STEPS``."""
+    """State of one take. One method per step, in the order of ``STEPS``."""
 
     def __init__(self, found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress) -> None:
         self._found, self._plan, self._settings, self._progress = found, plan, settings, progress
@@ -191,7 +191,7 @@ class _TakeRun:
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.findings]
 
     def _of_one(self) -> KnownOfOne:
-        """Return what is known where one video alone is solved."""
+        """Return the facts for solving a single video."""
         plan, cameras = self._plan, self._settings.cameras
         if len(plan.take.videos) > 1:
             return KnownOfOne()
@@ -223,7 +223,7 @@ class _TakeRun:
         self.steps.report("solve", "made", [written, *found])
 
     def _kept_calibration(self) -> Calibration | None:
-        """Return the take's own calibration, or the one made before, where the user does not ask for another."""
+        """Return the take's own or an earlier calibration, unless the user asks for another."""
         plan, source = self._plan, self._settings.cameras.source
         if source == "auto" and plan.calibration is not None:
             return plan.calibration
@@ -265,7 +265,7 @@ class _TakeRun:
         self.steps.report("sync", "kept" if kept else "made", found, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
-        """Hold the calibration against the take, and draw the cameras and how they fit. None if too little is seen."""
+        """Check the calibration on the take and draw the result. Return None if too little is visible."""
         if capture.is_one_view:
             return None
         cameras, keypoints = capture.require_multiview()
@@ -285,7 +285,7 @@ class _TakeRun:
         return check
 
     def _is_kept(self, output: Path, made_of: Any, step: str) -> bool:
-        """Return whether an output stays."""
+        """Return whether an output is kept."""
         if step not in self._settings.redo and self._records.is_made(output, made_of):
             return True
         if output.exists() and not self._records.is_ours(output):
@@ -294,7 +294,7 @@ class _TakeRun:
 
 
 def _refuse(output: Path, settings: PipelineSettings) -> None:
-    """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
+    """Raise ``OutputExists`` for a foreign file, unless it may be replaced."""
     if not settings.overwrite:
         hint = "Choose another --out, or --overwrite."
         raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)

@@ -23,11 +23,11 @@ from solver_backend.videos.detect.detector import DetectorFailed
 from solver_backend.videos.streaming.picture_sources import LivePicture, PictureSource
 
 KEPT = 4
-"""Pictures that are kept, the newest, so that cameras meet at a moment that all of them have."""
+"""Number of recent pictures per camera, so that all cameras have one of the same moment."""
 
 
 class KeypointDetector(Protocol):
-    """What finds keypoints: a detector's process, see ``DetectorProcess``."""
+    """A keypoint detector such as ``DetectorProcess``."""
 
     about: dict[str, Any]
 
@@ -37,25 +37,25 @@ class KeypointDetector(Protocol):
 
 
 MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]
-"""Makes a detector for one camera. Entering it makes it ready."""
+"""Creates a detector for one camera, ready inside its context."""
 
 
 class LiveView:
-    """A camera and its detector. What changes is announced by a condition, under which all is read."""
+    """A camera and its detector. Hold the condition to read it."""
 
     def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
         self.source, self._make, self.changed = source, make, changed
         self.newest: deque[LivePicture] = deque(maxlen=KEPT)
         self.about: dict[str, Any] = {}
-        """What the detector reports of itself; {} until it is ready."""
+        """Description of the detector, {} until it is ready."""
         self.busy = False
         """True if a picture is being detected."""
         self.used = -1
-        """Number of the last moment that it was asked for."""
+        """Number of the last requested moment."""
         self.answer: tuple[int, np.ndarray] | None = None
-        """The moment that was asked for last, and the (P, K, 3) people found there."""
+        """Number of the last requested moment, and its (P, K, 3) people."""
         self.failure: MocapError | None = None
-        """Why there is nothing more to come, if it is no end of a video."""
+        """Reason of an early end."""
         self.ended = False
         self._asked: tuple[int, LivePicture] | None = None
         self._stopped = False
@@ -65,16 +65,16 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Take pictures in, on a clock that is 0 at ``start``."""
+        """Read pictures, on a clock that is 0 at ``start``."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Have a picture detected. The condition is held."""
+        """Request the detection of a picture. The caller holds the condition."""
         self.busy, self.used, self._asked = True, moment, (moment, picture)
         self.changed.notify_all()
 
     def stop(self) -> None:
-        """End both threads. What they are at is not waited for."""
+        """End both threads without waiting for their current work."""
         with self.changed:
             self._stopped = self.ended = True
             self.changed.notify_all()
@@ -132,15 +132,15 @@ def _named(error: Exception, camera: str) -> MocapError:
 
 
 FEWEST = 2
-"""Views without which nothing is triangulated."""
+"""Fewest views of a triangulation."""
 _NEW = 0.2
-"""Share of a moment in the usual time of one."""
+"""Weight of a new moment in the running mean of the time."""
 _EASY = 0.8
-"""Another view is added where the moment would take less than this share of the interval."""
+"""A view is added if the moment then takes less than this share of the interval."""
 
 
 class ViewBudget:
-    """The number of views that are detected at a time."""
+    """Number of views that are detected at a time."""
 
     def __init__(self, views: int, interval_s: float) -> None:
         """Begin with all.
@@ -152,7 +152,7 @@ class ViewBudget:
         self._usual_s: float | None = None
 
     def took(self, count: int, seconds: float) -> None:
-        """Learn how long a moment of so many views took. What was begun under another number teaches nothing."""
+        """Update the mean time of a moment with this many views. Ignore moments of another number."""
         if count != self.count:
             return
         before = self._usual_s
@@ -169,34 +169,34 @@ class ViewBudget:
 
 
 RATE_HZ = 30.0
-"""Moments per second that are wanted of cameras that are faster."""
+"""Most moments per second, also of faster cameras."""
 SAME_SHARE = 0.6
-"""Pictures of two cameras are of one moment within this share of the time from one picture to the next."""
+"""Largest time difference of pictures of one moment, as a share of the picture interval."""
 STALL_S = 0.15
-"""A camera whose pictures, or whose detector's answer, are later than this is not waited for while two others are."""
+"""Longest wait for a camera or its detector while two other views are there, in seconds."""
 BEHIND_S = 2.0
-"""A camera whose newest picture is older than this is reported, once."""
+"""A camera is reported once if its newest picture is older, in seconds."""
 READY_S = 120.0
-"""Time that detectors have for starting."""
+"""Time limit for starting the detectors, in seconds."""
 AHEAD_S = 0.05
-"""From when all are ready until the shared clock begins."""
+"""Time from readiness to the start of the shared clock, in seconds."""
 _LOOK_S = 0.05
-"""Seconds after which waiting looks about itself."""
+"""Longest uninterrupted wait, in seconds."""
 
 
 @dataclass
 class MomentCounts:
-    """What was made of the pictures that came."""
+    """Counts of moments and views."""
 
     moments: int = 0
     dropped: int = 0
-    """Moments that the cameras filmed, and that were not detected."""
+    """Number of filmed moments without detection."""
     views_left_out: int = 0
-    """Views that filmed a moment which was detected without them."""
+    """Number of views that were skipped at a detected moment."""
 
 
 class LiveMoments:
-    """Cameras and their detectors, running. A context manager that ends them."""
+    """Running cameras and detectors. A context manager that ends them."""
 
     def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
         self._changed = threading.Condition()
@@ -209,7 +209,7 @@ class LiveMoments:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What the detectors report of themselves."""
+        """Description of the detectors."""
         return self.views[0].about
 
     def __enter__(self) -> LiveMoments:
@@ -270,7 +270,7 @@ class LiveMoments:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Have the next moment detected. Return its pictures by view, and when that was.
+        """Request the detection of the next moment. Return its pictures by view, and the time.
 
         None where there is none, and where a camera is to be reported first.
         """
@@ -315,7 +315,7 @@ class LiveMoments:
         return sum(not view.ended for view in self.views)
 
     def _began(self, now: float, there: list[int]) -> float:
-        """Return when the first picture of all came, now where there is none."""
+        """Return the arrival of the first picture, or ``now`` without one."""
         return min((self.views[c].newest[0].arrived for c in there), default=now)
 
     def _answered(self, asked: dict[int, LivePicture], begun: float) -> ViewMoment | None:
@@ -350,14 +350,14 @@ class LiveMoments:
             yield event_line("camera_behind", f"{message} cannot be read as fast as they come.")
 
     def _lost(self) -> Iterator[EventLine]:
-        """Yield an event for each camera that has failed since, and one where too few are left."""
+        """Yield an event for each camera that failed since the last call."""
         for view in self.views:
             if view.failure is not None and view.source.name not in self._named:
                 self._named.add(view.source.name)
                 yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
 
     def require_views(self) -> None:
-        """Raise what ended a run where cameras failed.
+        """Raise the error that ended a run with failed cameras.
 
         Raises:
             TooFewViews: fewer than two are left because of it.

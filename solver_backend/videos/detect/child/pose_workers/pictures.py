@@ -9,7 +9,7 @@ PADDING = 114.0
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y. Beyond the picture is black), bilinear.
+    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, black outside.
 
     Column j of the result is ``x = low + (high - low) j / w``, as models are trained that map a box's corner to the
     first pixel.
