@@ -14,7 +14,7 @@ from tests.support.solved import solved
 
 
 @pytest.mark.parametrize(
-    ("place", "millimetres", "code"),
+    ("place", "millimetres", "severity"),
     [
         ("LASI", 6.0, None), ("LASI", 16.0, Severity.WARNING), ("LASI", 80.0, Severity.ERROR),
         ("=left_hip", 25.0, None), ("=left_hip", 50.0, Severity.WARNING), ("=left_hip", 200.0, Severity.ERROR),

@@ -230,14 +230,16 @@ def calibrated(
         places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
     record = {"frames": found.frames.tolist(), **(provenance or {})}
     if by_side:
-        record[SIDE_FOUND] = [list(item) for item in by_side.items()]
+        record[SIDE_FOUND] = [{"label": label, "place": place} for label, place in by_side.items()]
     if doubled:
-        record[TWO_PLACES] = [list(item) for item in doubled]
+        keys = ("label", "apart_m", "take", "other")
+        record[TWO_PLACES] = [dict(zip(keys, item, strict=True)) for item in doubled]
     # What is left out after all, because it is exchanged in a part of the take, is not corrected.
     if corrected := [sorted((a, b)) for a, _, b, _ in exchanged if not {a, b} & {label for label, *_ in misplaced}]:
         record[EXCHANGED] = corrected
     if misplaced:
-        record[MISPLACED] = [list(item) for item in misplaced]
+        keys = ("label", "place", "off_m")
+        record[MISPLACED] = [dict(zip(keys, item, strict=True)) for item in misplaced]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)
     return with_attached(person, found, cloud, (*names.unknown, *(label for label, *_ in misplaced)))
 

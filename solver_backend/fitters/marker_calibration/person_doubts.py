@@ -18,19 +18,16 @@ from solver_backend.labelling.names_over_takes import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED = "misplaced"
-"""What a person's provenance calls labels whose names are not used, each with the place that it names and its distance
-in metres."""
+"""Key in a person's provenance: labels with unused names, as ``label``, ``place`` (of the name) and ``off_m``."""
 TWO_PLACES = "two_places"
-"""What it calls labels that are left out since two takes show them at different places, each with the distance in
-metres and the takes' numbers, from 1."""
-
+"""Key of labels with different places in two takes: ``label``, ``apart_m``, and the numbers ``take`` and ``other``,
+from 1."""
 EXCHANGED = "exchanged"
-"""What it calls pairs of labels that name each other's markers in all takes."""
+"""Key of pairs of labels that name each other's markers in all takes."""
 NAMES_OVER_TAKES = "names_over_takes"
-"""What it calls names that stand for each other's markers in one take: the take's number from 1, both labels (the
-second empty where no other point fits), and whether they were exchanged."""
+"""Key of names that are swapped in one take: ``take`` from 1, ``labels`` (one or two) and ``corrected``."""
 SIDE_FOUND = "side_found"
-"""What it calls labels that name a limb without its side, each with the place that was found."""
+"""Key of labels that name a limb without its side: ``label`` and the ``place`` that was found."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
@@ -40,7 +37,14 @@ def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
     """Return what a person's provenance records of names that single takes have the other way round."""
-    rows = [[change.take + 1, change.first, change.second, change.mended] for change in changes]
+    rows = [
+        {
+            "take": change.take + 1,
+            "labels": [label for label in (change.first, change.second) if label],
+            "corrected": change.mended,
+        }
+        for change in changes
+    ]
     return {NAMES_OVER_TAKES: rows} if rows else {}
 
 
@@ -53,8 +57,8 @@ def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
 def _side_found(person: MarkerSubject) -> list[Diagnostic]:
     """Return on which side a limb is whose labels name none."""
     found = person.provenance.get(SIDE_FOUND, ())
-    labels = [label for label, _ in found]
-    side = "right" if found and found[0][1].startswith("R") else "left"
+    labels = [row["label"] for row in found]
+    side = "right" if found and found[0]["place"].startswith("R") else "left"
     return [diagnostic("limb_side_found", basis="place", markers=labels, side=side)] if found else []
 
 
@@ -63,19 +67,22 @@ def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
     found = person.provenance.get(MISPLACED, ())
     if not found:
         return []
+    labels = [row["label"] for row in found]
     named = sum(not place.startswith(ON_BONE) for place in person.places) + len(found)
     if 2 * len(found) >= named:
-        labels = [label for label, *_ in found]
         return [diagnostic("markers_of_nobody", markers=labels, count=len(found), named=named)]
-    texts = [f"{label} as {place} ({1000 * off:.0f} mm)" for label, place, off in found]
-    return [diagnostic("markers_off_place", markers=[label for label, *_ in found], places=", ".join(texts))]
+    texts = [f"{row['label']} as {row['place']} ({1000 * row['off_m']:.0f} mm)" for row in found]
+    return [diagnostic("markers_off_place", markers=labels, places=", ".join(texts))]
 
 
 def _two_places(person: MarkerSubject) -> list[Diagnostic]:
     """Return that markers were left out since they are elsewhere in another take."""
     found = person.provenance.get(TWO_PLACES, ())
-    texts = [f"{label} by {1000 * apart:.0f} mm between takes {a} and {b}" for label, apart, a, b in found]
-    labels = [label for label, *_ in found]
+    texts = [
+        f"{row['label']} by {1000 * row['apart_m']:.0f} mm between takes {row['take']} and {row['other']}"
+        for row in found
+    ]
+    labels = [row["label"] for row in found]
     return [diagnostic("marker_in_two_places", markers=labels, places=", ".join(texts))] if found else []
 
 
@@ -84,10 +91,10 @@ def _over_takes(person: MarkerSubject) -> list[Diagnostic]:
     found = person.provenance.get(NAMES_OVER_TAKES, ())
     diagnostics: list[Diagnostic] = []
     for code, wanted in (("names_exchanged_in_takes", True), ("names_differ_between_takes", False)):
-        items = [(take, [label for label in (a, b) if label]) for take, a, b, mended in found if mended is wanted]
-        texts = [f"{' and '.join(labels)} in take {take}" for take, labels in items]
-        labels = [label for _, several in items for label in several]
-        diagnostics += [diagnostic(code, markers=labels, places=", ".join(texts))] if items else []
+        rows = [row for row in found if row["corrected"] is wanted]
+        texts = [f"{' and '.join(row['labels'])} in take {row['take']}" for row in rows]
+        labels = [label for row in rows for label in row["labels"]]
+        diagnostics += [diagnostic(code, markers=labels, places=", ".join(texts))] if rows else []
     return diagnostics
 
 

@@ -76,7 +76,9 @@ def test_takes_of_a_person_are_named_each_by_itself_and_assigned_names_stay(walk
 
 def test_what_a_calibration_exchanges_and_an_odd_shape_are_said():
     empty = np.zeros((0, 3))
-    record = {"exchanged": [["LWRA", "LWRB"]], "names_over_takes": [[2, "C7", "T4", True], [3, "LSHO", "", False]]}
+    swapped = {"take": 2, "labels": ["C7", "T4"], "corrected": True}
+    open_case = {"take": 3, "labels": ["LSHO"], "corrected": False}
+    record = {"exchanged": [["LWRA", "LWRB"]], "names_over_takes": [swapped, open_case]}
     person = MarkerSubject("neutral", np.zeros(10), (), (), empty, empty[:, 0], empty[:, 0], record)
     codes = ["markers_exchanged", "names_exchanged_in_takes", "names_differ_between_takes"]
     said = [*exchanged_in(person), *doubts_of(person)]
