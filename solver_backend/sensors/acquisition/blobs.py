@@ -33,7 +33,7 @@ class AcquisitionSettings:
     """Lamps are masked this much larger."""
 
     most_bright: float = 0.04
-    """Share of bright pixels from which on it is sunlight, and no markers are searched."""
+    """Largest share of bright pixels. Above it the scene is sunlit and no markers are detected."""
     most_blobs: int = 400
     """Number of blobs from which on the same."""
     least_pixels: int = 2

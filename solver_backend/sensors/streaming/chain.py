@@ -74,7 +74,7 @@ class ChainStatistics:
 
 
 RETRY_S = 1.0
-"""Time after which a sensor that went away is searched again."""
+"""Time between attempts to open a lost sensor, in seconds."""
 
 
 @dataclass(frozen=True)

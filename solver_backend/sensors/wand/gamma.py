@@ -30,7 +30,7 @@ LEAST_RATIO = 1.15
 """The long edge is this much longer than the short one."""
 LEAST_FRAMES = 5
 MOST_POINTS = 24
-"""Points of a frame beyond which it is not searched: cover the lamps."""
+"""Most points of a frame. Cover the lamps if there are more."""
 FRAMES_PER_NEWS = 3.0
 """Frames with correlated errors: a sensor's noise on a marker that stands has some memory."""
 SHARED_SIGMA_M = 0.5e-3

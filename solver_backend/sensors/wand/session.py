@@ -147,7 +147,7 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
 MOST_CROWDED = 0.5
 """Share of frames with more than one wand in sight with which a recording is refused."""
 REACH_S = 6.5
-"""Largest offset of clocks that is searched."""
+"""Largest clock offset that is tested, in seconds."""
 LATE_FRAMES = 0.25
 """A delay beyond this share of a frame moves the moments that are compared, and is found again."""
 

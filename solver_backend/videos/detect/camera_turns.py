@@ -23,7 +23,7 @@ from solver_backend.videos.video_detections import VideoDetections
 WIDTH_PX = 640
 """Pictures are looked at in this width: a feature is located to a twentieth of such a pixel."""
 FEATURES, FEWEST = 400, 40
-"""Features that are followed. With fewer left new ones are searched, and with fewer to find nothing is known."""
+"""Number of tracked features, and the fewest: below half of the first, new features are detected."""
 MARGIN = 0.25
 """People's boxes are widened by this share of their size: hair, clothes and shadows move with them."""
 STILL_DEG = 0.25

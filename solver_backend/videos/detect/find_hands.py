@@ -28,11 +28,11 @@ from solver_backend.videos.detect.search_hands import ArmsInViews, HandInCrop, s
 from solver_backend.videos.files.video import Picture, probe, read_pictures
 
 ALIKE = 0.02
-"""Pictures whose sizes and shapes differ by less were cut to whole blocks by a coder, as ``assemble`` has it."""
+"""Smaller differences of size or shape come from coders that cut pictures to whole blocks, see ``assemble``."""
 
 
 def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
-    """Return (C, 2) how wide and high the footage is by the calibration's pictures. 1 where their shapes differ.
+    """Return the (C, 2) scale of width and height from the calibrated pictures to the footage, 1 for another shape.
 
     Args:
         sizes: width and height of each view's footage in px. None where it has none.
@@ -48,7 +48,7 @@ def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> 
 
 
 def in_footage(cameras: Cameras, arms: ArmsInViews, scale: np.ndarray) -> tuple[Cameras, ArmsInViews]:
-    """Return cameras and arms in the pixels of footage that is so many times as wide and high (C, 2)."""
+    """Return cameras and arms in the pixels of footage with a (C, 2) scale."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
         cameras = resized(cameras, int(view), (wide, high))
@@ -56,12 +56,12 @@ def in_footage(cameras: Cameras, arms: ArmsInViews, scale: np.ndarray) -> tuple[
 
 
 def from_footage(hands: Float[np.ndarray, "views frames 2 21 3"], scale: np.ndarray) -> np.ndarray:
-    """Return hands (C, F, 2, 21, 3) found in such footage in the calibration's pixels."""
+    """Return hands (C, F, 2, 21, 3) in the calibrated pixels."""
     return _scaled(hands, 1.0 / scale)
 
 
 def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return points (C, ..., 3) of pictures so many times as wide and high: ``u' + 0.5 = s (u + 0.5)``."""
+    """Scale points (C, ..., 3): ``u' + 0.5 = s (u + 0.5)``."""
     by = scale.reshape(-1, *(1,) * (points.ndim - 2), 2)
     same = by == 1.0
     moved = np.where(same, points[..., :2], (points[..., :2] + 0.5) * by - 0.5)
@@ -69,11 +69,11 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 REACH = 5
-"""Frames by which footage is off at most: further off, hands are not at the wrists they are searched."""
+"""Largest shift of the footage in frames. With a larger one, crops miss the hands."""
 LEAST_FRAMES = 20
-"""Frames that show a hand and its wrist. Chosen by hand."""
+"""Fewest frames that show a hand and its wrist. Chosen by hand."""
 SURE = 0.3
-"""Confidence from which a wrist counts. Chosen by hand."""
+"""Least confidence of a wrist. Chosen by hand."""
 MOVES = 0.5
 """Hands move enough where their errors at the best shift are less than this share of those at the worst one. By
 ``python -m tests.benchmarks.hands.late_footage``: no shift of hands that rest is invented up to 0.7, 7 of 16 at 1.0. Of
@@ -86,7 +86,7 @@ at 0.9 twice as many shifts are missed and as many are wrong, at 0.5 four fewer 
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return by how many pictures the footage is late of the detections. 0 where hands do not show it.
+    """Return the delay of the footage against the detections in pictures, 0 if hands do not show it.
 
     ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, s their size, is least at some shift d, between
     frames by a parabola. What is constant is the detectors' own difference.
@@ -110,7 +110,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Return hands by the frames of the detections, unseen where the footage has no picture of one.
+    """Return hands by the frames of the detections, unseen in frames without a picture.
 
     Args:
         hands: (C, F, 2, 21, 3) by the picture.
@@ -123,7 +123,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return how far a hand (F, 21, 3) is from its wrist (F, 3) at each shift, None where too few frames show both."""
+    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift, None if too few frames show both."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -145,7 +145,7 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
 
 
 _STEP = 25
-"""Frames from one report of progress to the next. Chosen by hand."""
+"""Number of frames between progress reports. Chosen by hand."""
 
 AGAIN_S = 0.05
 """Seconds from one search for a hidden hand to the next: hands hide for longer, and each search costs up to six looks.
@@ -203,7 +203,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return (C, 2) which views look for which hand: those that had it, others in turn where enough views had it.
+    """Return the (C, 2) mask of views that search each hand: those that had it, and the others in turn.
 
     Args:
         before: (C, 2, 21, 3) hands of the frame before. None: all views look.
@@ -221,14 +221,14 @@ def seen_by_two(capture: Capture) -> dict[str, float]:
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the share of the frames, per cent, where so many views or more show a hand, by side."""
+    """Return the share of frames in per cent where at least this many views show a hand, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
 def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
-    """Return elbows and wrists, triangulated or lifted, bridged where there are none, and which sides have none."""
+    """Return elbows and wrists, triangulated or lifted and interpolated, and notes on missing sides."""
     cameras, keypoints = capture.require_views()
     names = keypoints.joint_set.keypoints
     columns = [names.index(f"{side}_{part}") for part in ("elbow", "wrist") for side in SIDES]
@@ -251,7 +251,7 @@ def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
 
 
 def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return (F, K, 3) where an average person's keypoints are before the one camera that sees the person, metres."""
+    """Return the (F, K, 3) keypoints of an average person in front of the only camera, in metres."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
     prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)

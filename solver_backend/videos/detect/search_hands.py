@@ -120,7 +120,7 @@ AWAY_M = 0.1
 ALIKE = 0.1
 """Arms this near each other, in hands, place crops that show the same."""
 NEAREST_M = 0.1
-"""No hand is searched nearer to a camera."""
+"""Least distance of a hand from a camera, in metres."""
 SURE = 0.3
 """Confidence from which a view's own elbow and wrist place a crop. Chosen on two takes."""
 SIGMA = 0.06

@@ -46,7 +46,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Yield the open container of a video. What goes wrong inside is reported in our own words.
+    """Yield the open container of a video, and report its errors as our own.
 
     Raises:
         VideoUnreadable: the file is missing, empty, broken or no video.
@@ -96,9 +96,9 @@ def library() -> Any:
 
 
 VARIABLE_SHARE = 0.02
-"""A video has a variable rate where more than this share of its intervals is off ..."""
+"""A video has a variable rate if more than this share of its intervals differs from ..."""
 OFF_SHARE = 0.2
-"""... the median interval by more than this share of it."""
+"""... the median interval by more than this share."""
 
 
 class TimedPictures:
@@ -143,13 +143,13 @@ class VideoInfo(TimedPictures):
 
 
 UNTIMED_SHARE = 0.5
-"""A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""
+"""Largest share of distinct times in a file without picture times."""
 PICTURES_FPS = 30.0
 """Pictures per second of a folder of pictures, which does not state it."""
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return what a video is. Its packets are counted and its first picture is decoded.
+    """Return the properties of a video. This counts its packets and decodes its first picture.
 
     Chapters of one recording are one video, and so are the pictures of a folder.
 
@@ -210,7 +210,7 @@ def quarter_turn(degrees: float) -> int:
 
 
 LOST_SHARE = 0.02
-"""So large a share of the pictures may be broken. Beyond it the video is refused."""
+"""Largest share of broken pictures in a usable video."""
 
 
 @dataclass(frozen=True)
@@ -270,7 +270,7 @@ def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def decoded_frames(path: Path) -> Iterator[Any]:
-    """Yield PyAV's frames of a file that have a time. What cannot be decoded is passed over."""
+    """Yield the PyAV frames of a file that have a time, and skip broken ones."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -295,7 +295,7 @@ def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
 
 
 _PIECE = 1 << 22
-"""Bytes that are read at a time. Chosen by hand."""
+"""Bytes per read. Chosen by hand."""
 
 
 def file_hash(path: Path | str) -> str:
@@ -308,7 +308,7 @@ def file_hash(path: Path | str) -> str:
 
 
 def recording_hash(parts: Sequence[Path]) -> str:
-    """Return the hash of a recording's files in their order. That of the file where it is one."""
+    """Return the hash of a recording's files in order, or of its only file."""
     if len(parts) == 1:
         return file_hash(parts[0])
     return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
@@ -330,9 +330,9 @@ def require_different(hashes: Mapping[Path, str]) -> None:
 
 
 RATE_HZ = 16_000
-"""Samples per second that sound is brought to."""
+"""Sample rate of sound."""
 SILENCE = 1e-5
-"""Root mean square, of full scale 1, below which there is only silence."""
+"""Largest root mean square of silence, full scale 1."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Cameras of a take that has no calibration: by the board that was filmed, or by the person alone."""
+"""Calibrate the cameras of a take from board footage, or from the person alone."""
 
 from __future__ import annotations
 
@@ -38,28 +38,28 @@ _BOARD_FILES = ("board.toml", "charuco.toml")
 
 @dataclass(frozen=True)
 class CalibrationRequest:
-    """A take whose cameras are to be calibrated."""
+    """A take to calibrate."""
 
     found: FoundFolder
     take: FoundTake
     detections: tuple[VideoDetections, ...]
-    """What was found in its videos, for calibration by the person alone."""
+    """Detections in its videos, for calibration from the person."""
     clocks: Clocks
     out: Path
     """Calibration file to write, in a format that ``read_calibration`` reads."""
     coverage: Path | None = None
-    """Picture to draw of where each camera saw the board, if a board is used."""
+    """Picture of the board positions in each camera, if a board is used."""
 
 
 @dataclass(frozen=True)
 class KnownOfCameras:
-    """What the user states of cameras and of what they filmed."""
+    """Facts from the user about cameras and footage."""
 
     board: str | None = None
     """The board, as ``board_named`` reads it. None looks for a ``board.toml`` beside its footage."""
     lenses: Path | None = None
     stature_m: float | None = None
-    """Of the person, who sets the scale where no board does."""
+    """Stature of the person, which sets the scale without a board."""
     source: str = "auto"
     """How the cameras are calibrated: "auto" by whatever is there, or, even where there is a calibration, by the filmed
     "board" or the "person"."""
@@ -67,7 +67,7 @@ class KnownOfCameras:
     """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera whose lens is not known.
+        """Return the focal length of a camera with an unknown lens.
 
         Raises:
             CommandLineInvalid: what was given is no focal length.
@@ -165,7 +165,7 @@ def _by_one_camera(
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
-    """Return the footage of boards of these kinds, by the take's names of its cameras. Nothing where there is none."""
+    """Return the board footage of these kinds by the take's camera names, or nothing."""
     names = request.take.cameras
     for footage in request.found.footage:
         if footage.kind in kinds:

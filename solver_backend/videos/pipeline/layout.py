@@ -15,22 +15,22 @@ from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of, is_picture, is
 from solver_backend.io.recognition.camera_names import name_key, natural_key
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
-"""Names of folders that are a camera even where they hold several videos: cam_01, Camera 2, view3, 04."""
+"""Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""
 _SOURCE_FOLDERS = ("inputmedia", "")
-"""Where a camera's own footage lies in its folder: OpenCap's, or directly."""
+"""Subfolders with a camera's footage: OpenCap's, or the folder itself."""
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
 _MOST_PICTURE_NAMES = 64
-"""Names that are looked at to see whether a folder holds pictures."""
+"""Most file names that are checked for pictures."""
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings of a folder by name: videos side by side, of an action camera's chapters the first."""
+    """Return the recordings of a folder by name. The first chapter represents a recording in chapters."""
     videos = [path for path in _entries(folder) if is_video(path)]
     return {parts[0].stem: parts[0] for parts in join_chapters(videos)}
 
 
 def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
-    """Return the footage of camera folders: by take, then by camera. A take's name is "" where each has one alone.
+    """Return the footage of camera folders by take and camera. A single take has the name "".
 
     Folders are cameras where each holds one recording, or where they are named like cameras and hold several, whose
     names are the takes'.
@@ -64,7 +64,7 @@ def _footage_in(folder: Path) -> dict[str, Path]:
 
 
 def _preferred(found: dict[str, Path]) -> list[Path]:
-    """Return the one recording of a take's folder: the synchronised where there are several."""
+    """Return the recording of a take's folder, preferably a synchronised one."""
     chosen = [path for stem, path in found.items() if _SYNCHRONISED.search(stem)] or list(found.values())
     return chosen[:1]
 
@@ -77,7 +77,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 class NoVideos(MocapError):
-    """A folder holds no take: videos of two cameras or more."""
+    """A folder holds no take."""
 
     code = "no_videos"
 
@@ -90,7 +90,7 @@ VIDEO_FOLDERS = (
 _PICTURE_FOLDERS = ("images", "frames")
 """Folders of a take that hold a folder of pictures per camera (EasyMocap)."""
 _LEVELS = 4
-"""Folders below that are searched for takes. Chosen by hand."""
+"""Depth of the search for takes. Chosen by hand."""
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
 _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics|output_data|annotated.*|\..*")
@@ -103,12 +103,12 @@ class FoundTake:
     name: str
     folder: Path
     videos: tuple[Path, ...]
-    """One a camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
+    """One per camera, in natural order: a file, the first chapter of a recording, or a folder of pictures."""
     cameras: tuple[str, ...]
-    """Names of the cameras: of the videos, or of the folders that hold them."""
+    """Camera names: names of the videos or of their folders."""
 
     def calibration(self, session: Path) -> Calibration | None:
-        """Return the calibration that knows this take's cameras: from its folders, or from the session's. Or None.
+        """Return the calibration of this take's cameras from its folders or the session, or None.
 
         Raises:
             CalibrationInvalid, FileDamaged: the nearest one is bad.
@@ -134,14 +134,14 @@ class CalibrationFootage:
     """Videos or pictures of a board."""
 
     kind: str
-    """'intrinsics', 'extrinsics', or 'both' where the folder does not state it."""
+    """'intrinsics', 'extrinsics', or 'both' if the folder name does not tell."""
     folder: Path
     cameras: dict[str, Path]
 
 
 @dataclass(frozen=True)
 class FoundFolder:
-    """What a folder holds."""
+    """Contents of a folder."""
 
     root: Path
     takes: tuple[FoundTake, ...]
@@ -195,7 +195,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the take of the only video of a folder, or of its folder of videos. None where there are several."""
+    """Return the take of the only video of a folder or its folder of videos, nothing for several."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}

@@ -1,4 +1,4 @@
-"""Record what each step of a take was made of and what it found."""
+"""Record the inputs and the findings of each step of a take."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from solver_backend.io.files import read_json
 
 NAME = "steps.json"
 _BEGUN = ""
-"""Key of an output that is being made: made of nothing."""
+"""Key of an output that is in progress."""
 
 
 class Records:
-    """The record of one take's steps, kept beside its results."""
+    """Inputs of one take's results, stored next to them."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
@@ -32,16 +32,16 @@ class Records:
                 self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output is there and was made of this (plain values)."""
+        """Return whether an output exists and was made from these plain values."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
-        """Return whether we made an output, of whatever it was, so that it may be replaced."""
+        """Return whether this pipeline made an output, which it may then replace."""
         return output.name in self._keys
 
     @contextmanager
     def making(self, output: Path) -> Iterator[None]:
-        """Remember that an output is ours before it is written: however this process ends, the next replaces it."""
+        """Mark an output as ours before it is written, so that the next run may replace an incomplete one."""
         self._keys[output.name] = _BEGUN
         self._write()
         try:
@@ -53,7 +53,7 @@ class Records:
             raise
 
     def made(self, output: Path, made_of: Any) -> None:
-        """Remember what an output was made of."""
+        """Record the inputs of an output."""
         self._keys[output.name] = key_of(made_of)
         self._write()
 
@@ -73,17 +73,17 @@ FORMAT, VERSION = "manifold_mocap_road", 2
 
 @dataclass(frozen=True)
 class StepReport:
-    """What one step found."""
+    """Report of one step."""
 
     step: str
     state: str
     diagnostics: tuple[Diagnostic, ...]
-    """What it found: notes, and warnings where something is wrong or unsure."""
+    """Notes and warnings."""
     pictures: tuple[str, ...] = ()
 
     @property
     def line(self) -> str:
-        """All of it in one line."""
+        """The report in one line."""
         return f"{self.state}: {' '.join(map(sentence, self.diagnostics))}"
 
     def as_dict(self) -> dict[str, object]:
@@ -97,14 +97,14 @@ class StepReport:
 
 
 class Steps:
-    """The steps of one take that are done, written to ``road.json`` after each."""
+    """Finished steps of one take, written to ``road.json`` after each step."""
 
     def __init__(self, folder: Path, take: str, order: tuple[str, ...]) -> None:
         self._folder, self._take, self._order = folder, take, order
         self._reports: dict[str, StepReport] = {}
 
     def report(self, step: str, state: str, found: Iterable[Diagnostic], pictures: Iterable[Path] = ()) -> None:
-        """Keep what a step found. Of its pictures those that are there."""
+        """Add the report of a step, with the pictures that exist."""
         drawn = tuple(path.relative_to(self._folder).as_posix() for path in pictures if path.is_file())
         self._reports[step] = StepReport(step, state, tuple(found), drawn)
         values = {"format": FORMAT, "version": VERSION, "take": self._take, "steps": self.as_list()}
@@ -115,7 +115,7 @@ class Steps:
         return [self._reports[step] for step in self._order if step in self._reports]
 
     def diagnostics(self) -> tuple[Diagnostic, ...]:
-        """Return everything that was found, each once."""
+        """Return all diagnostics, each once."""
         return merge(item for report in self.in_order() for item in report.diagnostics)
 
     def as_list(self) -> list[dict[str, object]]:

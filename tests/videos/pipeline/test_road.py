@@ -168,9 +168,9 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = run_take(found, plan, chosen).lines()
     assert said["calibrate"].startswith("kept") and said["sync"].startswith("kept") and len(asked) == 1
-    assert said["detect"].startswith("kept: 30 pictures")
+    assert said["detect"].startswith("kept: Detected keypoints in 30 pictures")
     (next((out / "detections").glob("cam2*"))).unlink()
-    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: 30 pictures")
+    assert run_take(found, plan, chosen).lines()["detect"].startswith("made: Detected keypoints in 30 pictures")
     run_take(found, plan, replace(chosen, redo=("calibrate",)))
     assert len(asked) == 2
     run_take(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="person")))

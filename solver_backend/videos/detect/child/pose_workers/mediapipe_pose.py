@@ -1,6 +1,6 @@
 """MediaPipe's pose model, which its wheel carries: 33 keypoints of one person, followed from picture to picture.
 
-More people are searched in the same picture with those found before painted grey. With hands, its holistic model
+Further people are detected in the same picture after the first ones are painted grey. With hands, its holistic model
 finds 21 points of each beside the body.
 """
 
