@@ -40,18 +40,18 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras
 
 FEWEST_TOGETHER = 2
-"""Moments at which a pair must see the board together to be believed."""
+"""Fewest common board sightings of a usable camera pair."""
 OUTLIER_SIGMAS = 6.0
-"""Moments of one camera whose error is larger, in median errors, are skipped of the second adjustment."""
+"""Larger errors are excluded from the second adjustment, in median errors."""
 
 ZOOM_GAIN = 0.25
 UNKNOWN_VELOCITY = 10.0
-"""How much less sure a point is whose velocity is unknown while delays are found."""
+"""Factor on the deviation of points without a velocity while delays are estimated."""
 
 
 @dataclass(frozen=True)
 class BoardCalibration:
-    """Cameras found by a board."""
+    """Result of a board calibration."""
 
     adjusted: Adjusted
     """Cameras and the board's poses, in the first camera's axes."""
@@ -59,7 +59,7 @@ class BoardCalibration:
     seen: BodySightings
     together: dict[tuple[int, int], int]
     left_out: int
-    """Sightings that were skipped as contradicting the others."""
+    """Number of excluded sightings."""
 
 
 def calibrate_from_board(
@@ -71,7 +71,7 @@ def calibrate_from_board(
     free_lenses: bool = False,
     fps: float | None = None,
 ) -> BoardCalibration:
-    """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
+    """Find camera poses from a board: chain the pairs, then adjust all cameras at once.
 
     Args:
         sightings: for each camera, what it saw by the frame's number. Frames are synchronous.
@@ -107,7 +107,7 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Return each camera whose lens was found in another zoom or mode: another focal length fits better.
+    """Report each camera that another focal length fits better: its lens was found in another zoom or mode.
 
     All lenses are freed. Reported are focal lengths that change by more than 3 % and five standard deviations where the
     error then falls by a quarter or more.
@@ -142,7 +142,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
-    """Return all poses and the lenses as unknown: focal length, centre, and those coefficients that are not zero."""
+    """Return unknowns for all poses and lenses: focal length, centre and nonzero coefficients."""
     lens = np.zeros((len(cameras), PARAMETERS), bool)
     lens[:, [*FOCAL, *CENTRE]] = True
     for c, one in enumerate(lenses):
@@ -170,7 +170,7 @@ def placed_boards(
     moments: Sequence[int],
     fps: float | None,
 ) -> tuple[Bodies, BodySightings]:
-    """Return the board's poses, each by the camera that sees most of it, and all sightings.
+    """Return the board's poses, each from the camera that sees most of it, and all sightings.
 
     Where delays are asked for, points whose velocity is unknown count little.
     """
@@ -197,7 +197,7 @@ def placed_boards(
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Return a calibration whose deviations are at least those that halves of the footage show.
+    """Widen the deviations of a calibration to the difference of two halves of its footage.
 
     A half has twice the variance of the whole, and two halves differ by twice that again: ``σ = |difference| / 2``. The
     ratio to what the covariance claims is taken over all cameras, for places and for directions. Lenses stay: how sure
@@ -228,7 +228,7 @@ def widen_by_halves(
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) metres and radians between two camera arrays, laid on each other by centres and axes."""
+    """Return the (C,) differences in metres and radians of two aligned camera arrays."""
     arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
     ends = [
         (c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)

@@ -1,4 +1,4 @@
-"""Cameras' calibration from a take of a person: poses, scale, gravity and floor."""
+"""Calibrate cameras from a take of a person: poses, scale, gravity and floor."""
 
 from __future__ import annotations
 
@@ -25,30 +25,30 @@ from solver_backend.types import Cameras, Keypoints2D
 
 SURE_TILT = np.radians(2.0)
 WALKED_M = 0.6
-"""Feet that stayed nearer than this contribute little to floor and cameras."""
+"""Least path of the feet that determines floor and cameras, in metres."""
 
 FRAMES_ALIKE = 10
-"""Frames that count as one, for a detector's errors are alike from frame to frame. By the benchmark's known cameras."""
+"""Number of frames with correlated detector errors, which count as one. Chosen on the benchmark's known cameras."""
 LEAST_GAIN = 0.03
-"""Share by which refined cameras must explain a take better: they always do by a little, for they were fitted to it
-(1.3 % on a take of 120 frames with true cameras. 28 % where a real calibration was a little off)."""
+"""Least gain of refined cameras, as a share. They always gain a little, because they are fitted to the take
+(1.3 % on 120 frames with true cameras, 28 % with a slightly wrong real calibration)."""
 MOVED_SIGMAS = 3.0
-"""Standard deviations from which a camera counts as moved. Chosen by hand."""
+"""A camera with a larger displacement has moved, in standard deviations. Chosen by hand."""
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 
 @dataclass(frozen=True)
 class PersonOptions:
-    """What is known of the person."""
+    """Facts about the person."""
 
     stature_m: float | None = None
-    """Of the person."""
+    """Stature of the person, in metres."""
     known_length: tuple[str, str, float] | None = None
     """Two keypoints and their distance in metres, instead of the stature."""
     free_focal: bool = False
-    """Focal lengths are guesses."""
+    """Estimate focal lengths too."""
     seed: int = 0
-    """Of the samples."""
+    """Seed of the random samples."""
 
 
 def calibrate_by_person(
@@ -89,7 +89,7 @@ def calibrate_by_person(
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
-    """Return an earlier calibration made to fit a take, in its own world and scale. As it was where that fits as well.
+    """Fit an earlier calibration to a take in its own world and scale, or keep it if it fits as well.
 
     Cameras that nobody touched stay where they are, so that those that moved stand out: see ``align_cameras``. One is
     named where it moved by three of its standard deviations.
@@ -109,7 +109,7 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
 
 
 def _mean_distance(distances: np.ndarray) -> float:
-    """Return the mean of what is known."""
+    """Return the mean of the finite values."""
     known = distances[np.isfinite(distances)]
     if not len(known):
         raise NoDetections(
@@ -135,7 +135,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return rotation, translation and scale that bring cameras to others, those that nobody touched exactly.
+    """Return rotation, translation and scale that align cameras with others, exactly for unmoved ones.
 
     Each camera is three points, its centre and two at its axes' ends as far away as cameras are apart. The similarity
     minimises the sum of the roots of the cameras' distances, by reweighted least squares that start from the sum of the

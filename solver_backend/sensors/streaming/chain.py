@@ -31,19 +31,19 @@ from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTrack
 from solver_backend.types import Cameras
 
 KEPT = 4096
-"""Latencies that are kept. A chain that runs for days keeps no more."""
+"""Number of recent latencies that are kept."""
 
 
 class ChainStatistics:
-    """Counts moments. Memory does not grow."""
+    """Counts of moments in constant memory."""
 
     def __init__(self) -> None:
         self.moments, self.points = 0, 0
         self.frames: Counter[str] = Counter()
         self.lost: Counter[str] = Counter()
-        """Frames that a sensor counted and nobody got."""
+        """Frames missing from each sensor's count."""
         self.skipped = 0
-        """Moments that were complete and not fused, because newer ones were."""
+        """Complete moments that were skipped for newer ones."""
         self._latency_ms: deque[float] = deque(maxlen=KEPT)
         self._first_s, self._last_s = 0.0, 0.0
 
@@ -79,21 +79,21 @@ RETRY_S = 1.0
 
 @dataclass(frozen=True)
 class SensorTask:
-    """What the process of one sensor does. Everything in it can be sent to another process."""
+    """Task of one sensor's process. It can be pickled."""
 
     device: Device
     cameras: Cameras
     mask: np.ndarray | None = None
     record: Path | None = None
-    """Folder of a recording that has begun, or None."""
+    """Folder of a started recording, or None."""
     kind: str = "raw"
     live: bool = True
-    """Frames come at their own time: a disk that is slow loses some, and a sensor that goes away may come back."""
+    """The sensor sets the time: a slow disk loses frames, and a lost sensor may return."""
 
 
 @dataclass(frozen=True)
 class SensorEnd:
-    """How the process of one sensor ended."""
+    """Result of one sensor's process."""
 
     frames: int
     cpu_s: float
@@ -102,7 +102,7 @@ class SensorEnd:
 
 
 def run_sensor(task: SensorTask, out: Connection) -> None:
-    """Send what a sensor sees, until it ends or nobody reads.
+    """Send the sightings of a sensor until it ends or the reader is gone.
 
     First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent
     ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
@@ -189,32 +189,32 @@ class _SensorRun:
 
 
 WAIT_S = 0.012
-"""A moment waits this long for its last sensor."""
+"""Longest wait of a moment for its last sensor, in seconds."""
 LISTEN_S = 0.005
 MOST_WAITING = 1
-"""Complete moments that are fused at once. Of more, the newest, for what is late makes all that follows late."""
+"""Number of complete moments that are fused, the newest: a late moment would delay all later ones."""
 MOST_AHEAD = 8
-"""Frames of a sensor that wait for the others where all can wait."""
+"""Most waiting frames per sensor if all sensors can wait."""
 READY_S, AHEAD_S = 60.0, 0.05
-"""Time that sensors' processes have for starting, and from when all are ready until a replay begins."""
+"""Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
 END_S = 5.0
-"""Time that a sensor's process has for ending."""
+"""Time limit for ending a sensor's process, in seconds."""
 END_RECORDING_S = 15.0
-"""The same where it records, for it writes what waits first. Blender waits 20 s for all."""
+"""Time limit with a recording, whose waiting frames are written first. Blender waits 20 s for all."""
 
 
 @dataclass(frozen=True)
 class LiveMoment:
-    """What came out of one moment."""
+    """Result of one moment."""
 
     tracked: TrackedPoints
     arrived: float
-    """Host's seconds when its first frame arrived."""
+    """Host time of its first frame, in seconds."""
     seen: tuple[SensorSightings, ...] = ()
 
 
 class MarkerChain:
-    """Devices, acquisition and fusion, running. A context manager that ends its processes.
+    """Running devices, acquisition and fusion. A context manager that ends its processes.
 
     Args:
         fps: frames per second of the sensors.
@@ -239,16 +239,16 @@ class MarkerChain:
         self._waited_for: set[Connection] = set()
         self._ending = False
         self.start = 0.0
-        """Host's seconds at which sensors began."""
+        """Host time of the start, in seconds."""
         self.statistics = ChainStatistics()
         self.ends: dict[str, SensorEnd] = {}
-        """How each sensor's process ended."""
+        """Result of each sensor's process."""
         self.cpu_s = 0.0
-        """Time that fusion computed for."""
+        """Processor time of fusion, in seconds."""
 
     @property
     def cameras(self) -> Cameras:
-        """The sensors, as they are calibrated."""
+        """The calibrated sensors."""
         return self._tasks[0].cameras
 
     def __enter__(self) -> MarkerChain:
@@ -287,7 +287,7 @@ class MarkerChain:
                 process.join()
 
     def moments(self) -> Iterator[LiveMoment | Finding]:
-        """Yield moments, and what happened to sensors, until all of them have ended."""
+        """Yield moments and sensor findings until all sensors have ended."""
         while self._open:
             self._listen(LISTEN_S)
             yield from self._fused(time.perf_counter())

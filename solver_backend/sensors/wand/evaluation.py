@@ -30,14 +30,14 @@ from solver_backend.sensors.wand.views import LEAST_IN_CELL, Moments, WandInvali
 from solver_backend.videos.sync.clocks import Clocks
 
 MOST_PX = 8.0
-"""Median error with which nothing fits."""
+"""Largest usable median error."""
 GOOD_PX = 1.0
 LATE_S = 0.001
-"""Worse errors and larger delays are reported."""
+"""Larger errors and delays are reported."""
 
 
 def require_fit(found: Adjusted) -> None:
-    """Refuse what does not fit together.
+    """Refuse an adjustment with too large errors.
 
     Raises:
         WandInvalid: the median error is beyond ``MOST_PX``.
@@ -50,7 +50,7 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with its deviations, and how far depths scatter."""
+    """Return the calibration in metres with deviations, and the scatter of the depths."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")
@@ -63,7 +63,7 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Cal
 def held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return errors of stretches of time that a fit of its own did not see: px, and of the lights' distances (3,).
+    """Return the errors of held-out time ranges: in px, and of the (3,) distances of the lights.
 
     Delays, one number a sensor, are those of the whole recording.
     """
@@ -84,7 +84,7 @@ def held_out_errors(
 def findings_of(
     views: Sequence[WandView], array: CalibratedCameras, clocks: Clocks, options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return what the user should know of a calibration."""
+    """Return the warnings about a calibration."""
     found = [item for view in views for item in view.findings]
     found += [
         diagnostic("wand_rows_ignored", reason="crowded", cameras=[view.name], lost=view.crowded, of=len(view))
@@ -106,7 +106,7 @@ def findings_of(
 def notes_of(
     moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions
 ) -> tuple[Diagnostic, ...]:
-    """Return what was done."""
+    """Return the notes about a calibration."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
     wand = (
         "a marker and its depth"

@@ -1,4 +1,4 @@
-"""Detections of several videos as one capture: on one clock, of one person, with cameras if they are calibrated."""
+"""Assemble the detections of several videos into a capture on one clock, of one person, with any calibrated cameras."""
 
 from __future__ import annotations
 
@@ -26,24 +26,24 @@ from solver_backend.videos.sync.resample import at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections
 
 CROPPED_SHARE = 0.02
-"""Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""
+"""Smaller differences from the calibrated size come from coders that cut pictures to whole blocks."""
 SHORT_SHARE = 0.5
-"""Videos whose common time is less than this share of the longest are reported."""
+"""Least common time of the videos without a warning, as a share of the longest."""
 
 
 @dataclass(frozen=True)
 class KnownOfOne:
-    """What is known of a single camera and of whom it sees, see ``Capture``."""
+    """Facts about a single camera and its person, see ``Capture``."""
 
     stature_m: float = 0.0
-    """Of the person, 0 where unknown."""
+    """Stature of the person, 0 if unknown."""
     floor_from_person: bool = False
     focal_sigma: float = 0.0
-    """Error of its focal length, a share."""
+    """Standard deviation of its focal length, as a share."""
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
-    """Return everybody's detections at common moments, and the moments' rate per second.
+    """Return the detections of all people at common moments, and the moments per second.
 
     Raises:
         KeypointCountMismatch: the videos were done by detectors of different joint sets.
@@ -168,7 +168,7 @@ def assembled(
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3), each person in a place of their own.
+    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3), with one slot per person.
 
     A place is kept as long as it is free.
 
@@ -217,7 +217,7 @@ def _sizes(xy: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class FilmedSize:
-    """Pictures of a camera that films."""
+    """Picture size of a filming camera."""
 
     video: Path
     size: tuple[int, int]
@@ -227,7 +227,7 @@ class FilmedSize:
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the pixels of the videos, and what was scaled.
+    """Return the cameras in the pixels of the videos, and notes on scaling.
 
     Raises:
         CalibrationMismatch: a video has another shape of picture than its calibration.
