@@ -5,7 +5,6 @@ The table has one row per code, by group: severity, text, cause, remedy and the 
 
 from __future__ import annotations
 
-import json
 import math
 import string
 from collections.abc import Iterable, Mapping, Sequence
@@ -91,6 +90,8 @@ class DiagnosticEntry:
 @cache
 def load_table() -> dict[str, DiagnosticEntry]:
     """Return every row of the table by its code."""
+    import json  # a bare Blender has not loaded it when add-ons are registered
+
     groups = json.loads(_TABLE.read_text(encoding="utf-8"))
     return {
         code: DiagnosticEntry(group, **{**row, "severity": Severity(row["severity"])})
