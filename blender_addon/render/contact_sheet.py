@@ -20,18 +20,18 @@ from .view import View, close_view, three_quarter_view
 _ASCENT, _DESCENT = 0.95, 0.35
 """Reach of letters above and below the line, in font sizes."""
 _SHRINK = 3
-"""Letters are rendered so many times as large and shrunk; chosen by hand."""
+"""Letters are rendered larger by this factor and shrunk, chosen by hand."""
 _PLAQUE = (0.05, 0.055, 0.065, 0.62)
-"""Red, green, blue and opacity behind letters; chosen by hand."""
+"""Red, green, blue and opacity behind letters, chosen by hand."""
 
 
 class Lettering:
-    """Turns words into layers, each word once.
+    """Words as layers, rendered once each.
 
     Args:
-        scene: a scene that shows nothing but ``text`` from above.
+        scene: a scene that shows only ``text``, from above.
         text: the text object.
-        folder: where pictures may be written.
+        folder: a folder for temporary files.
         height: height of a line in pixels.
     """
 
@@ -63,7 +63,7 @@ class Lettering:
 
 @contextmanager
 def open_lettering(folder: Path, height: int) -> Iterator[Lettering]:
-    """Yield a writer of words whose lines are ``height`` pixels high."""
+    """Yield a writer of words with lines of ``height`` pixels."""
     scene = bpy.data.scenes.new("letters")
     curve = bpy.data.curves.new("letters", "FONT")
     lens = bpy.data.cameras.new("letters")
@@ -92,7 +92,7 @@ GAP = 4
 
 @dataclass(frozen=True)
 class PictureTile:
-    """Where one picture goes, in pixels from the canvas's top left; sizes are even, as video wants them."""
+    """Position and size of a picture in pixels from the top left. Sizes are even, as in videos."""
 
     x: int
     y: int
@@ -101,13 +101,11 @@ class PictureTile:
 
 
 def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
-    """Place pictures in rows of equal height, as large as a canvas of about this area allows.
-
-    Of all numbers of rows the one is taken whose canvas is shaped most like ``area``.
+    """Place pictures in rows of equal height on a canvas with about the area and shape of ``area``.
 
     Args:
-        shapes: width and height of each picture; only their ratio counts.
-        area: width and height in pixels of the canvas that has the wanted number of pixels.
+        shapes: width and height of each picture, of which only the ratio matters.
+        area: width and height in pixels.
     """
     if not shapes:
         return []
@@ -122,7 +120,7 @@ def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTi
 
 
 def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[PictureTile]:
-    """Place pictures in one row of equal height, as wide as ``width``, or centred in it at ``most_height``."""
+    """Place pictures in one row of ``width``, centred if they would exceed ``most_height``."""
     if not shapes:
         return []
     ratio = sum(w / h for w, h in shapes)
@@ -133,7 +131,7 @@ def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[Pic
 
 
 def canvas_size(tiles: list[PictureTile]) -> tuple[int, int]:
-    """Return the even width and height that hold all tiles."""
+    """Return an even width and height around all tiles."""
     width, height = max(t.x + t.width for t in tiles), max(t.y + t.height for t in tiles)
     return width + width % 2, height + height % 2
 
@@ -142,7 +140,7 @@ def _rows(shapes: list[tuple[int, int]], rows: int, area: tuple[int, int]) -> li
     per_row = -(-len(shapes) // rows)
     groups = [shapes[i : i + per_row] for i in range(0, len(shapes), per_row)]
     ratios = [sum(w / h for w, h in group) for group in groups]
-    # The widest row has ``max(ratios)`` times its height; the rows together cover the wanted number of pixels.
+    # The widest row is ``max(ratios)`` times as wide as high, and the rows have the wanted number of pixels.
     height = int((area[0] * area[1] / (max(ratios) * len(groups))) ** 0.5)
     tiles = []
     for i, group in enumerate(groups):
@@ -167,20 +165,20 @@ def _even(length: float) -> int:
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK = RenderQuality(shrink=3, cavity=True, shadows=True)
-"""Every tile is rendered three times as large and shrunk; chosen by hand."""
+"""Tiles are rendered three times as large and shrunk, chosen by hand."""
 _FOOTAGE_OPACITY = 0.8
-"""Opacity of the body over footage; chosen by hand."""
+"""Opacity of the body over footage, chosen by hand."""
 _SHEET_COLOUR = (24, 26, 30)
-"""Red, green and blue between the tiles, 0 to 255; chosen by hand."""
+"""Red, green and blue between the tiles, 0 to 255, chosen by hand."""
 _STAGE = "rendering the contact sheet"
 
 
 def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
-    """Render twelve poses evenly spread over the take and, with a capture, up to four camera views at its middle.
+    """Render twelve poses of the take and, with a capture, up to four camera views of its middle frame.
 
     Args:
         path: the ``.png`` file to write.
-        subject: what is pictured.
+        subject: the take.
         progress: called for every picture.
 
     Raises:
@@ -222,10 +220,7 @@ def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: Picture
 
 
 def _around(subject: RenderedTake, frame: int) -> np.ndarray:
-    """Return points to frame: the joints of every pose of the take, moved to where this frame's body is.
-
-    All pictures then have one scale and the body in the middle.
-    """
+    """Return the joints of all poses, moved to this frame's body, so that all pictures have one scale."""
     joints = subject.joints
     middle = (joints.min(axis=1) + joints.max(axis=1)) / 2
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)

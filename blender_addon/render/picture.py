@@ -19,18 +19,15 @@ def read_targa(path: Path) -> np.ndarray:
     """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first.
 
     Raises:
-        RenderFailed: the file is not there or of another kind.
+        RenderFailed: the file is missing or of another kind.
     """
     data = path.read_bytes() if path.is_file() else b""
     width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
     start = 18 + (data[0] if data else 0)
     channels = depth // 8
     if len(data) < start + width * height * channels or channels not in (3, 4) or data[2] != 2:
-        raise RenderFailed(
-            "Blender wrote no picture.",
-            where=path.name,
-            hint="Rendering needs OpenGL; without a display install EGL and Mesa (libegl1, libgl1-mesa-dri).",
-        )
+        hint = "Rendering needs OpenGL. Without a display, install EGL and Mesa (libegl1, libgl1-mesa-dri)."
+        raise RenderFailed("Blender wrote no picture.", where=path.name, hint=hint)
     pixels = np.frombuffer(data, np.uint8, width * height * channels, start).reshape(height, width, channels)
     order = (2, 1, 0, 3)[:channels]
     return pixels[:, :, order] if descriptor & 0x20 else pixels[::-1, :, order]
@@ -40,7 +37,7 @@ def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
     """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948).
 
     Args:
-        path: the file; it is overwritten.
+        path: the file to write or replace.
         picture: the picture.
         level: zlib's level, 0 (fast) to 9 (small).
     """
@@ -68,7 +65,7 @@ def layer_from_render(pixels: np.ndarray, shrink: int = 1) -> np.ndarray:
 
 
 def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: float = 1.0) -> None:
-    """Lay a layer over a picture in place, its top left corner at (x, y); what lies outside is cut off."""
+    """Blend a layer over a picture in place with its top left corner at (x, y)."""
     x0, y0 = max(x, 0), max(y, 0)
     x1, y1 = min(x + layer.shape[1], picture.shape[1]), min(y + layer.shape[0], picture.shape[0])
     if x1 <= x0 or y1 <= y0:
@@ -79,7 +76,7 @@ def blend(picture: np.ndarray, layer: np.ndarray, x: int, y: int, *, opacity: fl
 
 
 def soften_edges(layer: np.ndarray) -> np.ndarray:
-    """Return a layer whose outline is smoothed by a 3 x 3 binomial filter; what lies inside stays sharp."""
+    """Return a layer with its outline smoothed by a 3 x 3 binomial filter."""
     soft = np.pad(layer, ((1, 1), (1, 1), (0, 0)))
     soft = soft[:-2] + 2 * soft[1:-1] + soft[2:]
     soft = (soft[:, :-2] + 2 * soft[:, 1:-1] + soft[:, 2:]) / 16
@@ -92,7 +89,7 @@ def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: t
 
     Args:
         picture: the picture.
-        centres: (N, 2) pixels, NaN for none; (0, 0) is the centre of the top left pixel.
+        centres: (N, 2) pixels from the centre of the top left pixel, NaN for none.
         radius: pixels.
         colour: sRGB in 0..1.
     """
@@ -121,9 +118,9 @@ class Resampling:
     """Samples pictures of one size bilinearly at fixed positions.
 
     Args:
-        positions: (h, w, 2) pixels of the source, (0, 0) is the centre of its top left pixel.
+        positions: (h, w, 2) pixels from the centre of the source's top left pixel.
         size: width and height of the source.
-        outside: colour where a position lies outside the source.
+        outside: colour of positions outside the source.
     """
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:

@@ -30,13 +30,13 @@ class PreviewSettings:
     size: tuple[int, int] = (848, 480)
     """Width and height in pixels, both even."""
     most_fps: float = 30.0
-    """A faster take is shown with every second, third ... frame, at its own speed."""
+    """A faster take is shown at its own speed with every second, third ... frame."""
     most_frames: int = 360
-    """Frames of video at most; a longer take is cut off."""
+    """Maximum number of video frames."""
     most_views: int = 4
-    """Cameras shown side by side."""
+    """Maximum number of cameras."""
     most_footage_pictures: int = 720
-    """Pictures of footage read at most; where there would be more, fewer cameras are shown."""
+    """Maximum number of footage images to read, which may reduce the cameras."""
     body_opacity: float = 0.8
     """Opacity of the body over footage."""
 
@@ -65,11 +65,11 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
 def render_preview(
     path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
 ) -> None:
-    """Render the preview video of a baked take; the user's scene is not changed.
+    """Render the preview video of a baked take without changing the user's scene.
 
     Args:
         path: the ``.mp4`` file to write.
-        subject: what is pictured; without cameras it is shown in a view of our own.
+        subject: the take, in a view of our own if it has no cameras.
         progress: called for every frame.
         settings: size and length.
 
@@ -110,7 +110,7 @@ def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View,
 
 
 def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
-    """Return how many cameras to show: decoding footage costs more than rendering the body."""
+    """Return the number of cameras to show, as decoding footage takes longer than rendering the body."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
         return settings.most_views

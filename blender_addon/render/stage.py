@@ -1,4 +1,4 @@
-"""A stage: a scene of its own in which parts of a take are rendered, so that the user's scene stays as it is."""
+"""A temporary scene that renders parts of a take, so that the user's scene does not change."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from .picture import read_targa
 from .view import View
 
 _STUDIO = "paint.sl"
-"""The brightest of the lights that come with Blender."""
+"""The brightest light of Blender."""
 
 Window = tuple[int, int, int, int]
 """x0, y0, x1, y1 of a part of a picture, in pixels from the top left."""
@@ -24,7 +24,7 @@ Window = tuple[int, int, int, int]
 
 @dataclass(frozen=True)
 class RenderQuality:
-    """How a stage is rendered; samples cost far more than larger pictures that are averaged afterwards."""
+    """Quality of a stage. Averaging larger pictures is much faster than more samples."""
 
     shrink: int = 2
     """Pictures are rendered this many times larger and averaged."""
@@ -62,7 +62,7 @@ class RenderStage:
     def _set_border(self, window: Window) -> None:
         width, height = self.view.size
         x0, y0, x1, y1 = window
-        # Blender cuts the border's fractions off; a quarter of a pixel keeps them clear of rounding.
+        # Blender truncates the border to pixels, so a quarter of a pixel avoids rounding errors.
         nudge_x, nudge_y = 0.25 / (width * self.look.shrink), 0.25 / (height * self.look.shrink)
         render = self.scene.render
         render.border_min_x, render.border_max_x = x0 / width + nudge_x, x1 / width + nudge_x
@@ -73,14 +73,14 @@ class RenderStage:
 def open_stage(
     name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: RenderQuality, folder: Path
 ) -> Iterator[RenderStage]:
-    """Yield a stage that shows these collections through a view; it is removed afterwards.
+    """Yield a stage with these collections and a view, and remove it afterwards.
 
     Args:
         name: name of the stage's scene.
-        collections: what is shown.
-        view: from where.
-        look: how.
-        folder: where pictures may be written.
+        collections: the visible collections.
+        view: the view.
+        look: the quality.
+        folder: a folder for temporary files.
     """
     scene = bpy.data.scenes.new(name)
     camera = create_camera(view.pinhole, scene.collection)

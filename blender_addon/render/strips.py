@@ -25,7 +25,7 @@ class FootageReader:
     scene: bpy.types.Scene
     """Renders the footage."""
     folder: Path
-    """Where pictures may be written."""
+    """For temporary files."""
     length: int
     """Number of images."""
     native_size: tuple[int, int]
@@ -50,13 +50,8 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
     try:
         write_targa(scene)
         if footage.is_video:
-            strip = _strips(scene).new_movie(
-                name="footage",
-                filepath=os.path.abspath(footage.files[0]),
-                channel=1,
-                frame_start=1,
-                fit_method="STRETCH",
-            )
+            file = os.path.abspath(footage.files[0])
+            strip = _strips(scene).new_movie("footage", file, channel=1, frame_start=1, fit_method="STRETCH")
             if strip.fps > 0:
                 set_scene_frame_rate(scene, strip.fps)
         else:

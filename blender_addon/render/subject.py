@@ -1,4 +1,4 @@
-"""What a preview shows: the take on its stage, and the floor or footage behind it."""
+"""The content of a preview: the take, its detections, and the floor or footage behind the body."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ from .strips import open_footage
 from .view import View
 
 Backdrop = Callable[[int], np.ndarray]
-"""Returns the (h, w, 3) picture behind the body for a frame of the footage; the caller may draw on it."""
+"""Returns a new (h, w, 3) picture behind the body for a frame of the footage."""
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
-"""Largest share by which footage may differ from the calibrated size and still be taken to be cut off."""
+"""Largest relative difference of cropped footage from the calibrated size."""
 
 
 def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: Path) -> Backdrop:
@@ -42,13 +42,13 @@ def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: 
 
 
 def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Path) -> Backdrop:
-    """Return a backdrop of footage whose lens distortion is taken out.
+    """Return a backdrop of undistorted footage.
 
     Args:
         stack: closes the footage.
         footage: the video or images.
         view: the view.
-        folder: where pictures may be written.
+        folder: a folder for temporary files.
     """
     whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
     reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
@@ -60,18 +60,18 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
 
 
 def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple[int, int]) -> np.ndarray | None:
-    """Return where in the footage each pixel of the undistorted picture comes from.
+    """Return the position in the footage of each pixel of the undistorted picture.
 
-    Footage of nearly the calibrated size is taken to be cut off at its right and bottom, as codecs do that pad to
-    multiples of 16 pixels; footage of any other size is taken to be the whole image, scaled.
+    Footage of nearly the calibrated size is cropped at the right and bottom, as codecs do that pad to multiples of 16
+    pixels. Footage of any other size is the whole image, scaled.
 
     Args:
         view: the view.
-        native_size: width and height of the footage's own images.
-        read_size: width and height to which they are scaled when read.
+        native_size: width and height of the footage.
+        read_size: width and height of the scaled footage.
 
     Returns:
-        (h, w, 2) pixels of the scaled footage, or None if every pixel comes from where it is.
+        (h, w, 2) pixels of the scaled footage, None if they equal the pixels of the picture.
     """
     camera, calibrated = view.camera, np.array(view.camera.image_size)
     scale = calibrated / np.array(native_size)
@@ -90,16 +90,14 @@ Colour = tuple[float, float, float]
 """sRGB in 0..1."""
 
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
-"""Red, green and blue, 0 to 1; chosen by hand, as are the next two."""
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
-"""See ``DETECTION_DOT``."""
 MARKER_DOT: Colour = (0.92, 0.92, 0.96)
-"""See ``DETECTION_DOT``."""
+"""Chosen by hand, as the two above."""
 
 
 @dataclass(frozen=True)
 class RenderedTake:
-    """A baked take and its sources; F frames."""
+    """A baked take with F frames, and its sources."""
 
     take: BakedTake
     motion: MotionFile
@@ -124,12 +122,12 @@ class RenderedTake:
 
     @property
     def heading(self) -> float:
-        """Direction the body faces in the first frame, in radians from +X about Z."""
+        """Heading of the body in the first frame, in radians from +X about Z."""
         forward = matrix_from_rotvec(self.motion.rotvec[0, 0])[:, 2]
         return float(np.arctan2(forward[1], forward[0]))
 
     def cameras(self, most: int) -> tuple[CameraFile, ...]:
-        """Return up to ``most`` of the capture's cameras, evenly chosen."""
+        """Return up to ``most`` cameras at equal intervals of the capture's list."""
         if self.capture is None or not self.capture.cameras:
             return ()
         cameras = self.capture.cameras
@@ -137,17 +135,14 @@ class RenderedTake:
         return tuple(cameras[i] for i in chosen)
 
     def backdrop(self, stack: ExitStack, view: View, folder: Path) -> tuple[Backdrop, bool]:
-        """Return what lies behind the body in a view, and whether it is footage."""
+        """Return the backdrop of a view, and whether it is footage."""
         footage = find_footage(view.camera.footage)
         if footage is not None:
             return footage_backdrop(stack, footage, view, folder), True
         return floor_backdrop(self.floor, view, folder), False
 
     def detections(self, view: View) -> tuple[np.ndarray, Colour]:
-        """Return what was observed in a view, (F, K, 2) pixels of its undistorted picture, and its colour.
-
-        These are the camera's own detections, or else the markers or the triangulated keypoints as the view sees them.
-        """
+        """Return (F, K, 2) pixels of the detections in a view, or of projected markers or keypoints, and a colour."""
         frames, capture = self.motion.num_frames, self.capture
         if capture is not None and capture.xy is not None and view.camera in capture.cameras:
             xy = capture.xy[capture.cameras.index(view.camera)]
@@ -159,7 +154,7 @@ class RenderedTake:
         return np.zeros((frames, 0, 2)), KEYPOINT_DOT
 
     def _by_frame(self, rows: np.ndarray, fps: float) -> np.ndarray:
-        """Return the rows of a recording, of so many a second, for the motion's frames; NaN beyond its end."""
+        """Return the rows of a recording at the motion's frames, NaN after its end."""
         at = np.round(np.arange(self.motion.num_frames) * fps / self.motion.fps).astype(int)
         shown = np.full((len(at), *rows.shape[1:]), np.nan)
         shown[at < len(rows)] = rows[at[at < len(rows)]]

@@ -1,4 +1,4 @@
-"""A view: one calibrated camera and the size of its picture."""
+"""Views through calibrated cameras."""
 
 from __future__ import annotations
 
@@ -11,23 +11,21 @@ from .._exchange.lens import normalised, pixels, undistort
 from ..conventions.skeleton import JOINTS
 
 BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
-"""(24,) how far the body reaches beyond each joint, in metres."""
-
+"""(24,) distance from each joint to the skin, in metres."""
 
 _CLOSEST = 0.5
-"""Smallest share of a camera's image that is shown: half its width is twice as close."""
+"""Smallest visible share of a camera's image."""
 
 
 @dataclass(frozen=True)
 class View:
-    """A camera whose image, or a part of it, is shown ``size`` pixels large."""
+    """A camera's image, or a part of it, in a picture of ``size`` pixels."""
 
     camera: CameraFile
-    """The camera."""
     size: tuple[int, int]
     """Width and height of the picture."""
     part: tuple[float, float, float] = (0.0, 0.0, 1.0)
-    """Left edge and top edge of the part in the camera's pixels, and its share of the image's width and height."""
+    """Left and top edge of the part in camera pixels, and its share of the image."""
 
     @property
     def scale(self) -> np.ndarray:
@@ -45,18 +43,18 @@ class View:
 
     @property
     def pinhole(self) -> CameraFile:
-        """A camera that sees just this picture, without distortion or footage."""
+        """A camera of this picture without distortion or footage."""
         return replace(self.camera, K=self.K, image_size=self.size, distortion=np.zeros(8), footage=None)
 
     def project(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (..., 2) picture pixels and (...) depths in metres of world points; NaN pixels behind the camera."""
+        """Return (..., 2) picture pixels, NaN behind the camera, and (...) depths in metres of world points."""
         p = points @ self.camera.R.T + self.camera.t
         depth = p[..., 2]
         safe = np.where(depth > 1e-3, depth, np.nan)[..., None]
         return pixels(p[..., :2] / safe, self.K), depth
 
     def from_detections(self, xy: np.ndarray) -> np.ndarray:
-        """Return where the undistorted picture has (..., 2) distorted pixels of the camera."""
+        """Return (..., 2) distorted camera pixels as pixels of the undistorted picture."""
         straight = undistort(normalised(xy, self.camera.K), self.camera.distortion, self.camera.distortion_model)
         return pixels(straight, self.K)
 
@@ -78,7 +76,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image in which a body moves, at most twice as close as the camera.
+    """Return a view of the part of a camera's image with the body, at most twice as close as the camera.
 
     Args:
         camera: the camera.
@@ -99,7 +97,7 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
 def look_at(
     name: str, centre: np.ndarray, target: np.ndarray, size: tuple[int, int], field_of_view: float
 ) -> CameraFile:
-    """Return a camera that looks at a point with the world's z upwards.
+    """Return a camera that looks at a point, with z up.
 
     Args:
         name: name of the camera.

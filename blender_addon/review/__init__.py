@@ -1,1 +1,1 @@
-"""Where to look and what to do about it: doubtful ranges, painted bones, pinned poses."""
+"""The review of takes: ranges to review, colours of confidence, pinned poses."""

@@ -1,4 +1,4 @@
-"""Bones painted by their joints' confidence."""
+"""Colours of bones, skins and frames by confidence."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from .ranges import bad_ranges
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 RESTING = np.array([0.42, 0.47, 0.56])
-"""Colour of what nothing measured: neither good nor bad."""
+"""Colour of joints without a measurement."""
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 _VISIBLE = 0.02
-"""Least change of a colour that is shown."""
+"""Smallest change of a colour to apply."""
 
 
 def colours(confidence: ArrayLike) -> np.ndarray:
@@ -29,13 +29,7 @@ def colours(confidence: ArrayLike) -> np.ndarray:
 
 
 def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> None:
-    """Paint the bones of a body by their confidence on a scene frame, those at rest grey, or take the paint off.
-
-    Args:
-        armature: of the body; without confidence nothing is done.
-        frame: scene frame.
-        shown: False takes the paint off.
-    """
+    """Colour the bones of a body by their confidence at a scene frame, grey at rest, or remove the colours."""
     action = current_action(armature)
     confidence = confidence_at(action, frame) if action is not None else {}
     if not shown:
@@ -55,12 +49,12 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         target.custom.active = colour + _ACTIVE_BLEND * (1 - colour)
 
 
-_BRIDGED = 1e-3
-"""Confidence below which a frame was bridged: nobody saw it (``confidence.joint_confidence``)."""
+_INTERPOLATED = 1e-3
+"""Maximum confidence of an interpolated frame (``confidence.joint_confidence``)."""
 
 
 def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray:
-    """Return (V, J) shares of each vertex's weights that joints have; a vertex of none has zeros.
+    """Return (V, J) weights of joints normalised for each vertex, zeros for a vertex without weights.
 
     Args:
         skin: the skinned mesh.
@@ -78,13 +72,13 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
 def skin_colours(
     weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
 ) -> np.ndarray:
-    """Return (V, 3) display colours of a skin, grey around joints at rest; those without a confidence are certain.
+    """Return (V, 3) display colours of a skin, grey at joints at rest, green at joints without a confidence.
 
     Args:
         weights: (V, J) from ``joint_weights``.
         joints: their names.
         confidence: by joint, in 0..1.
-        resting: joints that nothing measured.
+        resting: joints without a measurement.
     """
     rests = np.array([name in resting for name in joints])
     shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
@@ -93,18 +87,13 @@ def skin_colours(
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:
-    """Return first and last scene frame and colour of each stretch below a bound; what was bridged is red.
-
-    Args:
-        take: the take.
-        below: confidence from which on a frame is not doubtful.
-    """
+    """Return first frame, last frame and colour of each range below a confidence. Interpolated frames are red."""
     lane = read_lane(take)
     if lane is None:
         return []
     frames, confidence = lane
     found = []
-    for bound in (below, min(below, _BRIDGED)):
+    for bound in (below, min(below, _INTERPOLATED)):
         shade = colours(0.6 if bound == below else 0.0)
         found += [
             (float(frames[a]), float(frames[b]), tuple(shade)) for a, b in bad_ranges(confidence, bound, bridge=0)

@@ -1,4 +1,4 @@
-"""How high a body stands over the floor, by its skin."""
+"""The height of a body above the floor."""
 
 from __future__ import annotations
 
@@ -9,15 +9,16 @@ import numpy as np
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median over a take's frames of the lowest point of the skin, in Blender units; None without a skin.
-
-    The frame that is shown stays.
+    """Return the median height of the lowest point of the skin, None without a skin.
 
     Args:
-        scene: whose frames are looked at.
+        scene: the scene, which keeps its current frame.
         armature: the body.
         take: the action it plays.
-        samples: frames that are looked at, evenly over the take.
+        samples: number of frames to use.
+
+    Returns:
+        Blender units.
     """
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
@@ -35,7 +36,6 @@ def sole_height(
 
 
 def _lowest(skin: bpy.types.Object) -> float:
-    """Return the least world height of a posed skin."""
     posed = skin.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = posed.to_mesh()
     try:

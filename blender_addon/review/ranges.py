@@ -1,4 +1,4 @@
-"""Frame ranges of a take that deserve a look."""
+"""Frame ranges of a take to review, and ranges to solve again with pinned poses."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..errors import TakeMissing
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
-    """Return [first, last] scene frames of each range of a take whose confidence is below a bound, in order."""
+    """Return the first and last scene frame of each range below a confidence, in order."""
     lane = read_lane(take)
     if lane is None:
         return []
@@ -31,12 +31,12 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return [first, last] of each range whose confidence is below a bound, in order.
+    """Return the first and last frame of each range below a confidence, in order.
 
     Args:
         confidence: (F,) in 0..1.
         below: the bound.
-        bridge: ranges with at most so many good frames between them become one.
+        bridge: largest number of good frames between ranges that become one.
     """
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
@@ -47,11 +47,7 @@ def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list
 
 
 def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = False) -> tuple[int, int] | None:
-    """Return the first range that begins after a frame, or the last that begins before it; past the end, around.
-
-    Returns:
-        A range, None if there is none at all.
-    """
+    """Return the next range after a frame or before it, around the ends, and None if there is none."""
     if not ranges:
         return None
     if backwards:
@@ -72,24 +68,20 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the part of a job that solves a frame range again; pins outside it are left out.
+    """Return the part of a job that solves a frame range again, with the pins inside it.
 
     Raises:
-        TakeMissing: the take's motion file is gone, or the range lies outside the take.
+        TakeMissing: the take's motion file is missing, or the range is outside the take.
     """
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
-        raise TakeMissing(
-            "The motion file of this take no longer exists.", where=str(motion), hint="Solve the whole capture again."
-        )
+        hint = "Solve the whole capture again."
+        raise TakeMissing("The motion file of this take no longer exists.", where=str(motion), hint=hint)
     count = int(frames.action["frames"])
     first, last = (capture_frame(frames.action, frame) for frame in (frames.first, frames.last))
     if last < 0 or first > count - 1 or first > last:
-        raise TakeMissing(
-            f"The frames {frames.first} to {frames.last} lie outside the take or are in the wrong order.",
-            where=frames.action.name,
-            hint="Set First and Last inside the take.",
-        )
+        message = f"The frames {frames.first} to {frames.last} are outside the take or in the wrong order."
+        raise TakeMissing(message, where=frames.action.name, hint="Set First and Last inside the take.")
     first, last = max(first, 0), min(last, count - 1)
     pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
     kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
@@ -97,17 +89,17 @@ def resolve_of(frames: SceneRange) -> JobRange:
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:
-    """Return the capture's frame, from 0, that lies nearest to a scene frame."""
+    """Return the capture frame, from 0, nearest to a scene frame."""
     return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
 
 
 def scene_frame(action: bpy.types.Action, frame: int) -> int:
-    """Return the whole scene frame that lies nearest to a frame of the capture, from 0."""
+    """Return the scene frame nearest to a capture frame, from 0."""
     return round(action["frame_start"] + frame * laid_rate(action) / action["fps"])
 
 
 def pinned_values(armature: bpy.types.Object) -> str:
-    """Return the pose an armature stands in now as the job file wants it, as JSON text."""
+    """Return the current pose of an armature as JSON text for a job file."""
     mesh = body_mesh(armature)
     action = current_action(armature)
     assert action is not None

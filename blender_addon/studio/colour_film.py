@@ -30,26 +30,25 @@ from .room import LIGHTS, Light, build_room, light_room
 from .scene_file import SceneFile, read_scene
 
 _WIDEST = 1.6
-"""Times as wide and high as the picture that the pinhole's may be."""
+"""Maximum size of the pinhole picture relative to the camera's."""
 _OUTSIDE = (0, 0, 0)
 
 
 @dataclass(frozen=True)
 class LensPicture:
-    """A camera as Blender can render it, and the map from there to its own pixels."""
+    """A pinhole camera that Blender can render, and the map to the camera's pixels."""
 
     pinhole: CameraFile
-    """What is rendered: no distortion, the same focal length."""
     resampling: Resampling | None
-    """None where the pinhole's picture is the camera's own."""
+    """None if both pictures are equal."""
 
     def __call__(self, rendered: np.ndarray) -> np.ndarray:
-        """Return the camera's (h, w, 3) picture of the pinhole's."""
+        """Return the camera's (h, w, 3) picture from the pinhole picture."""
         return rendered if self.resampling is None else self.resampling(np.ascontiguousarray(rendered))
 
 
 def lens_picture(camera: CameraFile) -> LensPicture:
-    """Return how a camera's pictures are rendered."""
+    """Return the pinhole camera and map of a camera."""
     straight = replace(camera, distortion=np.zeros(8), distortion_model=DEFAULT_MODEL, footage=None)
     if is_pinhole(camera.distortion, camera.distortion_model):
         return LensPicture(straight, None)
@@ -68,11 +67,10 @@ def lens_picture(camera: CameraFile) -> LensPicture:
     return LensPicture(replace(straight, K=K, image_size=size), Resampling(positions, size, _OUTSIDE))
 
 
-_IDS = {
-    "workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE"),
-}  # fmt: skip
+_EEVEE = ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE")
+_IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EEVEE}
 _BRIGHT = "paint.sl"
-"""The brightest of the lights that come with Blender."""
+"""The brightest light of Blender."""
 
 
 def engine_id(name: str) -> str:
@@ -88,9 +86,8 @@ def engine_id(name: str) -> str:
     finally:
         bpy.data.scenes.remove(scene)
     if found is None:
-        raise RenderFailed(
-            f"This Blender has no engine '{name}'.", where=bpy.app.version_string, hint=f"It has {', '.join(usable)}."
-        )
+        hint = f"It has {', '.join(usable)}."
+        raise RenderFailed(f"This Blender has no engine '{name}'.", where=bpy.app.version_string, hint=hint)
     return found
 
 
@@ -103,7 +100,7 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
     scene.render.engine = engine_id(name)
     if name == "workbench":
         display = scene.display
-        # Workbench's own smoothing moves edges by a fifth of a pixel; pictures rendered larger do not.
+        # Workbench's smoothing moves edges by a fifth of a pixel, while larger pictures do not.
         display.render_aa = "OFF"
         shading = display.shading
         shading.light, shading.color_type = "STUDIO", "VERTEX"
@@ -124,18 +121,18 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
 
 
 def enlargement(name: str) -> int:
-    """Return how many times larger an engine's pictures are rendered, to be averaged afterwards."""
+    """Return the scale of an engine's pictures before they are averaged."""
     return 2 if name == "workbench" else 1
 
 
 def show_paint(mesh: bpy.types.Mesh) -> None:
-    """Make the corner colours those that Workbench shows."""
+    """Show the corner colours in Workbench."""
     mesh.color_attributes.active_color = mesh.color_attributes[COLOURS]
     mesh.color_attributes.render_color_index = mesh.color_attributes.find(COLOURS)
 
 
 def _takes(scene: bpy.types.Scene, engine: str) -> bool:
-    """Return whether a scene can be set to an engine; Blender lists them nowhere."""
+    """Return whether Blender has an engine, by trying it, as Blender has no list of engines."""
     try:
         scene.render.engine = engine
     except TypeError:
@@ -144,22 +141,22 @@ def _takes(scene: bpy.types.Scene, engine: str) -> bool:
 
 
 DONE = "rgb.json"
-"""Of a shot's folder: its colour pictures are whole."""
+"""File of a shot with complete colour pictures."""
 FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
-"""Bands of rows that a rolling shutter is made of."""
+"""Number of bands that approximate a rolling shutter."""
 
 
 Place = Callable[[float], None]
-"""Puts everything that moves where it is at a time, in frames."""
+"""Poses everything at a time in frames."""
 StandIn = Callable[[bpy.types.Collection], Place]
-"""Builds something else to be filmed than person and room."""
+"""Builds the object to film instead of person and room."""
 
 
 @dataclass(frozen=True)
 class ColourShot:
-    """What is rendered."""
+    """Everything needed to render a shot."""
 
     capture: CaptureFile
     place: Place
@@ -173,14 +170,14 @@ class ColourShot:
 def film_in_colour(
     folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
-    """Render a shot's colour pictures, whole or not at all, and return how many; those that are there stay.
+    """Render a shot's colour pictures, all or none, and return their number, 0 if they exist already.
 
-    The open file is forgotten.
+    The open file is closed.
 
     Args:
-        folder: the shot's.
-        progress: called with each frame that is done.
-        stand_in: what is filmed in the place of person and room, such as a calibration board.
+        folder: of the shot.
+        progress: called with each finished frame.
+        stand_in: the object to film instead of person and room, such as a calibration board.
 
     Raises:
         RenderFailed: Blender cannot render here.
@@ -211,7 +208,7 @@ def _record(folder: Path) -> ShotRecord:
     path = folder / "shot.json"
     record = read_json_file(path)
     if not is_shot_record(record) or not isinstance(record.get("rgb"), dict) or record.get("light") not in LIGHTS:
-        raise FileDamaged("The shot's record holds no colour.", where=str(path), hint="Run the studio again.")
+        raise FileDamaged("The shot's record has no colour settings.", where=str(path), hint="Run the studio again.")
     return record
 
 
@@ -248,7 +245,7 @@ def _set_up(folder: Path, record: ShotRecord, scene: bpy.types.Scene, stand_in: 
 def _cast(
     folder: Path, capture: CaptureFile, dressed: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator
 ) -> Place:
-    """Add the person and the markers, and return what places both."""
+    """Add the person and the markers, and return the function that poses both."""
     motion, own = read_motion(folder / "motion.npz"), folder / "body.npz"
     body = read_body(own if own.is_file() else body_path_of(motion.provenance), motion.body_layout)
     person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), collection)
@@ -267,13 +264,12 @@ def _cast(
 
 
 def _sun(rng: np.random.Generator) -> np.ndarray:
-    """Return where Workbench's sun stands, from above; its second axis is the world's third."""
+    """Return the direction of Workbench's sun, with its second axis up."""
     direction = np.array([rng.uniform(-0.5, 0.5), 1.0, rng.uniform(-0.5, 0.5)])
     return direction / np.linalg.norm(direction)
 
 
 def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, folder: Path) -> np.ndarray:
-    """Return the (h, w, 3) uint8 picture of a camera."""
     look_through(scene, shot.cameras[view], scale=enlargement(shot.settings["engine"]))
     if shot.settings["engine"] == "cycles":
         scene.cycles.seed = frame
@@ -291,7 +287,7 @@ def _picture(scene: bpy.types.Scene, shot: ColourShot, view: int, frame: int, fo
 def _at_time(
     scene: bpy.types.Scene, shot: ColourShot, view: int, time: float, rolling: float, folder: Path
 ) -> np.ndarray:
-    """Return the pinhole's picture at a time, (h, w, 3) floats; a rolling shutter reads row after row."""
+    """Return the (h, w, 3) float pinhole picture at a time, in bands for a rolling shutter."""
     if not rolling:
         shot.place(time)
         return _averaged(render_still(scene, 1, folder), shot.settings["engine"])
@@ -305,7 +301,6 @@ def _at_time(
 
 
 def _averaged(rendered: np.ndarray, engine: str) -> np.ndarray:
-    """Return (h, w, 3) float32: the mean of each square of an enlarged picture."""
     by = enlargement(engine)
     parts = [rendered[i::by, j::by, :3].astype(np.float32) for i in range(by) for j in range(by)]
     return np.sum(parts, axis=0) / len(parts)

@@ -15,7 +15,7 @@ SHOTS, VIDEOS = "shots", "videos"
 
 
 def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
-    """Render the colour pictures of every shot that has none yet, and return how many pictures were made.
+    """Render the colour pictures of every shot without them, and return the number of new pictures.
 
     Args:
         out: folder of the data set.
@@ -24,14 +24,14 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
         progress: called for every frame.
 
     Raises:
-        FileMissing: a shot is not there.
+        FileMissing: a shot is missing.
         RenderFailed: Blender cannot render here.
     """
     made, each = 0, max(1, frames // max(len(shots), 1))
     for number, name in enumerate(shots):
         folder = out / SHOTS / name
         if not (folder / "shot.json").is_file():
-            raise FileMissing("The shot is not there.", where=str(folder), hint="Run the studio again.")
+            raise FileMissing("The shot is missing.", where=str(folder), hint="Run the studio again.")
         start = number * each
         made += film_in_colour(folder, lambda n, start=start: progress("colour", start + n, frames))
         progress("colour", (number + 1) * each, frames)
@@ -39,7 +39,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
 
 
 def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
-    """Write ``videos/<camera>.mp4`` of every shot that has none; an odd last row or column is scaled away.
+    """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes.
 
     Raises:
         RenderFailed: this Blender writes no video.

@@ -1,4 +1,4 @@
-"""The dressed person of a shot: one mesh whose vertices are set anew for every picture."""
+"""The dressed person of a shot, with colours and markers, as meshes that are posed for every picture."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from .scene_file import SceneFile
 COLOURS = "paint"
 """Name of the colour attribute."""
 _SKINS = ((0.60, 0.36, 0.25), (0.48, 0.27, 0.18), (0.33, 0.17, 0.10), (0.20, 0.095, 0.055), (0.09, 0.042, 0.026))
-"""Linear red, green and blue of skins, light to dark; chosen by hand."""
+"""Linear red, green and blue of skins, light to dark, chosen by hand."""
 _HAIRS = ((0.012, 0.009, 0.008), (0.035, 0.018, 0.01), (0.11, 0.055, 0.025), (0.33, 0.2, 0.08), (0.25, 0.24, 0.24))
-"""The same of hair."""
+"""Linear red, green and blue of hair, chosen by hand."""
 _PATTERNS = ("plain", "plain", "stripes", "upright", "checks", "blocks")
 
 
@@ -64,23 +64,21 @@ def person_colours(scene: SceneFile, rng: np.random.Generator) -> np.ndarray:
 
 
 def _skin(tone: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return skin that is a little redder and darker here and there."""
+    """Return skin with slightly redder and darker spots."""
     blotch = np.sin(rest[:, 0] * 31 + 2) * np.sin(rest[:, 1] * 27) * np.sin(rest[:, 2] * 29 + 1)
     return tone * (1 + 0.06 * blotch[:, None] * [0.3, 1.0, 1.0])
 
 
 def _cloth(rest: np.ndarray, rng: np.random.Generator, *, plain: bool) -> np.ndarray:
-    """Return the colours of a garment at (n, 3) places of the resting body."""
     base = linear(rng.random(), rng.uniform(0.15, 0.8), rng.uniform(0.2, 0.9))
     other = linear(rng.random(), rng.uniform(0.0, 0.7), rng.uniform(0.15, 0.95))
     pattern = "plain" if plain else _PATTERNS[rng.integers(len(_PATTERNS))]
     length = rng.uniform(0.05, 0.1)
     up, across = np.sin(2 * np.pi * rest[:, 1] / length) > 0, np.sin(2 * np.pi * rest[:, 0] / length) > 0
     middle = np.median(rest[:, 1])
-    mix = {
-        "plain": np.zeros(len(rest)), "stripes": up * 1.0, "upright": across * 1.0, "checks": 0.5 * up + 0.5 * across,
-        "blocks": (rest[:, 1] > middle) * 1.0,
-    }[pattern][:, None]  # fmt: skip
+    mixes = {"plain": np.zeros(len(rest)), "stripes": up * 1.0, "upright": across * 1.0}
+    mixes |= {"checks": 0.5 * up + 0.5 * across, "blocks": (rest[:, 1] > middle) * 1.0}
+    mix = mixes[pattern][:, None]
     return base * (1 - mix) + other * mix
 
 
@@ -89,10 +87,10 @@ class DressedPerson:
 
     Args:
         body: the body.
-        motion: what it does.
-        scene: what it wears.
+        motion: its motion.
+        scene: its clothes.
         colours: (3 T, 3) linear colour of each corner of its triangles.
-        collection: where the object is linked.
+        collection: the collection of the object.
     """
 
     def __init__(
@@ -115,7 +113,7 @@ class DressedPerson:
         collection.objects.link(self.object)
 
     def pose(self, frame: float) -> None:
-        """Set the vertices to a frame, or between two in a straight line."""
+        """Set the vertices to a time in frames, interpolated linearly."""
         first = int(np.floor(frame))
         share = frame - first
         vertices = self.surface(first)
@@ -126,7 +124,7 @@ class DressedPerson:
         mesh.update()
 
     def surface(self, frame: int) -> np.ndarray:
-        """Return the (N, 3) vertices in world metres; frames before the first and after the last stand still."""
+        """Return the (N, 3) vertices in world metres, at the first or last frame if there is no such frame."""
         frame = int(np.clip(frame, 0, self._motion.num_frames - 1))
         if frame not in self._known:
             while len(self._known) > 2:
@@ -152,23 +150,26 @@ RADIUS_M = 0.007
 """Radius of a marker, metres: 14 mm balls are common."""
 _RINGS, _SEGMENTS = 4, 8
 _GREY = (0.75, 0.75, 0.78)
-"""Linear red, green and blue of a marker; chosen by hand."""
+"""Linear red, green and blue of a marker, chosen by hand."""
 
 
 class MarkerBalls:
     """Balls at points.
 
     Args:
-        count: how many.
-        collection: where the object is linked.
-        radius_m: of each.
-        colours: (count, 3) linear colours; grey where left out.
+        count: their number.
+        collection: the collection of the object.
+        radius_m: their radius.
+        colours: (count, 3) linear colours, None for grey.
     """
 
     def __init__(
-        self, count: int, collection: bpy.types.Collection, radius_m: float = RADIUS_M,
+        self,
+        count: int,
+        collection: bpy.types.Collection,
+        radius_m: float = RADIUS_M,
         colours: np.ndarray | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         points, faces = ball(radius_m)
         self._ball, self._count = points, count
         mesh = bpy.data.meshes.new("markers")
@@ -184,7 +185,7 @@ class MarkerBalls:
         collection.objects.link(self.object)
 
     def place(self, points: np.ndarray) -> None:
-        """Move the balls to (count, 3) world metres; those at NaN vanish."""
+        """Move the balls to (count, 3) world metres, and hide them at NaN."""
         shown = np.isfinite(points).all(axis=1)
         middle = np.where(shown[:, None], points, 0.0)
         size = np.where(shown, 1.0, 0.0)[:, None, None]

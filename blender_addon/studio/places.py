@@ -1,4 +1,4 @@
-"""Errors of arrays by place on the floor, as the benchmark writes them."""
+"""Errors of camera arrays by place on the floor, read from a benchmark and shown in the scene."""
 
 from __future__ import annotations
 
@@ -18,26 +18,26 @@ FORMAT, VERSION = "manifold_mocap_places", 1
 
 @dataclass(frozen=True)
 class PlaceMap:
-    """Errors of an array over the floor; Y rows, X columns."""
+    """Errors of an array on the floor in Y rows and X columns."""
 
     array: str
     x_m: np.ndarray
     y_m: np.ndarray
     error_mm: np.ndarray
-    """(Y, X), NaN where nobody is located."""
+    """(Y, X), NaN where nothing is triangulated."""
 
     @property
     def median_mm(self) -> float | None:
-        """Median over the places where somebody is located, None where nobody is anywhere."""
+        """Median over all places without NaN, None if there is none."""
         good = self.error_mm[np.isfinite(self.error_mm)]
         return float(np.median(good)) if good.size else None
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps that ``studio-benchmark`` wrote.
+    """Read the maps of a benchmark.
 
     Raises:
-        FileMissing: the file is gone.
+        FileMissing: the file does not exist.
         FileDamaged: it is of another format, or its rows do not fit.
     """
     if not path.exists():
@@ -46,14 +46,11 @@ def read_places(path: Path) -> list[PlaceMap]:
     try:
         if (values["format"], values["version"]) != (FORMAT, VERSION):
             raise ValueError("another format")
+        names = ("x_m", "y_m", "error_mm")
         maps = [
-            PlaceMap(
-                str(item["camera_array" if "camera_array" in item else "rig"]),  # its name until 0.1
-                np.array(item["x_m"], np.float64), np.array(item["y_m"], np.float64),
-                np.array(item["error_mm"], np.float64),
-            )
+            PlaceMap(str(item["camera_array"]), *(np.array(item[name], np.float64) for name in names))
             for item in values["places"]
-        ]  # fmt: skip
+        ]
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise FileDamaged(f"This is not a map of errors: {error}.", where=str(path)) from error
     if not maps:
@@ -64,7 +61,7 @@ def read_places(path: Path) -> list[PlaceMap]:
 
 
 def shared_limits(maps: Sequence[PlaceMap]) -> tuple[float, float]:
-    """Return the least error of all maps, and the one that all but a twentieth of the places stay below."""
+    """Return the smallest error and the 95th percentile of all maps."""
     good = np.concatenate([item.error_mm[np.isfinite(item.error_mm)] for item in maps])
     return (float(good.min()), float(np.percentile(good, 95))) if good.size else (0.0, 1.0)
 
@@ -74,13 +71,13 @@ MAP = "mocap_places"
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
-"""Share of a square's side that is filled."""
-_NOBODY = (0.25, 0.25, 0.25, 1.0)
-"""Colour of a place at which nobody was located; chosen by hand."""
+"""Filled share of a square's side."""
+_NO_DATA = (0.25, 0.25, 0.25, 1.0)
+"""Colour of a place without triangulated keypoints, chosen by hand."""
 
 
 def remove_places(scene: bpy.types.Scene) -> None:
-    """Take the map off the floor."""
+    """Remove the map from the floor."""
     for old in [obj for obj in scene.objects if MAP in obj]:
         mesh = old.data
         bpy.data.objects.remove(old)
@@ -89,11 +86,11 @@ def remove_places(scene: bpy.types.Scene) -> None:
 
 
 def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float, float]) -> bpy.types.Object:
-    """Lay a map on the floor of a scene in the place of the one before, and return its object.
+    """Replace the map on the floor of a scene, and return its object.
 
     Args:
         scene: the scene.
-        places: the map; X and Y of the world.
+        places: the map in world coordinates.
         limits_mm: errors of the first and the last colour.
     """
     remove_places(scene)
@@ -118,7 +115,7 @@ def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float
 
 
 def _step(error: np.ndarray, limits_mm: tuple[float, float]) -> np.ndarray:
-    """Return the colour of each error, ``_STEPS`` where nobody is located."""
+    """Return the colour index of each error, ``_STEPS`` for NaN."""
     low, high = limits_mm
     share = (error - low) / max(high - low, 1e-9)
     step = np.clip(np.nan_to_num(share) * _STEPS, 0, _STEPS - 1).astype(int)
@@ -126,11 +123,11 @@ def _step(error: np.ndarray, limits_mm: tuple[float, float]) -> np.ndarray:
 
 
 def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
-    """Return a material from blue over yellow to red, shown alike in the viewport and in renders."""
+    """Return a material from blue over yellow to red for the viewport and for renders."""
     low, high = limits_mm
     share = step / (_STEPS - 1)
     if step == _STEPS:
-        name, colour = "nobody located", _NOBODY
+        name, colour = "not triangulated", _NO_DATA
     else:
         name = f"{low + share * (high - low):.0f} mm"
         blue, yellow, red = np.array([0.05, 0.25, 0.7]), np.array([0.9, 0.75, 0.15]), np.array([0.75, 0.06, 0.03])
@@ -163,4 +160,4 @@ def _line_of(verdicts: Sequence[Mapping[str, Any]]) -> str:
         errors = [v["mpjpe_mm"] for v in verdicts if v["method"] == method and v["mpjpe_mm"] is not None]
         mean = f"{sum(errors) / len(errors):.1f} mm" if errors else "failed"
         parts.append(f"{method} {mean}")
-    return ", ".join(parts) or "one camera alone locates nobody"
+    return ", ".join(parts) or "one camera cannot triangulate"

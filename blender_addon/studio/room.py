@@ -14,35 +14,39 @@ from .scene_file import SceneFile
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Returns the (n, 3) linear colours of squares by their (n,) column and row."""
 _TILE_M = 0.12
-"""Floor and walls are made of squares of about this size, each with its own colour."""
+"""Approximate size of the coloured squares of floor and walls."""
 _MOST_TILES = 90
-"""Tiles along a wall or floor at most, which bounds the mesh; chosen by hand."""
-_BOX = np.array(
-    [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
-)  # fmt: skip
+"""Maximum number of squares along a side, which limits the mesh, chosen by hand."""
+_BOX = np.array([list(map(int, face)) for face in ["0231", "4576", "0154", "2673", "0462", "1375"]])
+"""Corners of a box's faces."""
+_ROOM = {
+    "floor": (0, (1, 0, 0), (0, 1, 0)),
+    "south": (0, (0, 0, 1), (1, 0, 0)),
+    "west": (0, (0, 1, 0), (0, 0, 1)),
+    "north": (1, (0, 0, -1), (-1, 0, 0)),
+    "east": (1, (0, -1, 0), (0, 0, -1)),
+    "ceiling": (1, (-1, 0, 0), (0, -1, 0)),
+}
+"""Corner of the room (0 lower, 1 upper) and axes of its planes."""
 
 
 def build_room(scene: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator) -> None:
     """Add floor, walls, ceiling and furniture to a collection."""
     low, high = scene.room
     floor, wall = _floor_paint(rng), _wall_paint(rng)
-    corners = {
-        "floor": (low, (1, 0, 0), (0, 1, 0)), "south": (low, (0, 0, 1), (1, 0, 0)), "west": (low, (0, 1, 0), (0, 0, 1)),
-        "north": (high, (0, 0, -1), (-1, 0, 0)), "east": (high, (0, -1, 0), (0, 0, -1)),
-        "ceiling": (high, (-1, 0, 0), (0, -1, 0)),
-    }  # fmt: skip
-    for name, (start, u, v) in corners.items():
+    for name, (corner, *axes) in _ROOM.items():
         if name == "floor" or scene.walls:
             paint = floor if name == "floor" else wall
-            _add_plane(name, start, np.array(u, float), np.array(v, float), high - low, paint, collection)
+            u, v = np.array(axes, float)
+            collection.objects.link(_make_plane(name, scene.room[corner], u, v, high - low, paint))
     for i, (middle, half, (angle, _, _), colour) in enumerate(scene.furniture):
-        _add_box(f"furniture {i}", middle, half, angle, colour, collection)
+        collection.objects.link(_make_box(f"furniture {i}", middle, half, angle, colour))
 
 
 def light_room(
     scene: SceneFile, target: bpy.types.Scene, collection: bpy.types.Collection, rng: np.random.Generator
 ) -> None:
-    """Add lamps below the ceiling and a dim world; they light Cycles and EEVEE."""
+    """Add lamps below the ceiling and a dim world for Cycles and EEVEE."""
     low, high = scene.room
     area = float((high - low)[0] * (high - low)[1])
     warmth = rng.uniform(-0.15, 0.15)
@@ -91,11 +95,10 @@ def _wall_paint(rng: np.random.Generator):
     return paint
 
 
-def _add_plane(
-    name: str, start: np.ndarray, u: np.ndarray, v: np.ndarray, size: np.ndarray, paint: Paint,
-    collection: bpy.types.Collection,
-) -> None:  # fmt: skip
-    """Add a rectangle of squares that spans the room along two axes from a corner."""
+def _make_plane(
+    name: str, start: np.ndarray, u: np.ndarray, v: np.ndarray, size: np.ndarray, paint: Paint
+) -> bpy.types.Object:
+    """Return a rectangle of squares along two axes from a corner of the room."""
     lengths = float(np.abs(u @ size)), float(np.abs(v @ size))
     counts = [int(np.clip(round(length / _TILE_M), 1, _MOST_TILES)) for length in lengths]
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(counts[0] + 1), np.arange(counts[1] + 1), indexing="ij"))
@@ -103,21 +106,16 @@ def _add_plane(
     a, b = (grid.ravel() for grid in np.meshgrid(np.arange(counts[0]), np.arange(counts[1]), indexing="ij"))
     first = a * (counts[1] + 1) + b
     faces = np.stack([first, first + counts[1] + 1, first + counts[1] + 2, first + 1], axis=1)
-    _add_mesh(name, points, faces, np.repeat(paint(a, b), 4, axis=0), collection)
+    return _make_object(name, points, faces, np.repeat(paint(a, b), 4, axis=0))
 
 
-def _add_box(
-    name: str, middle: np.ndarray, half: np.ndarray, angle: float, colour: np.ndarray,
-    collection: bpy.types.Collection,
-) -> None:  # fmt: skip
+def _make_box(name: str, middle: np.ndarray, half: np.ndarray, angle: float, colour: np.ndarray) -> bpy.types.Object:
     corner = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)], dtype=np.float64)
     turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-    _add_mesh(name, (corner * half) @ turn.T + middle, _BOX, np.tile(colour**2.2, (24, 1)), collection)
+    return _make_object(name, (corner * half) @ turn.T + middle, _BOX, np.tile(colour**2.2, (24, 1)))
 
 
-def _add_mesh(
-    name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, collection: bpy.types.Collection
-) -> None:
+def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> bpy.types.Object:
     mesh = bpy.data.meshes.new(name)
     mesh.from_pydata(points.tolist(), [], faces.tolist())
     attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
@@ -125,31 +123,31 @@ def _add_mesh(
     mesh.materials.append(painted_material(name, 0.7))
     mesh.update()
     thing = bpy.data.objects.new(name, mesh)
-    # Workbench's only lamp is the sun, which a ceiling would keep out.
+    # Workbench's only light is the sun, which the ceiling would block.
     thing.display.show_shadows = name.startswith("furniture")
-    collection.objects.link(thing)
+    return thing
 
 
 @dataclass(frozen=True)
 class Light:
-    """How a room is lit."""
+    """The light of a room."""
 
     stops: float
-    """Brighter or darker than by day; a camera's own exposure makes up for nothing."""
+    """Brightness relative to daylight, not compensated by the camera's exposure."""
     tint: tuple[float, float, float]
     """Linear colour of the light."""
     shadow: float
-    """How dark Workbench's shadows are, 0..1."""
+    """Darkness of Workbench's shadows, 0..1."""
     gain: float
-    """Times the sensor's noise by day."""
+    """Sensor noise relative to daylight."""
 
     def set_up(self, scene: bpy.types.Scene) -> None:
-        """Darken a scene that is rendered."""
+        """Apply exposure and shadows to a scene."""
         scene.view_settings.exposure += self.stops
         scene.display.shading.shadow_intensity = self.shadow
 
     def tinted(self, picture: np.ndarray) -> np.ndarray:
-        """Return (h, w, 3) values of 0 to 255 in the light's colour: pictures are linear light to the power 1 / 2.2."""
+        """Return an (h, w, 3) picture, 0 to 255 with gamma 2.2, in the light's colour."""
         return picture * np.array(self.tint, np.float32) ** np.float32(1 / 2.2)
 
 
@@ -158,4 +156,4 @@ LIGHTS = {
     "dim": Light(-1.2, (1.0, 0.8, 0.55), 0.6, 2.0),
     "night": Light(-2.4, (0.7, 0.85, 1.0), 0.8, 4.0),
 }
-"""Each light by its name; chosen by hand, see ``Light`` for units."""
+"""Lights by name, chosen by hand."""
