@@ -1,4 +1,4 @@
-"""Whether the poses of a run are also sent to another program, and where."""
+"""Settings of the Acquire tab: live capture, the sensor array, and the studio."""
 
 from __future__ import annotations
 
@@ -9,123 +9,116 @@ import bpy
 from .._exchange.errors import CommandLineInvalid
 from .._exchange.solve_settings import METHODS
 from .._exchange.vmc.address import VMC, VmcAddress, read_address
-from .project_files import RELATIVE
+from .setting_properties import Items, choice, flags, number, path, switch, text
+
+_SUBJECT = "Calibrated person, empty to learn the body shape while they move"
+_SOURCES = (
+    ("FILE", "Recording", "Replay a marker recording or a motion at its own rate"),
+    ("VMC", "Another Program", "Receive poses over VMC, or a face from Live Link Face or iFacialMocap"),
+    ("CAMERAS", "Cameras", "Track a person without markers with two to four calibrated cameras or videos"),
+)
 
 
 class SendingProperties:
-    """What a property group inherits to send poses."""
+    """Mixin of settings of runs that can send their poses."""
 
-    __annotations__ = {
-        "send": bpy.props.BoolProperty(
-            name="Send", description="Also send every pose to another program by the VMC protocol"
-        ),
-        "send_to": bpy.props.StringProperty(
-            name="Send To", default=str(VmcAddress()),
-            description="Address of the other program: vmc://HOST:PORT; 127.0.0.1 is this machine",
-        ),
-    }  # fmt: skip
+    send: switch("Send", "Also send every pose to another program over VMC")
+    send_to: text("Send To", "Address of the other program, vmc://HOST:PORT", str(VmcAddress()))
+
+
+class MocapLive(SendingProperties, bpy.types.PropertyGroup):
+    """Settings of a live run."""
+
+    kind: choice("Source", "Source of the points or poses", _SOURCES)
+    source: path(
+        "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), empty for the capture's own markers"
+    )
+    listen: text(
+        "Listen At",
+        "Address to listen at: vmc://0.0.0.0 for the network, livelink://0.0.0.0 or ifacialmocap://PHONE for a face",
+        str(VmcAddress()),
+    )
+    cameras: text(
+        "Cameras",
+        "Two to four of webcam:0, oak:ID or a video, if needed with the calibration's name: left=webcam:0",
+    )
+    calibration: path("Calibration", "Calibration of the cameras")
+    subject: path("Subject", _SUBJECT)
+    record: switch("Record", "Save the points as a take, or the poses as a motion", on=True)
+    drive: switch("Drive Character", "Move the target of the Retarget panel live")
+    face_mesh: text("Face", "Mesh with shape keys that follow the received face")
+    face_table: path("Face Table", "JSON file with the shape key of each channel, empty if their names are equal")
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options of a live run for what is chosen; nothing is sent unasked.
-
-    Args:
-        properties: a property group with ``SendingProperties``.
+    """Return the options that send a live run's poses, none unless the user has switched this on.
 
     Raises:
-        CommandLineInvalid: the address is none, or is of another machine while Blender may not go online.
+        CommandLineInvalid: see ``allowed_address``.
     """
     return ["--send", str(allowed_address(properties.send_to))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address of a text, where Blender's preferences allow it.
+    """Return the address in a text.
 
     Args:
         text: the address.
-        schemes: protocols that will do.
+        schemes: accepted protocols.
 
     Raises:
-        CommandLineInvalid: it is none, or is of another machine while Blender may not go online.
+        CommandLineInvalid: the address is invalid, or on another machine while Blender is set to stay offline.
     """
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
-        raise CommandLineInvalid(
-            "This address is not this machine's alone, and Blender may not go online.", where=str(address),
-            hint="Allow Online Access in the preferences (System), or use 127.0.0.1.",
-        )  # fmt: skip
+        hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."
+        message = "This address is on another machine, and Blender is set to stay offline."
+        raise CommandLineInvalid(message, where=str(address), hint=hint)
     return address
 
 
-_KIND_ITEMS = (
-    ("FOLDER", "Recording", "A folder that sensors were recorded to, or a shot of the studio, played at its own rate"),
-    ("OAK", "OAK Cameras", "OAK-D Pro or OAK-4 D Pro cameras, by USB or network"),
-)
-_SYNC_ITEMS = (
-    ("none", "None", "Cameras run freely; the wand synchronises them"),
-    ("wire", "Wire", "A sync wire joins them; the first camera gives the pulse"),
-    ("ptp", "PTP", "The network synchronises their clocks (OAK-4)"),
-)
 PARTS = {
-    "WAND": ("Wave the Wand", "Show what of every picture the wand has visited and where to wave it next", "wand"),
-    "GAMMA": ("Film the Γ", "Film the three markers on the floor that show where up and the origin are", "gamma"),
-    "TAKE": ("Start", "Show points and a moving body while sensors see them, and record them", "take"),
+    "WAND": ("Wave the Wand", "Record the wand, and show which parts of each image it has not reached yet", "wand"),
+    "GAMMA": ("Film the Γ", "Record three markers on the floor, which set the origin and the up axis", "gamma"),
+    "TAKE": ("Start", "Show the points and a body live, and record them", "take"),
 }
-"""Name, description and property of what a run of the sensors is for."""
+"""Label, description and property of each kind of sensor run."""
 GAMMA_S = 5.0
-"""Seconds that the Γ is filmed for."""
+"""Recording time of the Γ in seconds."""
+_SENSORS = (
+    ("FOLDER", "Recording", "Play a folder of sensor recordings, or a shot of the studio, at its own rate"),
+    ("OAK", "OAK Cameras", "OAK-D Pro or OAK-4 D Pro cameras on USB or the network"),
+)
+_SYNCS = (
+    ("none", "None", "Cameras run freely, and the wand synchronises them"),
+    ("wire", "Wire", "The first camera triggers the others over a sync wire"),
+    ("ptp", "PTP", "The network synchronises the camera clocks (OAK-4)"),
+)
 
 
-class MocapRig(SendingProperties, bpy.types.PropertyGroup):
-    """Sensors, their calibration, and what was recorded with them."""
+class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
+    """Settings of the sensor array, and its recordings."""
 
-    kind: bpy.props.EnumProperty(name="Sensors", description="Where pictures come from", items=_KIND_ITEMS)
-    source: bpy.props.StringProperty(
-        name="Recording", subtype="DIR_PATH", options=RELATIVE,
-        description="Folder of infrared and depth pictures of several sensors",
-    )  # fmt: skip
-    oaks: bpy.props.StringProperty(
-        name="Cameras", description="Identifiers of the cameras, each perhaps with a name: ID=front ID=left; "
-        "the first gives the pulse of a sync wire",
-    )  # fmt: skip
-    sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
-    calibration: bpy.props.StringProperty(
-        name="Calibration", subtype="FILE_PATH", options=RELATIVE,
-        description="Where the sensors stand; empty for the recording's own, or for the lenses of the cameras alone",
-    )  # fmt: skip
-    wand: bpy.props.StringProperty(
-        name="Wand", subtype="DIR_PATH", options=RELATIVE, description="Recording of a single marker that was waved"
+    kind: choice("Sensors", "Source of the images", _SENSORS)
+    source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
+    oaks: text(
+        "Cameras", "Camera identifiers, if needed with names: ID=front ID=left, of which the first drives a sync wire"
     )
-    gamma: bpy.props.StringProperty(
-        name="Γ", subtype="DIR_PATH", options=RELATIVE,
-        description="Recording of three markers on the floor; empty to leave the world where the first sensor is",
-    )  # fmt: skip
-    long_edge: bpy.props.FloatProperty(
-        name="Long Edge", description="Of the Γ, from middle to middle", unit="LENGTH", default=0.6, min=0.05, max=5.0,
-        precision=3,
-    )  # fmt: skip
-    short_edge: bpy.props.FloatProperty(
-        name="Short Edge", description="Of the Γ, from middle to middle", unit="LENGTH", default=0.4, min=0.05, max=5.0,
-        precision=3,
-    )  # fmt: skip
-    trigger: bpy.props.BoolProperty(
-        name="One Trigger", description="All sensors expose by one signal: their clocks need not be found"
-    )
-    subject: bpy.props.StringProperty(
-        name="Subject", subtype="FILE_PATH", options=RELATIVE,
-        description="Calibrated person who wears the markers; empty to learn the shape while they move",
-    )  # fmt: skip
-    record: bpy.props.BoolProperty(
-        name="Record", description="Keep the sensors' pictures, 90 MB a second for each, to be solved afterwards",
-        default=True,
-    )  # fmt: skip
-    take: bpy.props.StringProperty(
-        name="Take", subtype="DIR_PATH", options=RELATIVE, description="The sensors' recording that is to be solved"
-    )
-    said: bpy.props.StringProperty(name="Findings", description="What the calibration found, a sentence a line")
+    sync: choice("Sync", "Synchronisation of the cameras", _SYNCS)
+    calibration: path("Calibration", "Calibration of the sensors, empty for the one in the recording")
+    wand: path("Wand", "Recording of a single moving marker", folder=True)
+    gamma: path("Γ", "Recording of three floor markers, empty to use the first sensor as the origin", folder=True)
+    long_edge: number("Long Edge", "Long edge of the Γ between marker centres", 0.6, 0.05, 5, "m")
+    short_edge: number("Short Edge", "Short edge of the Γ between marker centres", 0.4, 0.05, 5, "m")
+    trigger: switch("One Trigger", "One signal exposes all sensors, so their clocks are not estimated")
+    subject: path("Subject", _SUBJECT)
+    record: switch("Record", "Save the sensor images to solve them later, 90 MB per second and sensor", on=True)
+    take: path("Take", "Recording of the sensors to solve", folder=True)
+    findings: str
+    """Results of the calibration, one sentence per line."""
 
     def sensors(self) -> list[str]:
-        """Return how a command line names the sensors; empty where there are none yet."""
+        """Return the sensors as words of a command line, none if the user has not chosen any."""
         from ..conventions.file_paths import file_of
 
         calibration = ["--calibration", str(file_of(self.calibration))] if self.calibration else []
@@ -135,7 +128,7 @@ class MocapRig(SendingProperties, bpy.types.PropertyGroup):
         return [*named, "--sync", self.sync, *calibration] if named else []
 
     def calibrating(self) -> list[str]:
-        """Return the options of the wand's calibration."""
+        """Return the options of the wand calibration."""
         from ..conventions.file_paths import file_of
 
         options = [str(file_of(self.wand)), *(["--trigger"] if self.trigger else [])]
@@ -146,62 +139,59 @@ class MocapRig(SendingProperties, bpy.types.PropertyGroup):
 
 
 OWN = "OWN"
+_MOTIONS = (
+    ("CHOREOGRAPHY", "Choreography", "The bundled motion: walk, reach, turn and crouch"),
+    ("TAKE", "The Solved Take", "The take that the body plays"),
+    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH, or a folder of these"),
+)
 PRESET_ARRAYS = (
     ("webcam_ring_4", "Four Webcams", "Four common webcams on tripods around a room"),
-    ("oak_d_4", "Four OAK-D", "Four OAK-D, their global-shutter mono cameras binned to 640 x 400"),
-    ("azure_kinect_3", "Three Azure Kinects", "Three Azure Kinects at 2 m, depth in the near field of view"),
-    ("vicon_12", "Twelve Optical", "Twelve optical cameras of 1.3 megapixels under the ceiling"),
+    ("oak_d_4", "Four OAK-D", "Four OAK-D with mono global-shutter images binned to 640 x 400"),
+    ("azure_kinect_3", "Three Azure Kinects", "Three Azure Kinects at 2 m with the narrow depth field of view"),
+    ("vicon_12", "Twelve Optical", "Twelve optical 1.3-megapixel cameras under the ceiling"),
 )
 _ARRAYS = (
-    (OWN, "My Cameras", "The active capture's cameras, or the scene's where there is no capture"),
-    ("SCENE", "Scene's Cameras", "All cameras of the scene that are shown, as they stand now"),
-    ("RING", "A Ring", "As many like cameras as below, around the person"),
+    (OWN, "My Cameras", "Cameras of the active capture, or of the scene if there is no capture"),
+    ("SCENE", "Scene's Cameras", "All visible cameras of the scene"),
+    ("RING", "A Ring", "Equal cameras in a ring around the person"),
     *PRESET_ARRAYS,
 )
-_MOTIONS = (
-    ("CHOREOGRAPHY", "Choreography", "Walking, reaching, turning and crouching: the motion that ships"),
-    ("TAKE", "The Solved Take", "The take that the body plays"),
-    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH, or a folder of them"),
-)
 _LOOKS = (
-    ("suit", "Suit", "A tight suit, on which markers are worn"),
-    ("bare", "Bare", "No clothes and no hair: the body alone, with markers"),
-    ("everyday", "Everyday", "Clothes and hair that are drawn, and two pieces of furniture"),
-    ("cluttered", "Cluttered", "The same with five pieces of furniture in the way"),
-    ("night", "Night", "Everyday in a dark room: colour pictures are dim and noisy"),
-    ("varied", "Varied", "Clothes, hair and light are drawn, with three pieces of furniture"),
+    ("suit", "Suit", "A tight suit with markers"),
+    ("bare", "Bare", "The body with markers, without clothes or hair"),
+    ("everyday", "Everyday", "Random clothes and hair, and two pieces of furniture"),
+    ("cluttered", "Cluttered", "Random clothes and hair, and five pieces of furniture in the way"),
+    ("night", "Night", "Everyday in a dark room, with dim and noisy colour images"),
+    ("varied", "Varied", "Random clothes, hair and light, and three pieces of furniture"),
 )
 _FILM = (
     ("infrared", "Infrared", "Retro-reflective markers lit from the camera, 16 bit"),
-    ("depth", "Depth", "Millimetres, with a time-of-flight sensor's faults"),
-    ("masks", "Masks", "What each pixel shows"),
-    ("normals", "Normals", "Which way each pixel's surface looks"),
-    ("rgb", "Colour", "Rendered by Blender"),
+    ("depth", "Depth", "Depth in millimetres with the errors of a time-of-flight sensor"),
+    ("masks", "Masks", "Object label of each pixel"),
+    ("normals", "Normals", "Surface normal of each pixel"),
+    ("rgb", "Colour", "Colour images rendered by Blender"),
 )
 _WRITE = (
     ("pose2sim", "Pose2Sim", "OpenPose JSON and a TOML calibration"),
     ("coco", "COCO", "COCO keypoints"),
     ("c3d", "C3D", "Markers"),
     ("trc", "TRC", "Markers for OpenSim"),
-    ("exr", "EXR", "Depth before any sensor and normals, as floats"),
-    ("video", "Videos", "One MP4 a camera, of colour pictures"),
+    ("exr", "EXR", "Error-free depth and normals as floats"),
+    ("video", "Videos", "One MP4 per camera from the colour images"),
 )
 FAULTS = (
-    ("detector", "Detector", "As measured on a real recording of four webcams"),
-    ("good_detector", "Good Detector", "Half of that, well calibrated"),
-    ("jitter", "Jitter", "5 mm of noise alone"),
+    ("detector", "Detector", "Errors measured on a real recording with four webcams"),
+    ("good_detector", "Good Detector", "Half these errors and a good calibration"),
+    ("jitter", "Jitter", "Only 5 mm of noise"),
     ("optical_markers", "Optical Markers", "Gaps, swaps and noise of optical markers"),
-    ("depth_markers", "Depth Markers", "Markers of depth sensors"),
-    ("none", "None", "No faults"),
+    ("depth_markers", "Depth Markers", "Errors of markers from depth sensors"),
+    ("none", "None", "No errors"),
 )
-_METHODS = (
-    ("triangulation", "Triangulation", "No body: what the keypoints themselves reach"),
-    *((method.value, method.label, method.description) for method in METHODS),
-)
+_METHODS = (("triangulation", "Triangulation", "Triangulated keypoints without a body model"), *METHODS)
 _ENGINES = (
     ("workbench", "Workbench", "Fast"),
-    ("eevee", "EEVEE", "Needs a graphics processor"),
-    ("cycles", "Cycles", "Lights the room; slow without a graphics processor"),
+    ("eevee", "EEVEE", "Needs a graphics card"),
+    ("cycles", "Cycles", "Realistic light, slow without a graphics card"),
 )
 
 
@@ -209,94 +199,52 @@ def _forget_plan(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
     self.planned = ""
 
 
-class MocapBenchmarkRow(bpy.types.PropertyGroup):
-    """What one camera array reached in one benchmark."""
+_PLAN = {"update": _forget_plan}
 
-    array: bpy.props.StringProperty(name="Camera Array", description="Name of the camera array")
-    faults: bpy.props.EnumProperty(name="Faults", description="What the detector made of the truth", items=FAULTS)
-    reached: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
-    median_mm: bpy.props.FloatProperty(
-        name="Median", description="Median error of triangulated keypoints over the floor, mm; -1 where nobody is"
-    )
-    page: bpy.props.StringProperty(name="Page", description="The benchmark's page", subtype="FILE_PATH")
-    places: bpy.props.StringProperty(name="Places", description="File of errors by place", subtype="FILE_PATH")
+
+class MocapBenchmarkRow(bpy.types.PropertyGroup):
+    """Accuracy of one camera array in a benchmark."""
+
+    array: str
+    faults: str
+    """Label of the simulated errors."""
+    reached: str
+    """Mean joint error of each method."""
+    median_mm: float
+    """Median error of triangulated keypoints on the floor, -1 if none could be triangulated."""
+    page: str
+    places: str
+    """File with the errors by place."""
 
 
 class MocapStudio(bpy.types.PropertyGroup):
-    """What is filmed and evaluated."""
+    """Settings of data sets and benchmarks."""
 
-    motion: bpy.props.EnumProperty(name="Motion", description="What is done", items=_MOTIONS, update=_forget_plan)
-    motion_path: bpy.props.StringProperty(
-        name="Path", description="Motion file or a folder of them", subtype="FILE_PATH", options=RELATIVE,
-        update=_forget_plan,
-    )  # fmt: skip
-    frames: bpy.props.IntProperty(
-        name="Frames", description="Frames of a shot at most", default=60, min=1, max=100_000, update=_forget_plan
-    )
-    fps: bpy.props.FloatProperty(
-        name="Rate", description="Pictures per second", default=30, min=1, max=1000, update=_forget_plan
-    )
-    people: bpy.props.IntProperty(
-        name="People", description="Number of people, each filmed alone", default=1, min=1, max=1000,
-        update=_forget_plan,
-    )  # fmt: skip
-    strange: bpy.props.BoolProperty(
-        name="Unusual Proportions", description="Bones and flesh beyond the shapes of our body", update=_forget_plan
-    )
-    seed: bpy.props.IntProperty(
-        name="Seed", description="Another number draws other people, clothes and faults", min=0, update=_forget_plan
-    )
-    array: bpy.props.EnumProperty(
-        name="Camera Array", description="Cameras that film", items=_ARRAYS, update=_forget_plan
-    )
-    count: bpy.props.IntProperty(
-        name="Cameras", description="Of the ring", default=4, min=1, max=64, update=_forget_plan
-    )
-    radius_m: bpy.props.FloatProperty(
-        name="Radius", description="Of the ring", default=3.0, min=0.2, max=50, unit="LENGTH", update=_forget_plan
-    )
-    height_m: bpy.props.FloatProperty(
-        name="Height", description="Of the ring's cameras", default=1.4, min=0, max=20, unit="LENGTH",
-        update=_forget_plan,
-    )  # fmt: skip
-    look: bpy.props.EnumProperty(name="Look", description="Clothes and room", items=_LOOKS, update=_forget_plan)
-    film: bpy.props.EnumProperty(
-        name="Film", description="Which pictures are made", items=_FILM, options={"ENUM_FLAG"},
-        default={"infrared", "depth", "masks"}, update=_forget_plan,
-    )  # fmt: skip
-    write: bpy.props.EnumProperty(
-        name="Write", description="Formats of other programs", items=_WRITE, options={"ENUM_FLAG"}, default=set(),
-        update=_forget_plan,
-    )  # fmt: skip
-    faults: bpy.props.EnumProperty(
-        name="Faults", description="What detectors and trackers make of the truth", items=FAULTS, update=_forget_plan
-    )
-    engine: bpy.props.EnumProperty(
-        name="Engine", description="What renders colour", items=_ENGINES, update=_forget_plan
-    )
-    scale: bpy.props.FloatProperty(
-        name="Pictures", description="Share of the cameras' picture sizes", default=1.0, min=0.05, max=4.0,
-        update=_forget_plan,
-    )  # fmt: skip
-    out: bpy.props.StringProperty(
-        name="Folder", description="Where the data set goes; empty for a new folder beside the takes",
-        subtype="DIR_PATH", options=RELATIVE, update=_forget_plan,
-    )  # fmt: skip
-    planned: bpy.props.StringProperty(name="Plan", description="What would be made and what room it needs")
-    planned_file: bpy.props.StringProperty(name="Description", description="File of what was checked")
-    planned_out: bpy.props.StringProperty(name="Data Set", description="Folder of what was checked")
-    methods: bpy.props.EnumProperty(
-        name="Methods", description="Methods to compare", items=_METHODS, options={"ENUM_FLAG"},
-        default={"triangulation", "global"},
-    )  # fmt: skip
-    against: bpy.props.EnumProperty(
-        name="Compare With", description="Other camera layouts to compare with", items=PRESET_ARRAYS,
-        options={"ENUM_FLAG"}, default=set(),
-    )  # fmt: skip
-    fewer: bpy.props.BoolProperty(name="One Camera Fewer", description="Also evaluate the cameras without the last")
-    rows: bpy.props.CollectionProperty(
-        type=MocapBenchmarkRow, name="Rows", description="Expected accuracy per camera layout"
-    )
-    shown_mm: bpy.props.FloatVectorProperty(
-        name="Colours", description="Errors of the first and the last colour of the map that is shown, mm", size=2
-    )
+    motion: choice("Motion", "Motion of the filmed people", _MOTIONS, **_PLAN)
+    motion_path: path("Path", "Motion file, or a folder with several", **_PLAN)
+    frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
+    fps: number("Rate", "Images per second", 30.0, 1, 1000, **_PLAN)
+    people: number("People", "Number of people, each filmed alone", 1, 1, 1000, **_PLAN)
+    strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
+    seed: number("Seed", "Random seed of people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
+    array: choice("Camera Array", "Cameras that film", _ARRAYS, **_PLAN)
+    count: number("Cameras", "Number of cameras in the ring", 4, 1, 64, **_PLAN)
+    radius_m: number("Radius", "Radius of the ring", 3.0, 0.2, 50, "m", **_PLAN)
+    height_m: number("Height", "Height of the cameras above the floor", 1.4, 0, 20, "m", **_PLAN)
+    look: choice("Look", "Clothes and room", _LOOKS, **_PLAN)
+    film: flags("Film", "Kinds of images to make", _FILM, "infrared", "depth", "masks", **_PLAN)
+    write: flags("Write", "File formats of other programs", _WRITE, **_PLAN)
+    faults: choice("Faults", "Simulated detector and tracker errors", FAULTS, **_PLAN)
+    engine: choice("Engine", "Render engine of the colour images", _ENGINES, **_PLAN)
+    scale: number("Image Scale", "Scale of the image sizes", 1.0, 0.05, 4, **_PLAN)
+    out: path("Folder", "Folder of the data set, empty for a new folder among the takes", folder=True, **_PLAN)
+    methods: flags("Methods", "Methods to compare", _METHODS, "triangulation", "global")
+    against: flags("Compare With", "Further arrays to evaluate", PRESET_ARRAYS)
+    fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
+    planned: str
+    """Size of the checked data set, "" after a setting has changed."""
+    planned_file: str
+    planned_out: str
+    rows: Items[MocapBenchmarkRow]
+    shown_mm: bpy.props.FloatVectorProperty(size=2)
+    """Errors at the ends of the colour scale of the map."""

@@ -1,6 +1,6 @@
-"""Bodies that came without the panels' help: baked headless, imported as a motion, appended from another file.
+"""Captures for bodies that came without the panels: baked headless, imported as a motion, or appended from a file.
 
-What the panels keep about a capture is put together from what the body's take and the cameras beside it state.
+The data of such a capture comes from the body's take and the cameras in its collection.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from ..conventions.file_paths import file_of, stored
 from .tags import tag_of
 
 _counts: dict[str, int] = {}
-"""How many objects each scene had when it was looked at last."""
+"""Number of objects at the last update of each scene."""
 
 
 def adopt(scene: bpy.types.Scene) -> int:
-    """Give each solved body of a scene that no capture knows a capture of its own, and return how many there were."""
+    """Make a capture for each solved body that has none, and return their number."""
     known = {review.body_tag for capture in scene.mocap.captures for review in capture.reviews} - {""}
     count = 0
     for body in [obj for obj in scene.objects if obj.type == "ARMATURE" and _is_solved(obj)]:
@@ -30,10 +30,9 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies as ``adopt`` does, and let panels stay about a capture.
+    """Adopt bodies as ``adopt`` does, and keep the current capture.
 
-    A body that another one has replaced keeps its takes; adopted later, when the scene is updated, it would be the one
-    that panels are about.
+    A replaced body keeps its takes. If the next update adopted it, its capture would become the current one.
     """
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
@@ -57,9 +56,9 @@ def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
     assert action is not None
     source = take_file(action, measured_key(action))
     is_alone = not action.get("capture_file") or (source.is_file() and is_motion(source))
-    former = next((item for item in scene.mocap.captures if _is_from(item, source)), None)
-    if former is not None:
-        review = former.review_of(former.person_named(action.get(PERSON, "")))
+    known = next((item for item in scene.mocap.captures if _is_from(item, source)), None)
+    if known is not None:
+        review = known.review_of(known.person_named(action.get(PERSON, "")))
         if review.armature is None:
             review.armature = body
             return
@@ -101,7 +100,7 @@ def _is_from(capture: bpy.types.PropertyGroup, source: Path) -> bool:
 
 
 def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.Collection | None:
-    """Return the collection of a take: the smallest with the body and cameras of a capture, or with the body alone."""
+    """Return the smallest collection with the body and capture cameras, otherwise with the body."""
     from ..scene.cameras import CAMERA_NAME
 
     holding = [child for child in scene.collection.children_recursive if body.name in child.all_objects]
@@ -112,7 +111,7 @@ def _collection_of(scene: bpy.types.Scene, body: bpy.types.Object) -> bpy.types.
 
 @persistent
 def on_load(*_: object) -> None:
-    """Adopt what a file that was opened holds."""
+    """Adopt the bodies of a file that was opened."""
     _counts.clear()
     for scene in bpy.data.scenes:
         settle(scene)
@@ -120,7 +119,7 @@ def on_load(*_: object) -> None:
 
 @persistent
 def on_update(scene: bpy.types.Scene, *_: object) -> None:
-    """Adopt what was appended, linked or pasted, once a scene has other objects than before."""
+    """Adopt appended, linked or pasted bodies after the number of objects has changed."""
     count = len(scene.objects)
     if _counts.get(scene.name_full) != count:
         _counts[scene.name_full] = count
@@ -128,7 +127,7 @@ def on_update(scene: bpy.types.Scene, *_: object) -> None:
 
 
 def settle(scene: bpy.types.Scene) -> None:
-    """Let go of a deleted retarget target, and adopt bodies that came without the panels."""
+    """Clear a deleted retarget target, and adopt bodies that came without the panels."""
     if scene.library is not None:
         return
     target = scene.mocap.retarget.target

@@ -1,4 +1,4 @@
-"""What the add-on keeps about each capture of a scene, and about looking at its takes."""
+"""Scene data of each capture: its cameras, markers and people, and the review of its takes."""
 
 from __future__ import annotations
 
@@ -8,105 +8,92 @@ from .._exchange.diagnostics import Diagnostic
 from ..conventions.kept_findings import findings_in
 from ..conventions.naming import MARKERS
 from ..conventions.skeleton import JOINTS
-from .project_files import RELATIVE
+from .setting_properties import Items, choice, number, switch
 from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
-MEANING_ITEMS = (
-    ("known", "Known", "A layout knows its label"),
-    ("unknown", "Unknown", "No layout knows its label"),
-    ("computed", "Computed", "A program computed it: a joint centre or the axis of a segment, not a marker"),
-    ("doubled", "Doubled", "Another marker has its place"),
-    ("unlabelled", "Unlabelled", "Nobody named it"),
+_BONE_ITEMS = (
+    ("AUTO", "Automatic", "By the label, or by the bone that the marker moves with if the label is unknown"),
+    ("NONE", "Nothing", "Do not use this marker in the solve"),
+    *((joint, joint.replace("_", " ").capitalize(), f"The bone {joint}") for joint in JOINTS[:-2]),
 )
-
-
-BONE_ITEMS = (
-    ("AUTO", "By Itself", "By its label; without a known one, the solve finds the bone that it moves with"),
-    ("NONE", "Nothing", "It is left out of the solve"),
-    *(
-        (joint, joint.replace("_", " ").capitalize(), f"The bone of {joint}, wherever it sits on it")
-        for joint in JOINTS[:-2]
-    ),
-)
-"""What a marker may be attached to by hand; the ends of hands are no bones that markers determine."""
-
-
-NAME_ITEMS = (
+"""Without the ends of the hands, as markers do not determine these."""
+_NAME_ITEMS = (
     ("NONE", "No Marker", "The point is not a marker of the person"),
     *((name, name, f"The point is {name}") for name in MARKERS),
 )
-"""What a point may be labelled as."""
-
-
-class MocapPointLabel(bpy.types.PropertyGroup):
-    """A user-assigned label of a point; its name is the track's label."""
-
-    point: bpy.props.IntProperty(name="Track", description="Column of the recording, from 0")
-    frame: bpy.props.IntProperty(name="Frame", description="Frame of the recording, from 0")
-    marker: bpy.props.StringProperty(
-        name="Marker", description="What it is; empty for a point that is not the person's"
-    )
-
-
-class MocapMarker(bpy.types.PropertyGroup):
-    """One marker of the capture; its name is its label."""
-
-    meaning: bpy.props.EnumProperty(name="Meaning", description="Meaning of its label", items=MEANING_ITEMS)
-    gaps: bpy.props.IntProperty(name="Gaps", description="Stretches of frames in which it is not seen")
-    missing_percent: bpy.props.FloatProperty(
-        name="Missing", description="Share of the frames in which it is not seen", subtype="PERCENTAGE"
-    )
-    bone: bpy.props.EnumProperty(name="Moves With", description="Bone that it is attached to", items=BONE_ITEMS)
-
-    @property
-    def place(self) -> str | None:
-        """Its place as a layout file states it, None where nothing is set by hand."""
-        return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")
 
 
 class MocapMessage(bpy.types.PropertyGroup):
-    """One thing that was found about a capture."""
+    """A finding about a capture."""
 
-    text: bpy.props.StringProperty(name="Text")
-    is_problem: bpy.props.BoolProperty(name="Problem")
-    cameras: bpy.props.StringProperty(name="Cameras", description="Names of the cameras it is about, a line each")
-    diagnostic: bpy.props.StringProperty(name="Finding", description="What was found, as text of JSON")
+    text: str
+    is_problem: bool
+    cameras: str
+    """Names, one per line."""
+    diagnostic: str
+    """JSON text of ``findings_text``."""
 
     @property
     def found(self) -> tuple[Diagnostic, ...]:
-        """What was found."""
+        """The diagnostics of this message."""
         return findings_in(self.diagnostic)
 
 
 class MocapCamera(bpy.types.PropertyGroup):
-    """One camera of the capture."""
+    """A camera of the capture."""
 
-    seen_percent: bpy.props.FloatProperty(
-        name="Seen", description="Share of the keypoints it sees", subtype="PERCENTAGE"
-    )
-    has_footage: bpy.props.BoolProperty(name="Footage", description="Footage was found")
-    use: bpy.props.BoolProperty(name="Use", description="Solve with what this camera sees", default=True)
-    before_px: bpy.props.FloatProperty(name="Before", description="Median distance of its detections as calibrated, px")
-    after_px: bpy.props.FloatProperty(name="After", description="The same with the refined cameras, px")
-    camera_tag: bpy.props.StringProperty(name="Camera")
-    detections_tag: bpy.props.StringProperty(name="Detections")
+    use: switch("Use", "Use this camera in the solve", on=True)
+    seen_percent: float
+    has_footage: bool
+    before_px: float
+    """Median distance of its detections before the calibration was refined."""
+    after_px: float
+    camera_tag: str
+    detections_tag: str
     object = TaggedObject("camera_tag")
     detections = TaggedObject("detections_tag")
 
 
 class MocapLeftOut(bpy.types.PropertyGroup):
-    """Frames in which a camera takes no part in the solve."""
+    """A range of scene frames without one camera, which gives it its name."""
 
-    name: bpy.props.StringProperty(name="Camera")
-    first: bpy.props.IntProperty(name="First", description="First scene frame in which the camera is left out")
-    last: bpy.props.IntProperty(name="Last", description="Last scene frame in which the camera is left out")
+    first: int
+    last: int
+
+
+class MocapMarker(bpy.types.PropertyGroup):
+    """A marker of the capture. Its name is its label."""
+
+    meaning: str
+    """One of ``panels.capture.MEANINGS``."""
+    gaps: int
+    missing_percent: float
+    bone: choice("Moves With", "Bone that carries the marker", _BONE_ITEMS)
+
+    @property
+    def place(self) -> str | None:
+        """Its bone as a layout file states it, None if the user has not set one."""
+        return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")
+
+
+class MocapPointLabel(bpy.types.PropertyGroup):
+    """A label that the user has given to a point. Its name is the track's label."""
+
+    point: int
+    """Column of the recording."""
+    frame: int
+    """Frame of the recording."""
+    marker: str
+    """Empty for a point that is not a marker of the person."""
 
 
 class MocapPin(bpy.types.PropertyGroup):
-    """A pose the solver must keep."""
+    """A pose that the solver must keep."""
 
-    frame: bpy.props.IntProperty(name="Frame", description="Scene frame")
-    job_values: bpy.props.StringProperty(name="Pose", description="The pose as it stands in the job file")
+    frame: int
+    """Scene frame."""
+    job_values: str
+    """The pose as in a job file."""
 
 
 def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -116,33 +103,27 @@ def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None
 
 
 def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Lay the floor offset on the body's own offset, which no key touches."""
+    """Apply the floor offset to the body's delta location, which has no keys."""
     armature = self.armature
     if armature is not None:
         armature.delta_location.z = self.floor_offset
 
 
-class MocapReview(bpy.types.PropertyGroup):
-    """What is looked at."""
+_LIFT = {"soft_min": -0.2, "soft_max": 0.2, "precision": 4, "step": 0.1, "update": _lift}
+_FRAMES = -(2**31), 2**31 - 1
 
-    body_tag: bpy.props.StringProperty(name="Body", description="Tag of the solved body's armature")
+
+class MocapReview(bpy.types.PropertyGroup):
+    """The review of a person's takes."""
+
+    body_tag: str
     armature = TaggedObject("body_tag", prefer_active=True)
-    colours: bpy.props.BoolProperty(
-        name="Colour Bones",
-        description="Paint each bone by its joint's confidence on the current frame; shown in pose mode",
-        update=_recolour,
-    )
-    below: bpy.props.FloatProperty(
-        name="Review Threshold", description="Confidence below which a frame deserves a look",
-        default=0.5, min=0.02, max=0.98,
-    )  # fmt: skip
-    floor_offset: bpy.props.FloatProperty(
-        name="Floor Offset", description="Lifts or lowers the body over the floor in all its takes; no key is changed",
-        unit="LENGTH", soft_min=-0.2, soft_max=0.2, precision=4, step=0.1, update=_lift,
-    )  # fmt: skip
-    first: bpy.props.IntProperty(name="First", description="First scene frame to solve again", default=1)
-    last: bpy.props.IntProperty(name="Last", description="Last scene frame to solve again", default=1)
-    pins: bpy.props.CollectionProperty(type=MocapPin)
+    colours: bpy.props.BoolProperty(update=_recolour)
+    below: number("Review Threshold", "List frames with a confidence below this value for review", 0.5, 0.02, 0.98)
+    floor_offset: number("Floor Offset", "Raise or lower the body without a key", 0.0, -1e3, 1e3, "m", **_LIFT)
+    first: number("First", "First scene frame to solve again", 1, *_FRAMES)
+    last: number("Last", "Last scene frame to solve again", 1, *_FRAMES)
+    pins: Items[MocapPin]
 
     def plays(self, obj: bpy.types.Object) -> bool:
         """Return whether an object is the body, a copy of it, or the skin of one."""
@@ -150,7 +131,7 @@ class MocapReview(bpy.types.PropertyGroup):
 
     @property
     def take(self) -> bpy.types.Action | None:
-        """The solved action that the body plays now, also from the NLA."""
+        """The solved action that the body plays, from an action or the NLA."""
         from ..animation.curves import current_action
 
         armature = self.armature
@@ -159,7 +140,7 @@ class MocapReview(bpy.types.PropertyGroup):
 
 
 def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Keep to the person chosen from the list until another object is made active, and select their body."""
+    """Select the body of the chosen person. They stay chosen until another object is active."""
     body = self.review_of(self.person_shown).armature
     if body is not None and body.name in context.view_layer.objects and context.mode == "OBJECT":
         for other in context.selected_objects:
@@ -170,13 +151,15 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class MocapPerson(bpy.types.PropertyGroup):
-    """One of several people that a capture shows."""
+    """One of several people of a capture. The user may change the name."""
 
-    name: bpy.props.StringProperty(name="Name", description="Name of this person; double-click to change")
-    key: bpy.props.StringProperty(name="Person", description="Name of this person in the capture file")
-    frames: bpy.props.IntProperty(name="Frames", description="Frames in which two or more views see them")
-    views: bpy.props.FloatProperty(name="Views", description="How many views see them on average")
-    review: bpy.props.PointerProperty(type=MocapReview)
+    key: str
+    """Name in the capture file."""
+    frames: int
+    """Frames with two or more views of this person."""
+    views: float
+    """Average number of views."""
+    review: MocapReview
 
 
 def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -186,60 +169,55 @@ def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -
 
 
 class MocapCapture(bpy.types.PropertyGroup):
-    """One capture of the scene."""
+    """A capture of the scene."""
 
-    source: bpy.props.StringProperty(
-        name="Source", description="File or folder it was read from", subtype="FILE_PATH", options=RELATIVE
-    )
-    file: bpy.props.StringProperty(
-        name="Capture File", description="Capture file made of it", subtype="FILE_PATH", options=RELATIVE
-    )
-    name: bpy.props.StringProperty(name="Name")
-    frames: bpy.props.IntProperty(name="Frames")
-    fps: bpy.props.FloatProperty(name="Frame Rate")
-    frame_start: bpy.props.IntProperty(name="First Frame", default=1)
-    joint_set: bpy.props.StringProperty(name="Keypoints")
-    markers: bpy.props.IntProperty(name="Markers")
-    marker_items: bpy.props.CollectionProperty(type=MocapMarker)
-    marker_index: bpy.props.IntProperty(name="Marker")
-    told: bpy.props.CollectionProperty(type=MocapPointLabel)
-    told_name: bpy.props.EnumProperty(
-        name="Is", description="What the chosen point is; the name holds for as long as its track goes on unbroken",
-        items=NAME_ITEMS, default="C7",
-    )  # fmt: skip
-    subjects: bpy.props.StringProperty(name="Subjects", description="Prefixes of the markers' labels")
-    cloud_tag: bpy.props.StringProperty(name="Marker Object")
+    source: str
+    """The recording: a file or folder."""
+    file: str
+    """The capture file made of it."""
+    original: str
+    """The capture file with the recording's own calibration, if the calibration was refined."""
+    frames: int
+    fps: float
+    frame_start: int = 1
+    joint_set: str
+    markers: int
+    marker_items: Items[MocapMarker]
+    marker_index: int
+    point_labels: Items[MocapPointLabel]
+    label_name: choice("Label", "Name for the selected point, used as long as its track is unbroken", _NAME_ITEMS, "C7")
+    subjects: str
+    cloud_tag: str
     cloud = TaggedObject("cloud_tag")
-    show_names: bpy.props.BoolProperty(name="Names", description="Show the markers' names beside them in the viewport")
-    show_residuals: bpy.props.BoolProperty(
-        name="Residuals", default=True, update=_colour_markers,
-        description="Colour markers by their distance from the solved body: green to 10 mm, orange to 25 mm, then red",
-    )  # fmt: skip
-    cameras: bpy.props.CollectionProperty(type=MocapCamera)
-    show_agreement: bpy.props.BoolProperty(
-        name="Agreement", default=True,
-        description="Outline cameras in the viewport: orange where a problem names them, grey where they are not used",
-    )  # fmt: skip
-    left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
-    checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
-    doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, as text of JSON")
-    doubted: bpy.props.StringProperty(name="Doubted", description="Names of the cameras it found wrong, a line each")
-    original: bpy.props.StringProperty(
-        name="Original", description="Capture file with the recording's own calibration, where it was refined",
-        subtype="FILE_PATH", options=RELATIVE,
-    )  # fmt: skip
-    messages: bpy.props.CollectionProperty(type=MocapMessage)
-    collection_tag: bpy.props.StringProperty(name="Collection")
-    floor_tag: bpy.props.StringProperty(name="Floor")
+    show_names: switch("Names", "Show marker names in the viewport")
+    show_residuals: switch(
+        "Residuals",
+        "Colour markers by their distance from the body: green to 10 mm, orange to 25 mm, then red",
+        on=True,
+        update=_colour_markers,
+    )
+    cameras: Items[MocapCamera]
+    show_agreement: switch("Agreement", "Outline cameras: green, orange with a problem, grey if unused", on=True)
+    left_out: Items[MocapLeftOut]
+    checked: str
+    """Results of the calibration check, one per line."""
+    check_findings: str
+    """JSON text of the diagnostics of the calibration check."""
+    suspect_cameras: str
+    """Names from the calibration check, one per line."""
+    messages: Items[MocapMessage]
+    collection_tag: str
+    floor_tag: str
     floor = TaggedObject("floor_tag")
-    review: bpy.props.PointerProperty(type=MocapReview)
-    people: bpy.props.CollectionProperty(type=MocapPerson)
-    person_shown: bpy.props.IntProperty(name="Person", description="Who is solved and reviewed", update=_show_person)
-    person_active: bpy.props.StringProperty(name="Active Object when they were chosen")
+    review: MocapReview
+    people: Items[MocapPerson]
+    person_shown: bpy.props.IntProperty(update=_show_person)
+    person_active: str
+    """Name of the object that was active when a person was chosen."""
 
     @property
     def collection(self) -> bpy.types.Collection | None:
-        """The capture's collection, None where it was deleted."""
+        """The capture's collection, None if it was deleted."""
         return find_collection(self.id_data, self.collection_tag)
 
     @collection.setter
@@ -247,7 +225,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         self.collection_tag = give_tag(collection)
 
     def refined_text(self) -> str:
-        """Return before and after of a refined calibration, "" where it is the recording's own."""
+        """Return the errors before and after refinement, "" for the recording's own calibration."""
         pairs = [(item.before_px, item.after_px) for item in self.cameras if item.after_px > 0]
         if not self.original or not pairs:
             return ""
@@ -255,10 +233,10 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return the views that are left out, in the form of the solver's setting.
+        """Return the excluded views as the solver setting states them.
 
         Args:
-            scene_fps: the scene's frames per second, by which the ranges are laid.
+            scene_fps: frames per second of the scene's frame ranges.
         """
         unused = [item.name for item in self.cameras if not item.use]
         ratio = self.fps / scene_fps if self.fps else 1.0
@@ -271,21 +249,21 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def measured(self) -> str:
-        """What takes are solved from: the capture file or, where a motion came without one, that motion."""
+        """Source of the takes: the capture file, or the motion if it came without a capture."""
         return self.file or (self.source if self.review.armature is not None else "")
 
     def review_of(self, person: int) -> MocapReview:
-        """Return what is looked at of one of the people, by index; of the only one where there are none."""
+        """Return the review of a person by index, of the capture if it shows one person."""
         return self.people[person].review if 0 < person < len(self.people) else self.review
 
     @property
     def reviews(self) -> list[MocapReview]:
-        """Return what is looked at of each person."""
+        """The review of each person."""
         return [self.review_of(person) for person in range(max(1, len(self.people)))]
 
     @property
     def person_index(self) -> int:
-        """Return which person panels and operators are about: whose body is active, or who was chosen last."""
+        """Index of the person with the active body, or of the person chosen last."""
         active = active_object(self.id_data)
         if active is not None and active.name_full != self.person_active:
             for person, review in enumerate(self.reviews):
@@ -295,15 +273,15 @@ class MocapCapture(bpy.types.PropertyGroup):
 
     @property
     def person(self) -> MocapPerson | None:
-        """Return that person, None where the capture shows one alone."""
-        return self.people[self.person_index] if self.people else None
+        """That person, None if the capture shows only one."""
+        return self.people[self.person_index] if len(self.people) else None
 
     def person_named(self, key: str) -> int:
-        """Return the index of a person by the capture file's name for them; 0 where there is none."""
+        """Return the index of a person by their name in the capture file, 0 if there is none."""
         return next((index for index, person in enumerate(self.people) if person.key == key), 0)
 
     def owns(self, obj: bpy.types.Object) -> bool:
-        """Return whether an object is the capture's body, its skin, or anything else in its collection."""
+        """Return whether an object is the capture's body, its skin, or in its collection."""
         if any(review.plays(obj) for review in self.reviews):
             return True
         collection = self.collection

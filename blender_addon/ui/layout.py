@@ -1,46 +1,104 @@
-"""How settings stand in a sidebar: their names beside their values or, where there is no room for both, above them."""
+"""The vocabulary of our layouts: wrapped text, settings that suit a narrow sidebar, and big buttons."""
 
 from __future__ import annotations
 
+import textwrap
+from typing import Any
+
+import blf
 import bpy
 
 from .translation import CONTEXT
 
 _NARROW_PX = 280
-"""Below this width there is no room for names and values side by side."""
+"""Below this width there is no room for labels and values in one row."""
 _SLIM_PX = 240
-"""Below this width there is no room for two numbers with their names side by side, nor for long names of sliders."""
+"""Below this width there is no room for two labelled numbers in one row."""
 _LONG = ("ENUM", "STRING", "POINTER")
-"""Types whose values are words; numbers and switches carry their names in their own field."""
+"""Types with values of words. Numbers and switches have their label in their own field."""
+_TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
+"""Size of panel text, width of the space around it in a box, and of an icon, at an interface scale of 1."""
+_MIN_LETTERS = 8
+"""Letters per line in the narrowest sidebar."""
+TALLEST = 1.6
+"""Height of the button for the next step relative to others."""
 
 
 def is_narrow(context: bpy.types.Context) -> bool:
-    """Return whether the sidebar has no room for what stands side by side."""
+    """Return whether the sidebar has no room for labels and values in one row."""
     return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
 
 
 def is_slim(context: bpy.types.Context) -> bool:
-    """Return whether the sidebar has no room for two numbers side by side."""
+    """Return whether the sidebar has no room for two numbers in one row."""
     return context.region.width < _SLIM_PX * (context.preferences.system.ui_scale or 1.0)
 
 
-def settings_layout(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Let settings stand with their names on the left, where the sidebar is wide enough for both."""
-    layout.use_property_split = not is_narrow(context)
+def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settings: Any, *names: str) -> None:
+    """Draw settings with their labels on the left, or above the values in a narrow sidebar."""
+    narrow = is_narrow(context)
+    layout.use_property_split = not narrow
     layout.use_property_decorate = False
-
-
-def draw_setting(
-    layout: bpy.types.UILayout, context: bpy.types.Context, settings: bpy.types.PropertyGroup, name: str
-) -> None:
-    """Draw a setting in a layout of ``settings_layout``."""
-    prop = settings.bl_rna.properties[name]
-    if is_narrow(context) and prop.type in _LONG:
+    for name in names:
+        prop = settings.bl_rna.properties[name]
+        if not narrow or prop.type not in _LONG:
+            layout.prop(settings, name)
+            continue
         column = layout.column(align=True)
         column.label(text=prop.name, text_ctxt=CONTEXT)
         if prop.type == "ENUM" and prop.is_enum_flag:
-            column.prop(settings, name, expand=True)  # without a text its items would have none either
+            column.prop(settings, name, expand=True)  # an empty text would also remove the labels of the items
         else:
             column.prop(settings, name, text="")
-    else:
-        layout.prop(settings, name)
+
+
+def draw_field(layout: bpy.types.UILayout, settings: Any, name: str, icon: str = "NONE", hint: str = "") -> None:
+    """Draw a setting without its label, with a placeholder in an empty text field."""
+    layout.prop(settings, name, text="", icon=icon, **({"placeholder": hint} if hint else {}))
+
+
+def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: float = TALLEST, **more: Any) -> None:
+    """Draw a tall button."""
+    column = layout.column()
+    column.scale_y = scale
+    column.operator(operator, icon=icon, **more)
+
+
+def wrapped(
+    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
+) -> None:
+    """Draw a text on as many lines as needed, with an icon on the first one."""
+    column = layout.column(align=True)
+    column.alert = alert
+    column.scale_y = 0.8
+    for number, line in enumerate(_lines(context, text, with_icon=icon != "NONE")):
+        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
+
+
+def draw_lines(layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "DOT") -> None:
+    """Draw each line of a text wrapped. Errors are red."""
+    for line in text.splitlines():
+        wrapped(layout, context, line, icon, alert=icon == "ERROR")
+
+
+def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
+    """Draw the next step."""
+    wrapped(layout, context, text, "FORWARD")
+
+
+def fits(context: bpy.types.Context, text: str) -> bool:
+    """Return whether the sidebar has room for a text on one line."""
+    return len(_lines(context, text, with_icon=False)) == 1
+
+
+def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
+    """Return a text in lines that fit the sidebar, by the width of its letters."""
+    scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
+    blf.size(0, _TEXT_PT * scale)
+    room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
+    letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
+    for count in range(max(letters, _MIN_LETTERS), _MIN_LETTERS - 1, -1):
+        lines = textwrap.wrap(text, count)
+        if all(blf.dimensions(0, line)[0] <= room for line in lines):
+            return lines or [""]
+    return textwrap.wrap(text, _MIN_LETTERS) or [""]

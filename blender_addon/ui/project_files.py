@@ -1,8 +1,8 @@
-"""Captures and takes follow their .blend file: on saving they come to lie beside it, and every path is kept relative.
+"""Captures and takes follow their .blend file: saving copies them into its folder and makes every path relative.
 
-What is referenced is copied before the file is written and linked relative to it. Afterwards what lay in an unsaved
-scene's session folder is removed there; nothing that belongs to another .blend file ever is. If writing fails, the
-links go back and the copies away; after *Save Copy*, whose paths are the copy's, the links go back alone.
+Files are copied before the .blend file is written. Afterwards the originals in the session folder of an unsaved scene
+are removed, but never a file of another .blend file. If writing fails, paths are restored and copies are removed. After
+*Save Copy* only the paths are restored, as the new paths are valid in the copy.
 """
 
 from __future__ import annotations
@@ -28,17 +28,17 @@ RELATIVE = (
     if "is_path_supports_blend_relative" in bpy.types.Property.bl_rna.properties
     else set()
 )
-"""Option of a path property that may begin with ``//``; before Blender 4.5 every one may."""
+"""Option of path properties that accept ``//``. Before Blender 4.5 all of them do."""
 
 
 def files_folder(scene: bpy.types.Scene) -> Path:
-    """Return the folder of captures and takes, made if need be.
+    """Return the folder of captures and takes, created if needed.
 
-    That is the scene's own setting; else ``mocap`` beside the .blend file; else, in a file that was never saved, a
-    session folder of the user's, from where saving moves them beside the file.
+    This is the folder in the scene's settings, or ``mocap`` in the folder of the .blend file. An unsaved file uses a
+    session folder of the user until it is saved.
 
     Raises:
-        OutputNotWritable: the folder cannot be made or written to.
+        OutputNotWritable: the folder cannot be created or written to.
     """
     settings = scene.mocap
     if settings.folder and (bpy.data.filepath or not settings.folder.startswith("//")):
@@ -51,10 +51,10 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 
 
 def usable(folder: Path) -> Path:
-    """Return a folder of captures or takes, made if need be.
+    """Return a folder of captures or takes, created if needed.
 
     Raises:
-        OutputNotWritable: it cannot be made or written to, or the disk is full.
+        OutputNotWritable: it cannot be created or written to, or the disk is full.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def usable(folder: Path) -> Path:
 
 
 def waits_for_saving(scene: bpy.types.Scene) -> str:
-    """Return the session folder in which an unsaved scene's takes wait, "" if they lie where they belong."""
+    """Return the session folder of an unsaved scene, "" if takes are in their final folder."""
     settings = scene.mocap
     if bpy.data.filepath or (settings.folder and not settings.folder.startswith("//")):
         return ""
@@ -77,7 +77,6 @@ def waits_for_saving(scene: bpy.types.Scene) -> str:
 
 
 def _new_session() -> Path:
-    """Return a folder named after the time of day that nobody has used."""
     name = f"unsaved {datetime.now():%Y-%m-%d %H.%M.%S}"
     names = (name if n == 1 else f"{name} ({n})" for n in range(1, 1000))
     return next(path for path in map(sessions_folder().__truediv__, names) if not path.exists())
@@ -85,22 +84,22 @@ def _new_session() -> Path:
 
 @dataclass(frozen=True)
 class _Link:
-    """One path that the open file keeps."""
+    """A path in the open file."""
 
     owner: Any
     """Settings of a scene, or an action."""
     key: str
     follows: bool
-    """It is a file of ours, which follows the .blend file; the user's own files stay where they are."""
+    """Whether the file follows the .blend file. Files of the user do not."""
 
     @property
     def text(self) -> str:
-        """The path as it is kept."""
+        """The stored path."""
         is_action = isinstance(self.owner, bpy.types.Action)
         return str(self.owner.get(self.key, "") if is_action else getattr(self.owner, self.key))
 
     def write(self, value: str) -> None:
-        """Keep another path."""
+        """Store another path."""
         if isinstance(self.owner, bpy.types.Action):
             self.owner[self.key] = value
         else:
@@ -109,29 +108,29 @@ class _Link:
 
 @dataclass
 class Journey:
-    """What one saving has changed so far."""
+    """Changes of one save."""
 
     before: list[tuple[_Link, str]] = field(default_factory=list)
-    """Links and what they were."""
+    """Links and their earlier paths."""
     copied: dict[Path, Path] = field(default_factory=dict)
-    """Files by where they were."""
+    """New paths of files by their earlier paths."""
     made: list[Path] = field(default_factory=list)
-    """Copies that were not there before."""
+    """Copies that did not exist before."""
 
     def relink(self, link: _Link, text: str) -> None:
-        """Change a link that may have to go back."""
+        """Change a link, and remember its earlier path."""
         if link.text != text:
             self.before.append((link, link.text))
             link.write(text)
 
     def links_back(self) -> None:
-        """Link everything to where it was."""
+        """Restore all links."""
         for link, text in reversed(self.before):
             with suppress(ReferenceError):
                 link.write(text)
 
     def back(self) -> None:
-        """Take everything back."""
+        """Restore all links and remove the copies."""
         self.links_back()
         for path in self.made:
             with suppress(OSError):
@@ -139,13 +138,13 @@ class Journey:
                 path.parent.rmdir()
 
     def arrive(self) -> None:
-        """Remove what has been copied out of session folders, and write down where it went."""
+        """Remove the originals of files copied from session folders, and record their new paths."""
         gone = {old: new for old, new in self.copied.items() if old.is_relative_to(sessions_folder())}
         if not gone or following.solver_reads:
             return
         note_moved(gone)
         for path in gone:
-            with suppress(OSError):  # what cannot be removed stays as a second copy
+            with suppress(OSError):  # a file that cannot be removed remains as a second copy
                 path.unlink()
         folders = {folder for path in gone for folder in (path.parent, path.parent.parent)} - {sessions_folder()}
         for folder in sorted(folders, key=lambda folder: -len(folder.parts)):
@@ -154,23 +153,23 @@ class Journey:
 
 
 class Following:
-    """The saving under way, and what the last one failed at."""
+    """The current save, and the failure of the last one."""
 
     def __init__(self) -> None:
         self.journey: Journey | None = None
         self.failure = ""
         self.solver_reads = False
-        """The solver is at work, perhaps on files of the session folder: nothing is removed there until it is done."""
+        """Whether the solver is running, perhaps on files of the session folder, so that none may be removed."""
 
 
 following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy what the open file references to beside a .blend file that is to be written, and link it there.
+    """Copy the files of the open scene into the folder of a .blend file, and link the copies.
 
     Raises:
-        OutputNotWritable: it cannot be copied; everything is as it was.
+        OutputNotWritable: they cannot be copied, and everything is restored.
     """
     journey, base = Journey(), target.parent
     try:
@@ -197,27 +196,27 @@ def follow(target: Path) -> Journey:
 
 
 def bring_home() -> None:
-    """Let files that arrived in a session folder after the file was saved follow it."""
+    """Move files that arrived in a session folder after the file was saved."""
     if bpy.data.filepath:
         follow(Path(bpy.data.filepath)).arrive()
 
 
 @persistent
 def before_save(target: str = "", *_: object) -> None:
-    """Let captures and takes follow; a failure is reported, and the file is written with the links as they were."""
+    """Let captures and takes follow. If that fails, report it and save the file with its earlier paths."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
         return  # the startup file
     try:
         following.journey = follow(Path(target))
     except MocapError as error:
-        following.failure = f"Captures and takes stayed where they were. {error}"
+        following.failure = f"Captures and takes were not moved. {error}"
         _say(following.failure)
 
 
 @persistent
 def after_save(target: str = "", *_: object) -> None:
-    """Clear the session folder, or link back after a copy was saved."""
+    """Clear the session folder, or restore the links after a copy was saved."""
     journey, following.journey = following.journey, None
     if journey is None:
         return
@@ -232,7 +231,7 @@ def after_save(target: str = "", *_: object) -> None:
 
 @persistent
 def after_failed_save(*_: object) -> None:
-    """Take everything back."""
+    """Restore everything."""
     journey, following.journey = following.journey, None
     if journey is not None:
         journey.back()
@@ -259,7 +258,7 @@ def _links() -> Iterator[_Link]:
 
 
 def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
-    """Return where files go, folder by folder; one that holds other files of those names is left to them."""
+    """Return the new paths of files. A folder with other files of the same names is not used."""
     groups: dict[Path, tuple[Path, set[Path]]] = {}
     for path in paths:
         root = _root(path, base)
@@ -274,7 +273,7 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
 
 
 def _root(path: Path, base: Path) -> tuple[Path, Path] | None:
-    """Return the folder beside the new file that takes a file in, and the one it lies in now; None if it stays."""
+    """Return the new and current root folder of a file, None if the file does not move."""
     sessions = sessions_folder()
     if path.is_relative_to(sessions) and len(path.relative_to(sessions).parts) > 1:
         return base / BESIDE, sessions / path.relative_to(sessions).parts[0]
@@ -293,7 +292,7 @@ def _old_base() -> Path | None:
 
 
 def _is_kept(link: _Link, path: Path) -> bool:
-    """Return whether a link means a folder below the .blend file, wherever that goes."""
+    """Return whether a link is a folder relative to the .blend file, which moves with it."""
     base = _old_base()
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 
@@ -304,7 +303,7 @@ def _names(folder: Path) -> Iterator[Path]:
 
 
 def _is_free(new: Path, old: Path) -> bool:
-    """Return whether a file may go there: nothing is there, or the same already."""
+    """Return whether a path is free or has the same content."""
     import filecmp
 
     return not new.exists() or filecmp.cmp(old, new, shallow=False)

@@ -1,7 +1,8 @@
-"""What the add-on keeps in a scene, under one pointer: ``scene.mocap``."""
+"""Everything the add-on keeps in a scene, in one pointer: ``scene.mocap``."""
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -9,94 +10,156 @@ import bpy
 from .._exchange.detectors import DETECTORS
 from .._exchange.errors import MocapError
 from .._exchange.joint_sets import JointSet
-from .._exchange.video_settings import DEFAULTS as VIDEO_DEFAULTS
-from .._exchange.video_settings import ROWS as VIDEO_ROWS
-from .._exchange.vmc.address import VmcAddress
+from .._exchange.setting import defaults_of_class, settings_of_class
+from .._exchange.video_settings import VideoSettings
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
-from .acquisition_properties import MocapRig, MocapStudio, SendingProperties
+from .acquisition_properties import MocapLive, MocapSensors, MocapStudio
 from .capture_properties import MocapCapture, MocapReview
-from .project_files import RELATIVE
 from .setting_properties import (
     CHOSEN_BY_PRESETS,
     DEFAULTS,
     ROWS,
+    Items,
     ReadingProperties,
-    SettingProperties,
-    make_property,
+    SolveProperties,
+    choice,
+    listed,
+    number,
     panel_values,
+    path,
+    properties_of,
     reading_options,
-    words_of,
+    switch,
+    text,
 )
 from .tags import active_name, active_object
 
 if TYPE_CHECKING:
     from ..retarget.rig_map import RigMap
 
+AUTO = "AUTO"
+STAGES = (
+    ("CAPTURE", "Capture", "Import a recording and check it"),
+    ("SOLVE", "Solve", "Solve the capture into a take"),
+    ("EDIT", "Edit", "Review, correct and clean up the take"),
+    ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
+)
+"""The stages of the work in order. The panels show one stage at a time."""
+_SETUPS = (
+    ("NEW", "New Scenes Only", "Set up a new scene, and keep the settings of any other"),
+    ("KEEP", "Keep the Scene", "Keep frame rate, range, resolution and camera, and fit the recording in"),
+    ("TAKE", "From the Recording", "Use the recording's frame rate, length, resolution and first camera"),
+)
+SCENE_SETUP = choice("Scene Set-Up", "Source of the scene's frame rate, range, resolution and camera", _SETUPS)
 STEPS = {
-    "detect": ("Keypoints", "Find the person in every picture"),
-    "sync": ("Sync", "Find how far cameras are ahead or late"),
-    "calibrate": ("Calibration", "Find where the cameras stand, from the board or the person"),
-    "capture": ("Capture", "Assemble what all cameras saw, and check the fit"),
+    "detect": ("Keypoints", "Detect people in every image"),
+    "sync": ("Sync", "Estimate the camera delays"),
+    "calibrate": ("Calibration", "Calibrate the cameras with the board or the person"),
+    "capture": ("Capture", "Combine the detections of all cameras, and check the fit"),
 }
-"""Name and description of each step, in their order."""
-_DETECTOR_ITEMS = (
-    *((name, detector.label, detector.description) for name, detector in DETECTORS.items()),
-    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or MediaPipe's pose model for LiteRT"),
+"""Label and description of the steps from videos to a capture, in order."""
+_UNITS = {"m": "Metres", "cm": "Centimetres", "mm": "Millimetres", "inch": "Inches"}
+_UNIT_ITEMS = (
+    (AUTO, "From the File", "Unit stated in the calibration"),
+    *((unit, label, f"The calibration is in {label.lower()}") for unit, label in _UNITS.items()),
+)
+_UP_ITEMS = (
+    (AUTO, "From the File", "Z, unless the format of the calibration uses another axis"),
+    *((axis, axis.upper(), f"{axis.upper()} is up in the calibration") for axis in ("z", "y", "-y", "x", "-z", "-x")),
+)
+_JOINT_SET_ITEMS = (
+    (AUTO, "Automatic", "Recognise the keypoint set by its size and by anatomy"),
+    *((name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"{name} keypoints") for name in JointSet),
 )
 
 
+class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
+    """Settings for reading a capture."""
+
+    scene_setup: SCENE_SETUP
+    footage_anywhere: switch(
+        "Footage Anywhere", "Also load footage from outside the capture's folder, only for captures that you trust"
+    )
+    joint_set: listed("joint_set", _JOINT_SET_ITEMS)
+    unit: listed("unit", _UNIT_ITEMS)
+    up_axis: listed("up_axis", _UP_ITEMS)
+
+    def arguments(self) -> list[str]:
+        """Return the options of the solver's command line."""
+        chosen = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
+        return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
+
+
+_PRESETS = (
+    ("FAST", "Fast", "Fewer keys in two thirds of the time, for a first look"),
+    ("BALANCED", "Balanced", "The default settings, for most takes"),
+    ("BEST", "Best", "More keys, for dance, sports and other fast motion"),
+    ("CUSTOM", "Custom", "The settings below"),
+)
+
+
+class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
+    """Settings of a solve."""
+
+    preset: choice("Preset", "Compromise between speed and detail", _PRESETS, "BALANCED")
+    subject: path("Subject", "Calibrated person with the markers, empty to calibrate on the take itself")
+    keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
+    report: switch("Report", "Write a page about the solve", on=True)
+
+    def acts(self, name: str) -> bool:
+        """Return whether a setting has an effect in the chosen method. Presets use the solver's own method."""
+        return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
+
+    def values(self) -> dict[str, Any]:
+        """Return the settings of the job file: of the preset or the user, and others that are not at their default."""
+        acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
+        method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset]
+        others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
+        return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
+
+
 class MocapVideoPicture(bpy.types.PropertyGroup):
-    """One picture of a step; its name is its path."""
+    """An image of a step. Its name is its path."""
 
 
 class MocapVideoStep(bpy.types.PropertyGroup):
-    """One step that is done; its name is the solver's."""
+    """A finished step. Its name is the solver's."""
 
-    words: bpy.props.StringProperty(name="Words", description="What it found, a sentence a line")
-    doubts: bpy.props.StringProperty(name="Doubts", description="What is wrong or unsure, a sentence a line")
-    pictures: bpy.props.CollectionProperty(type=MocapVideoPicture)
-    open: bpy.props.BoolProperty(name="Show", description="Show what this step found, and its picture", default=False)
-
-
-def made(name: str) -> Any:
-    """Return the property of a setting of videos."""
-    return make_property(VIDEO_ROWS[name], VIDEO_DEFAULTS[name])
+    notes: str
+    """One sentence per line."""
+    warnings: str
+    """One sentence per line."""
+    pictures: Items[MocapVideoPicture]
+    open: switch("Show", "Show the results and images of this step")
 
 
-class MocapVideos(bpy.types.PropertyGroup):
-    """How captures are made from videos, and the steps of the last one."""
+_DETECTORS = (
+    *((name, detector.label, detector.description) for name, detector in DETECTORS.items()),
+    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or a MediaPipe pose model (LiteRT)"),
+)
 
-    folder: bpy.props.StringProperty(
-        name="Videos", subtype="DIR_PATH", options=RELATIVE,
-        description="Folder of a take: one video a camera; footage of a board in 'calibration' beside them",
-    )  # fmt: skip
-    results: bpy.props.StringProperty(
-        name="Results", subtype="DIR_PATH", options=RELATIVE,
-        description="Where detections, clocks, calibration and capture of these videos are kept",
-    )  # fmt: skip
-    cameras: made("cameras")
-    board: made("board")
-    lenses: made("lenses")
-    focal: made("focal")
-    stature: bpy.props.FloatProperty(
-        name="Stature", description="Stature of the person, which sets the scale without a board; 0 for the mean",
-        unit="LENGTH", min=0.0, max=2.6, precision=2,
-    )  # fmt: skip
-    detector: bpy.props.EnumProperty(name="Detector", description="What finds keypoints", items=_DETECTOR_ITEMS)
-    model: bpy.props.StringProperty(
-        name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
+
+class MocapVideos(
+    properties_of(settings_of_class(VideoSettings), defaults_of_class(VideoSettings)), bpy.types.PropertyGroup
+):
+    """Settings for captures from videos, and the finished steps."""
+
+    folder: path(
+        "Videos",
+        "Folder with one video per camera, and with footage of the board in 'calibration'",
+        folder=True,
     )
-    hands: bpy.props.StringProperty(
-        name="Hand Model", subtype="FILE_PATH", options=RELATIVE,
-        description="MediaPipe's hand_landmark_full.tflite, to find hands and solve fingers; empty for the body alone",
-    )  # fmt: skip
-    people: made("people")
-    sync: made("clocks")
-    steps: bpy.props.CollectionProperty(type=MocapVideoStep)
+    stature: number("Stature", "Height of the person as the scale without a board, 0 for the mean", 0.0, 0, 2.6, "m")
+    detector: choice("Detector", "Keypoint detector", _DETECTORS)
+    model: path("Model", "Pose model, .onnx or .tflite")
+    hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
+    results: str
+    """Folder of detections, delays, calibration and capture."""
+    steps: Items[MocapVideoStep]
 
     def detector_arguments(self) -> list[str]:
-        """Return the options of the solver's command line that choose the detector."""
+        """Return the options that choose the detector."""
         from ..conventions.file_paths import file_of
 
         model = str(file_of(self.model)) if self.detector == "model" else self.detector
@@ -106,7 +169,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         """Return the options of the solver's command line."""
         from ..conventions.file_paths import file_of
 
-        options = [*self.detector_arguments(), "--sync", self.sync, "--cameras", self.cameras]
+        options = [*self.detector_arguments(), "--sync", self.clocks, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
         options += ["--focal", self.focal] if self.focal else []
@@ -114,9 +177,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:
-        """Show the steps whose results lie in a folder, those that were open open again."""
-        from pathlib import Path
-
+        """Show the steps with results in a folder. Open steps stay open."""
         from .._exchange.diagnostics import notes_in, sentence, warnings_in
         from ..solving.road_file import read_road
 
@@ -126,8 +187,8 @@ class MocapVideos(bpy.types.PropertyGroup):
             if reported.name in STEPS:
                 step = self.steps.add()
                 step.name, step.open = reported.name, reported.name in opened
-                step.words = "\n".join(map(sentence, notes_in(reported.diagnostics)))
-                step.doubts = "\n".join(map(sentence, warnings_in(reported.diagnostics)))
+                step.notes = "\n".join(map(sentence, notes_in(reported.diagnostics)))
+                step.warnings = "\n".join(map(sentence, warnings_in(reported.diagnostics)))
                 for picture in reported.pictures:
                     step.pictures.add().name = str(picture)
 
@@ -141,20 +202,20 @@ def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) 
 
 
 def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Map the target that was chosen, where its bones show what they are."""
+    """Map the bones of a new target if they can be recognised."""
     from ..retarget.recognition import map_rig, user_presets_folder
 
     self.table.clear()
-    self.label = self.map_text = self.doubts = ""
+    self.label = self.map_text = self.warnings = ""
     try:
         if self.target is not None:
             show_map(self, map_rig(self.target, user_presets_folder()))
-    except MocapError as error:  # a preset of the user's that is damaged
-        self.doubts = str(error)
+    except MocapError as error:  # a damaged preset of the user
+        self.warnings = str(error)
 
 
 def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
-    """Write a map into the table, with a row for every role that a person can fill."""
+    """Write a map into the table, with a row for each role of a person."""
     import json
 
     from .._exchange.rigs.roles import JOINT_OF, order_of
@@ -162,240 +223,87 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
 
     settings.table.clear()
     settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))
-    settings.doubts = "\n".join(rig_map.doubts)
+    settings.warnings = "\n".join(rig_map.doubts)
     for role in sorted({*rig_map.bones, *JOINT_OF}, key=order_of):
         row = settings.table.add()
         row.name, row.bone = role, rig_map.bones.get(role, "")
 
 
 class MocapRole(bpy.types.PropertyGroup):
-    """One row of the table: a role and the bone that plays it."""
+    """A role of the bone map."""
 
-    bone: bpy.props.StringProperty(name="Bone", description="Bone of the rig that plays this role; empty for none")
+    bone: text("Bone", "Bone of the rig in this role, empty for none")
+
+
+_LIMBS = (
+    ("fk", "FK", "Rotate limbs bone by bone, with the actor's twist"),
+    ("ik", "IK", "Pose hands and feet, the easiest to edit, with elbows and knees as pure hinges"),
+)
+_ROOT_MOTIONS = (
+    ("body", "On Hips", "Move the hips"),
+    ("root", "On Root", "Move and turn the root bone smoothly"),
+    ("place", "In Place", "Remove the motion over the ground"),
+)
+_ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_target}
+_TARGET = {"type": bpy.types.Object, "name": "Target", "poll": _is_other_armature, "update": _map_target}
 
 
 class MocapRetarget(bpy.types.PropertyGroup):
-    """How to retarget."""
+    """Settings of the retargeting."""
 
-    actor: bpy.props.PointerProperty(
-        type=bpy.types.Object, name="Actor", description="Armature that has the motion; empty for the solved body",
-        poll=_is_other_than_target,
-    )  # fmt: skip
-    target: bpy.props.PointerProperty(
-        type=bpy.types.Object, name="Target", description="Armature of the character that gets the motion",
-        poll=_is_other_armature, update=_map_target,
-    )  # fmt: skip
-    label: bpy.props.StringProperty(name="Map", description="Preset that the table came from")
-    table: bpy.props.CollectionProperty(type=MocapRole, name="Table", description="Which bone plays which role")
-    doubts: bpy.props.StringProperty(name="Doubts", description="What is uncertain about the map, a line each")
-    map_text: bpy.props.StringProperty(name="Map Text", description="The whole map, its switches and map pose included")
-    limbs: bpy.props.EnumProperty(
-        name="Limbs", description="What the rig's switches are set to; both sets of controls are keyed",
-        items=(
-            ("fk", "FK", "Limbs turn bone by bone: twist as the actor's"),
-            ("ik", "IK", "Hands and feet are posed: easiest to edit, elbows and knees bend as pure hinges"),
-        ),
-    )  # fmt: skip
-    way: bpy.props.EnumProperty(
-        name="Root Motion", description="What carries the travel over the ground",
-        items=(
-            ("body", "On Hips", "The hips carry it"),
-            ("root", "On Root", "The root bone carries it and the heading, smoothed"),
-            ("place", "In Place", "It is left out"),
-        ),
-    )  # fmt: skip
-    scale: bpy.props.FloatProperty(
-        name="Scale", min=0.0, soft_max=10.0,
-        description="Scale of the travel relative to the body's; 0 for the ratio of the legs",
-    )  # fmt: skip
-
-
-STAGES = (
-    ("CAPTURE", "Capture", "Read a recording, and look at what was recognised"),
-    ("SOLVE", "Solve", "Solve the capture into a take"),
-    ("EDIT", "Edit", "Review the take, correct it and clean it up"),
-    ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
-)
-"""The stages of the work, in their order; the panels of one are shown at a time."""
-_LOOK_ITEMS = (
-    (PERSON_LOOK, "Person", "Skin, suit, and a face"),
-    (MANNEQUIN, "Mannequin", "One colour, and no face"),
-)
-AUTO = "AUTO"
-_PRESET_ITEMS = (
-    ("FAST", "Fast", "Keys farther apart, a third less time: for a first look"),
-    ("BALANCED", "Balanced", "The solver's own settings: for most takes"),
-    ("BEST", "Best", "Keys closer together: for dance, sports and other fast limbs"),
-    ("CUSTOM", "Custom", "The settings below"),
-)
-_UNIT_ITEMS = (
-    (AUTO, "From the File", "As stated in the calibration"),
-    ("m", "Metres", "Lengths of the calibration are metres"),
-    ("cm", "Centimetres", "Lengths of the calibration are centimetres"),
-    ("mm", "Millimetres", "Lengths of the calibration are millimetres"),
-    ("inch", "Inches", "Lengths of the calibration are inches"),
-)
-_UP_ITEMS = (
-    (AUTO, "From the File", "Z, unless the calibration's format has another axis"),
-    *(
-        (axis, axis.upper(), f"The calibration's world has {axis.upper()} up")
-        for axis in ("z", "y", "-y", "x", "-z", "-x")
-    ),
-)
-_JOINT_SET_ITEMS = (
-    (AUTO, "As Recognised", "Recognised by the number of keypoints and by anatomy"),
-    *(
-        (name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"Keypoints are {name}'s")
-        for name in JointSet
-    ),
-)
-
-
-SCENE_SETUP_ITEMS = (
-    ("NEW", "New Scenes Alone", "Set up a new scene; keep the settings of any other"),
-    ("KEEP", "The Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
-    ("TAKE", "The Recording's", "Set the scene to the recording's frame rate, length, resolution and first camera"),
-)
-
-
-_LIVE_ITEMS = (
-    ("FILE", "Recording", "A recording of markers, or a motion, replayed at its own rate"),
-    ("VMC", "Another Program", "Poses by the VMC protocol, or a face from Live Link Face or iFacialMocap on a phone"),
-    ("CAMERAS", "Cameras", "Two to four calibrated cameras that film a person without markers, or videos of them"),
-)
-
-
-class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
-    """How a capture is read."""
-
-    joint_set: bpy.props.EnumProperty(**words_of("joint_set"), items=_JOINT_SET_ITEMS)
-    unit: bpy.props.EnumProperty(**words_of("unit"), items=_UNIT_ITEMS)
-    up_axis: bpy.props.EnumProperty(**words_of("up_axis"), items=_UP_ITEMS)
-    scene_setup: bpy.props.EnumProperty(
-        name="Scene Set-Up", description="Whose frame rate, range, resolution and camera count", items=SCENE_SETUP_ITEMS
+    actor: bpy.props.PointerProperty(description="Armature with the motion, empty for the solved body", **_ACTOR)
+    target: bpy.props.PointerProperty(description="Armature of the character to animate", **_TARGET)
+    limbs: choice("Limbs", "Active controls of the rig, both sets get keys", _LIMBS)
+    way: choice("Root Motion", "Bone with the motion over the ground", _ROOT_MOTIONS)
+    scale: number(
+        "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
     )
-    footage_anywhere: bpy.props.BoolProperty(
-        name="Footage Anywhere",
-        description="Look for footage wherever the capture names it, on other machines too; without, only in the "
-        "folder of the capture. Tick it for captures you trust",
-    )
-
-    def arguments(self) -> list[str]:
-        """Return the options of the solver's command line."""
-        listed = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
-        return reading_options(self, {name: value for name, value in listed.items() if value != AUTO})
-
-
-class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
-    """How to solve."""
-
-    preset: bpy.props.EnumProperty(
-        name="Preset", description="What the solve is for", items=_PRESET_ITEMS, default="BALANCED"
-    )
-    subject: bpy.props.StringProperty(
-        name="Subject", subtype="FILE_PATH", options=RELATIVE,
-        description="Calibrated person who wears the markers; empty to learn shape and places from the take itself",
-    )  # fmt: skip
-    keep_shape: bpy.props.BoolProperty(
-        name="Keep Shape",
-        description="Solve with the shape that the body's sliders show; otherwise the shape is estimated",
-        default=True,
-    )
-    report: bpy.props.BoolProperty(name="Report", description="Write a page about the solve", default=True)
-
-    def acts(self, name: str) -> bool:
-        """Return whether a setting does anything in the method that is chosen; presets have the solver's own."""
-        return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
-
-    def values(self) -> dict[str, Any]:
-        """Return the job file's settings: those of the preset or one's own, and what else is not as it ships."""
-        acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
-        method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset]
-        others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
-        return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
-
-
-class MocapLive(SendingProperties, bpy.types.PropertyGroup):
-    """What a live run is started with."""
-
-    kind: bpy.props.EnumProperty(name="Source", description="Where points or poses come from", items=_LIVE_ITEMS)
-    source: bpy.props.StringProperty(
-        name="Recording", subtype="FILE_PATH", options=RELATIVE,
-        description="Recording of markers (C3D, TRC, CSV, TSV) or motion (.npz) to replay at its own rate; empty for "
-        "the capture's own markers",
-    )  # fmt: skip
-    listen: bpy.props.StringProperty(
-        name="Listen At", default=str(VmcAddress()),
-        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too. "
-        "For a face livelink://0.0.0.0, or ifacialmocap:// with the phone's address",
-    )  # fmt: skip
-    cameras: bpy.props.StringProperty(
-        name="Cameras",
-        description="Two to four with blanks between: webcam:0, oak:ID or a video's path; NAME=webcam:0 names the "
-        "calibration's camera",
-    )  # fmt: skip
-    calibration: bpy.props.StringProperty(
-        name="Calibration", subtype="FILE_PATH", options=RELATIVE, description="Calibration of the cameras"
-    )
-    subject: bpy.props.StringProperty(
-        name="Subject", subtype="FILE_PATH", options=RELATIVE,
-        description="Calibrated person; empty to learn the shape while they move",
-    )  # fmt: skip
-    record: bpy.props.BoolProperty(
-        name="Record", description="Keep the points as a take to be solved, or the poses as a motion", default=True
-    )
-    drive: bpy.props.BoolProperty(
-        name="Drive Character", description="Let a character's rig, the Retarget panel's target, move as the body does"
-    )
-    face_mesh: bpy.props.StringProperty(
-        name="Face", description="Mesh whose shape keys follow the face of the other program, as long as it is live"
-    )
-    face_table: bpy.props.StringProperty(
-        name="Face Table", subtype="FILE_PATH", options=RELATIVE,
-        description="JSON file with the shape key of each channel; empty where they have the same names",
-    )  # fmt: skip
+    label: str
+    """The preset of the table."""
+    table: Items[MocapRole]
+    warnings: str
+    """One sentence per line."""
+    map_text: str
+    """JSON text of the whole map with its switches and map pose."""
 
 
 def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    from ..body.looks import bodies_of, show_look  # which need NumPy; registering must not
+    from ..body.looks import bodies_of, show_look  # which need NumPy, while registering must not
 
     for mesh in bodies_of(settings.id_data):
         show_look(mesh, settings.look)
 
 
+_LOOKS = ((PERSON_LOOK, "Person", "Skin, suit and face"), (MANNEQUIN, "Mannequin", "One colour without a face"))
+
+
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
-    folder: bpy.props.StringProperty(
-        name="Folder", subtype="DIR_PATH", options=RELATIVE,
-        description="Where captures and takes are written; empty for 'mocap' beside the .blend file",
-    )  # fmt: skip
-    session: bpy.props.StringProperty(
-        name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
-    )
-    look: bpy.props.EnumProperty(
-        name="Look", description="What the bodies of this scene look like", items=_LOOK_ITEMS, update=_show_look
-    )
-    stage: bpy.props.EnumProperty(name="Stage", description="Which panels are shown", items=STAGES)
-    reading: bpy.props.PointerProperty(type=MocapReading)
-    captures: bpy.props.CollectionProperty(type=MocapCapture)
-    blank: bpy.props.PointerProperty(type=MocapCapture)
-    shown: bpy.props.IntProperty(name="Shown Capture", description="Capture that was imported or chosen last")
-    shown_active: bpy.props.StringProperty(name="Active Object when it was chosen")
-    held: bpy.props.IntProperty(name="Held Capture", description="Capture that a finished run belongs to", default=-1)
-    solve: bpy.props.PointerProperty(type=MocapSolve)
-    live: bpy.props.PointerProperty(type=MocapLive)
-    rig: bpy.props.PointerProperty(type=MocapRig)
-    retarget: bpy.props.PointerProperty(type=MocapRetarget)
-    videos: bpy.props.PointerProperty(type=MocapVideos)
-    studio: bpy.props.PointerProperty(type=MocapStudio)
+    folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
+    session: str
+    """Folder of the takes until the scene is saved."""
+    look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)
+    stage: choice("Stage", "Stage of the work to show", STAGES)
+    reading: MocapReading
+    captures: Items[MocapCapture]
+    blank: MocapCapture
+    shown: int
+    """Index of the capture that was imported or chosen last."""
+    shown_active: str
+    """Name of the object that was active at that time."""
+    held: int = -1
+    """Index of the capture of a run that is being received."""
+    solve: MocapSolve
+    live: MocapLive
+    sensors: MocapSensors
+    retarget: MocapRetarget
+    videos: MocapVideos
+    studio: MocapStudio
 
     @property
     def capture_index(self) -> int:
-        """Return which capture panels and operators are about, -1 where there is none.
-
-        That is the one the active object belongs to; the one imported or chosen last, until another object is active.
-        """
+        """Index of the capture with the active object, or of the one chosen last. -1 if there is none."""
         last = len(self.captures) - 1
         if self.held >= 0:
             return min(self.held, last)
@@ -408,15 +316,15 @@ class MocapSettings(bpy.types.PropertyGroup):
 
     @property
     def capture(self) -> MocapCapture:
-        """The capture that panels and operators are about, an empty one where there is none."""
+        """The current capture, an empty one if there is none."""
         index = self.capture_index
         return self.blank if index < 0 else self.captures[index]
 
     @property
     def review(self) -> MocapReview:
-        """What is looked at of that capture, of one person where it shows several."""
+        """The review of the current person in the current capture."""
         return self.capture.review_of(self.capture.person_index)
 
     def show(self, index: int) -> None:
-        """Let panels be about a capture until an object of another one is made active."""
+        """Make a capture the current one until an object of another capture is active."""
         self.shown, self.shown_active = index, active_name(self.id_data)

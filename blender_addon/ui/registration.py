@@ -31,7 +31,8 @@ from .panels import acquire, capture, deliver, run
 from .panels import review as review_panels
 from .panels import solve as solve_panels
 from .panels import videos as videos_panel
-from .translation import add_translations, in_our_context, remove_translations
+from .setting_properties import prepare
+from .translation import add_translations, remove_translations
 
 _BASES = (
     bpy.types.PropertyGroup,
@@ -62,7 +63,7 @@ def _is_defined_in(module: ModuleType, cls: object) -> bool:
 
 
 def _class(cls: type) -> Registrable:
-    return Registrable(lambda: bpy.utils.register_class(in_our_context(cls)), lambda: bpy.utils.unregister_class(cls))
+    return Registrable(lambda: bpy.utils.register_class(prepare(cls)), lambda: bpy.utils.unregister_class(cls))
 
 
 def _draw(owner: type, draw: Callable[..., None]) -> Registrable:
@@ -98,9 +99,7 @@ TABLE: tuple[Registrable, ...] = (
     _handler(bpy.app.handlers.load_pre, export.before_load),
     _handler(bpy.app.handlers.frame_change_post, export.on_frame_change),
     _handler(bpy.app.handlers.frame_change_pre, viewport.on_frame_change),
-    Registrable(viewport.name_drawing.start, viewport.name_drawing.stop),
-    Registrable(viewport.camera_drawing.start, viewport.camera_drawing.stop),
-    Registrable(viewport.confidence_drawing.start, viewport.confidence_drawing.stop),
+    Registrable(viewport.drawing.start, viewport.drawing.stop),
     _handler(bpy.app.handlers.load_post, base.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
@@ -111,7 +110,6 @@ TABLE: tuple[Registrable, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export.draw_export_menu),
-    _draw(bpy.types.TOPBAR_MT_file_export, export.draw_markers_menu),
     *(_draw(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
     Registrable(command.register, command.unregister),
 )

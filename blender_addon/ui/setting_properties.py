@@ -1,27 +1,150 @@
-"""Properties of a panel for the settings of a solve, made from the rows that declare them."""
+"""Blender properties made from the rows that declare settings, and from plain annotations."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+import inspect
+from collections.abc import Iterator, Mapping, Sequence
+from types import GenericAlias
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar, get_args, get_origin
 
 import bpy
 
 from .._exchange.reading_settings import DEFAULTS as READING_DEFAULTS
 from .._exchange.reading_settings import ROWS as ALL_READING_ROWS
 from .._exchange.reading_settings import options_of
-from .._exchange.setting import Setting, defaults_of_class, settings_of_class
+from .._exchange.setting import Choice, Kind, Setting, defaults_of_class, settings_of_class
 from .._exchange.solve_settings import METHOD, SolveSettings
+from . import ADDON
 from .project_files import RELATIVE
 from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
-"""The settings that have a property; the others come from sliders, cameras and markers."""
+"""Solver settings with a property; sliders, cameras and markers give the others."""
 READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
-"""How a capture is read; what is chosen of a list has a property of its own."""
+"""Reading settings with a property made from their row alone."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
-"""Settings that are the user's own with the preset Custom alone."""
+"""Settings that only the preset Custom takes from the user."""
+_PLAIN = {
+    bool: bpy.props.BoolProperty,
+    int: bpy.props.IntProperty,
+    float: bpy.props.FloatProperty,
+    str: bpy.props.StringProperty,
+}
+FOLDER = "FOLDER"
+"""Value of ``Setting.metavar`` of a path of a folder."""
+if TYPE_CHECKING:
+    Item = TypeVar("Item")
+
+    class Items(Protocol[Item]):
+        """Annotation of a collection property."""
+
+        def add(self) -> Item: ...
+        def remove(self, index: int) -> None: ...
+        def clear(self) -> None: ...
+        def find(self, name: str) -> int: ...
+        def __len__(self) -> int: ...
+        def __iter__(self) -> Iterator[Item]: ...
+        def __getitem__(self, index: int) -> Item: ...
+
+else:
+
+    class Items:
+        """The same at run time. Generics of ``typing`` are cached, and a cached Blender class hangs the interpreter."""
+
+        __class_getitem__ = classmethod(GenericAlias)
+
+
+class Row(NamedTuple):
+    """A setting of the add-on alone, as the annotation of its property."""
+
+    setting: Setting
+    default: Any
+    more: dict[str, Any]
+    """Further arguments of the property."""
+
+
+def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str, Any], **limits: Any) -> Row:
+    return Row(Setting(kind, label, description, "", **limits), default, more)
+
+
+def switch(label: str, description: str, *, on: bool = False, **more: Any) -> Row:
+    """Return a row with two states."""
+    return _row("switch", label, description, on, more)
+
+
+def text(label: str, description: str, default: str = "", **more: Any) -> Row:
+    """Return a row with a text."""
+    return _row("text", label, description, default, more)
+
+
+def path(label: str, description: str, *, folder: bool = False, **more: Any) -> Row:
+    """Return a row with the path of a file or folder."""
+    return _row("file", label, description, "", more, metavar=FOLDER if folder else "")
+
+
+def number(label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any) -> Row:
+    """Return a row with a number between two limits, whole if its default is an integer."""
+    kind = "whole" if isinstance(default, int) else "number"
+    return _row(kind, label, description, default, more, low=low, high=high, unit=unit)
+
+
+def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> Row:
+    """Return a row with a list of choices, ``Choice`` or its values. The default is the first one."""
+    items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
+    return _row("choice", label, description, default or items[0].value, more, choices=items)
+
+
+def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **more: Any) -> Row:
+    """Return a row with a list of choices, some of them chosen."""
+    items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
+    return _row("texts", label, description, chosen, more, choices=items)
+
+
+def prepare(cls: Any) -> Any:
+    """Return a class ready to be registered: with its properties, and our translation context.
+
+    Annotations become properties: a ``Row`` one with its label, ``frames: int = 1`` one that no panel labels. In an
+    operator the latter is hidden. Annotations of mixins are included.
+    """
+    if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
+        cls.bl_translation_context = CONTEXT
+    if not issubclass(cls, bpy.types.Operator | bpy.types.PropertyGroup | bpy.types.AddonPreferences):
+        return cls
+    for base in cls.__mro__:
+        if base is cls or (base.__module__.startswith(ADDON) and not issubclass(base, bpy.types.bpy_struct)):
+            _declare(base, hidden=not issubclass(cls, bpy.types.PropertyGroup))
+    return cls
+
+
+def _declare(cls: Any, *, hidden: bool) -> None:
+    hints = inspect.get_annotations(cls, eval_str=True)
+    for name, hint in hints.items():
+        if not name.startswith("_") and get_origin(hint) is not ClassVar:
+            hints[name] = _property(cls, name, hint, {"options": {"HIDDEN", "SKIP_SAVE"}} if hidden else {})
+            hints[name].keywords.setdefault("translation_context", CONTEXT)
+    cls.__annotations__ = hints
+
+
+def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
+    if hasattr(hint, "keywords"):
+        return hint
+    if isinstance(hint, Row):
+        return make_property(hint.setting, hint.default, **hint.more)
+    if hint not in _PLAIN:
+        many = get_origin(hint) is Items
+        declare = bpy.props.CollectionProperty if many else bpy.props.PointerProperty
+        return declare(type=get_args(hint)[0] if many else hint, **hidden)
+    default = cls.__dict__.get(name, hint())
+    if name in cls.__dict__:
+        delattr(cls, name)
+    return _PLAIN[hint](default=default, **hidden)
+
+
+def properties_of(rows: Mapping[str, Setting], defaults: Mapping[str, Any], **more: Any) -> Any:
+    """Return a mixin with the properties of settings, and further arguments for each property."""
+    made = {name: make_property(row, defaults[name], **more) for name, row in rows.items()}
+    return type("SettingProperties", (), {"__annotations__": made})
 
 
 def names_of(group: str) -> tuple[str, ...]:
@@ -29,43 +152,52 @@ def names_of(group: str) -> tuple[str, ...]:
     return tuple(name for name, row in ROWS.items() if row.group == group)
 
 
-def words_of(name: str) -> dict[str, str]:
-    """Return what the property of a setting of reading is called in the panel, and its tooltip."""
-    return _words(ALL_READING_ROWS[name])
+def listed(name: str, items: Any) -> Any:
+    """Return the property of a reading setting as a list of choices."""
+    row = ALL_READING_ROWS[name]
+    return bpy.props.EnumProperty(name=row.label, description=row.description, items=items, translation_context=CONTEXT)
 
 
-def _words(row: Setting) -> dict[str, str]:
-    return {"name": row.label, "description": row.description, "translation_context": CONTEXT}
+def make_property(row: Setting, default: Any, **more: Any) -> Any:
+    """Return the property of a setting. Empty text and 0 stand for no value.
 
-
-def make_property(row: Setting, default: Any) -> Any:
-    """Return the property of a setting; of text, empty stands for the default; several have commas between."""
-    words = _words(row)
+    Args:
+        row: the setting.
+        default: its default.
+        more: further arguments of the property.
+    """
+    words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
     if row.kind == "choice":
         items = [(choice.value, choice.label, choice.description) for choice in row.choices]
         return bpy.props.EnumProperty(**words, items=items, default=default)
+    if row.kind == "texts" and row.choices:
+        items = [(choice.value, choice.label, choice.description) for choice in row.choices]
+        return bpy.props.EnumProperty(**words, items=items, options={"ENUM_FLAG"}, default=set(default or ()))
     if row.kind == "file":
-        return bpy.props.StringProperty(**words, subtype="FILE_PATH", options=RELATIVE)
+        subtype = "DIR_PATH" if row.metavar == FOLDER else "FILE_PATH"
+        return bpy.props.StringProperty(**{"options": RELATIVE, **words}, subtype=subtype, default=default or "")
     if row.kind in ("texts", "range"):
-        separated = f"; several with commas between: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
+        separated = f", separated by commas: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
         return bpy.props.StringProperty(**words | {"description": row.description + separated})
     if row.kind in ("text", "name_or_file"):
-        return bpy.props.StringProperty(**words)
-    if default is None:  # no number is left out: 0 stands for it
-        words["description"] += "; 0 uses its own"
+        return bpy.props.StringProperty(**words, default=default or "")
+    if default is None:
+        words["description"] += ", 0 for automatic"
         return bpy.props.FloatProperty(**words, default=0.0, min=0.0, max=row.high, soft_max=row.soft_high or row.high)
-    number = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
-    bounds = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
-    return number(**words, default=default, **{name: end for name, end in bounds.items() if end is not None})
+    declare = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
+    limits = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
+    limits = {name: limit for name, limit in limits.items() if limit is not None}
+    length = {"unit": "LENGTH", "precision": 3} if row.unit == "m" else {}
+    return declare(**{**limits, **length, **words, "default": default})
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:
-    """Return settings as a job file has them; of text, what is empty is left out.
+    """Return solver settings as a job file has them, without empty texts.
 
     Args:
-        properties: a property group with ``SettingProperties``.
+        properties: a property group of the solver settings.
         names: of the settings.
     """
     values: Mapping[str, Any] = {name: getattr(properties, name) for name in names}
@@ -75,31 +207,18 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
     return {name: value for name, value in plain.items() if value not in ("", ())}
 
 
-class SettingProperties:
-    """What a property group inherits to hold every setting of ``ROWS``."""
-
-    __annotations__ = {name: make_property(row, DEFAULTS[name]) for name, row in ROWS.items()}
-
-
-class ReadingProperties:
-    """What a property group inherits to hold every setting of how a capture is read."""
-
-    __annotations__ = {name: make_property(row, READING_DEFAULTS[name]) for name, row in READING_ROWS.items()}
-
-
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the options of the solver's command line for settings of reading that are not at their defaults.
+    """Return the solver's command-line options of reading settings that differ from their defaults.
 
     Args:
-        properties: a property group with ``ReadingProperties``.
-        listed: what was chosen of lists that are the panel's own, by name.
+        properties: a property group of the reading settings.
+        listed: choices from lists, by name.
     """
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 
 
 def _plain(row: Setting, value: Any) -> Any:
-    """Return a property's value as a job file has it; None where it is left out."""
     if row.kind == "texts":
         return [text.strip() for text in value.split(",") if text.strip()]
     if row.kind == "range":
@@ -107,3 +226,7 @@ def _plain(row: Setting, value: Any) -> Any:
     if row.kind in ("number", "text"):
         return (float(f"{value:.6g}") if isinstance(value, float) else value) or None
     return value
+
+
+SolveProperties = properties_of(ROWS, DEFAULTS)
+ReadingProperties = properties_of(READING_ROWS, READING_DEFAULTS)

@@ -1,6 +1,6 @@
-"""Tags: what belongs to a capture is found by a tag on it, among the objects of a scene.
+"""Tags on objects and collections, by which captures find what belongs to them.
 
-A pointer of the scene would keep alive whatever its user deletes.
+A pointer of the scene would keep a deleted object alive.
 """
 
 from __future__ import annotations
@@ -10,21 +10,21 @@ from secrets import token_hex
 import bpy
 
 TAG = "mocap_tag"
-"""Custom property of an object or a collection; the captures of scenes keep its value."""
+"""Custom property of an object or a collection. Captures keep its value."""
 
 _names: dict[str, str] = {}
-"""Name under which a tag was found last, tried first: a scene may have thousands of objects."""
+"""Last known object name of each tag, tried first as a scene may have thousands of objects."""
 
 
 def tag_of(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or a collection, "" without one; what is linked untagged has its full name."""
+    """Return the tag of an object or a collection, "" without one. A linked one without a tag has its full name."""
     if owner is None:
         return ""
     return owner.get(TAG, "" if owner.library is None else owner.name_full)
 
 
 def give_tag(owner: bpy.types.ID | None) -> str:
-    """Return the tag of an object or a collection, a new one if it has none; "" for None."""
+    """Return the tag of an object or a collection, a new one if it has none, "" for None."""
     tag = tag_of(owner)
     if owner is not None and not tag:
         tag = owner[TAG] = token_hex(16)
@@ -32,7 +32,7 @@ def give_tag(owner: bpy.types.ID | None) -> str:
 
 
 def find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
-    """Return an object of a scene by its tag, None where it was deleted; of copies a local one, found before if any."""
+    """Return an object by its tag, None if it was deleted. Of several copies, prefer the last found and local ones."""
     if not tag:
         return None
     known = scene.objects.get(_names.get(tag, ""))
@@ -46,12 +46,12 @@ def find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
 
 
 def find_collection(scene: bpy.types.Scene, tag: str) -> bpy.types.Collection | None:
-    """Return a collection of a scene by its tag, None where it was deleted."""
+    """Return a collection of a scene by its tag, None if it was deleted."""
     return next((child for child in scene.collection.children_recursive if tag_of(child) == tag), None) if tag else None
 
 
 def active_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the active object of a scene, in the window's view layer where the scene is shown."""
+    """Return the active object of a scene, of the window's view layer if the scene is shown."""
     shown = getattr(bpy.context, "scene", None) == scene
     layer = bpy.context.view_layer if shown else scene.view_layers[0]
     return layer.objects.active if layer is not None else None
@@ -64,11 +64,11 @@ def active_name(scene: bpy.types.Scene) -> str:
 
 
 class TaggedObject:
-    """An object that a group of a scene's settings finds by the tag in one of its text properties.
+    """An object that a property group finds by the tag in one of its text properties.
 
     Args:
         key: name of that property.
-        prefer_active: take the active object, or the armature of the active skin, where it is a copy with that tag.
+        prefer_active: prefer the active object, or the armature of the active skin, if it is a copy with this tag.
     """
 
     def __init__(self, key: str, *, prefer_active: bool = False) -> None:

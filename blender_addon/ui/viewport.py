@@ -1,8 +1,8 @@
-"""The scene's body painted by confidence, repainted on every frame."""
+"""Marker names, cameras and confidence in the viewport and on the timeline, and colours of bones and markers."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -12,52 +12,98 @@ if TYPE_CHECKING:
     import numpy as np
     from mathutils import Vector
 
-
-def colour_bones(scene: bpy.types.Scene) -> None:
-    """Paint the bones of the scene's bodies by their joints' confidence, or take the paint off."""
-    from ..review.colours import paint_bones
-
-    for capture in scene.mocap.captures:
-        for review in capture.reviews:
-            if review.armature is not None and review.armature.type == "ARMATURE":
-                paint_bones(review.armature, scene.frame_current, shown=review.colours)
-
-
-@persistent
-def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
-    """Repaint before the new frame is evaluated, so that it is evaluated once; nothing is done with colours off."""
-    colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
-    if colours and not bpy.app.is_job_running("RENDER"):
-        colour_bones(scene)
-
-
-SURE, DOUBTFUL, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
-"""Colours, as markers have them."""
+_OFFSET_PX, _SIZE_PX = 7, 11
+"""Distance of a name from its point, and its height as in Blender's own texts."""
+_PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
+GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
+"""Colours of cameras."""
 _WIDTH_PX = 2.0
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
-"""Of the picture's corners."""
+"""Corners of the image at the ends of its edges."""
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9
+"""Distance of the colours from the skin, so that it does not shine through."""
+_BAND_PX = 5.0
+"""Height of a band on the timeline."""
 
 
-class CameraDrawing:
-    """The viewports' draw handler, there while the add-on is switched on."""
+class Drawing:
+    """Draw handlers that exist while the add-on is enabled.
 
-    def __init__(self) -> None:
-        self._handle: Any = None
+    Args:
+        handlers: space, function and event of each.
+    """
+
+    def __init__(self, *handlers: tuple[Any, Callable[[], None], str]) -> None:
+        self._handlers = handlers
+        self._added: list[Any] = []
 
     def start(self) -> None:
-        """Draw from now on."""
-        self._handle = bpy.types.SpaceView3D.draw_handler_add(draw_cameras, (), "WINDOW", "POST_VIEW")
+        """Add the handlers."""
+        self._added = [space.draw_handler_add(draw, (), "WINDOW", event) for space, draw, event in self._handlers]
 
     def stop(self) -> None:
-        """Draw no longer."""
-        bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+        """Remove the handlers."""
+        for (space, *_), handle in zip(self._handlers, self._added, strict=True):
+            space.draw_handler_remove(handle, "WINDOW")
+        self._added = []
+        _weights.clear()
 
 
-camera_drawing = CameraDrawing()
+def draw_names() -> None:
+    """Draw the names of the markers. Unknown ones are orange."""
+    for capture in bpy.context.scene.mocap.captures:
+        if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
+            _draw_names(bpy.context, capture)
+
+
+def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
+    import blf
+
+    scale = context.preferences.system.ui_scale
+    known = {item.name for item in capture.marker_items if item.meaning == "known"}
+    blf.size(0, _SIZE_PX * scale)
+    for label, (x, y) in name_places(context, capture.cloud).items():
+        blf.color(0, *(_PLAIN if label in known else _UNKNOWN))
+        blf.position(0, x + _OFFSET_PX * scale, y, 0)
+        blf.draw(0, label.rpartition(":")[2])
+
+
+def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
+    """Return the positions of the current frame's markers in a viewport's region, by label."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+    from mathutils import Vector
+
+    from ..scene.marker_cloud import marker_positions
+
+    found = {}
+    for label, point in marker_positions(cloud, context.scene.frame_current_final).items():
+        place = location_3d_to_region_2d(context.region, context.region_data, cloud.matrix_world @ Vector(point))
+        if place is not None:
+            found[label] = (place.x, place.y)
+    return found
+
+
+def colour_markers(scene: bpy.types.Scene) -> None:
+    """Colour the markers by their distance from the take, or in their plain colour."""
+    capture, take = scene.mocap.capture, scene.mocap.review.take
+    if capture.cloud is None:
+        return
+    from .._exchange.errors import MocapError
+    from .._exchange.motion_file import read_motion
+    from ..animation.takes import take_file
+    from ..scene.marker_cloud import grade_markers
+
+    motion = None
+    if capture.show_residuals and take is not None:
+        try:
+            motion = read_motion(take_file(take, "motion_file"))
+        except MocapError:
+            motion = None  # the take's file is missing
+    grade_markers(capture.cloud, motion)
 
 
 def draw_cameras() -> None:
-    """Draw the outlines of the scene's capture cameras into the viewport being drawn."""
+    """Draw the outlines of the capture cameras."""
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
@@ -71,7 +117,7 @@ def draw_cameras() -> None:
 
 
 def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
-    """Yield the visible cameras of captures whose agreement is shown, but the one that is looked through."""
+    """Yield the cameras to outline and their colours, without the scene's camera."""
     for capture in context.scene.mocap.captures:
         for item in capture.cameras if capture.show_agreement else ():
             camera = item.object
@@ -80,99 +126,81 @@ def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Objec
 
 
 def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) -> tuple[float, ...]:
-    """Return the colour of a camera: by whether it is used, and whether a problem or a check names it."""
+    """Return the colour of a camera: unused, suspect after a problem or check, or good."""
     if not item.use:
         return UNUSED
-    named = [message.cameras for message in capture.messages if message.is_problem] + [capture.doubted]
-    return DOUBTFUL if any(item.name in names.split("\n") for names in named) else SURE
+    named = [message.cameras for message in capture.messages if message.is_problem] + [capture.suspect_cameras]
+    return SUSPECT if any(item.name in names.split("\n") for names in named) else GOOD
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
-    """Return the ends of the lines of a camera's picture and of its edges to it, in the world."""
+    """Return the ends of a camera's lines in the world: the edges of its image, and the rays to its corners."""
     corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
     place = camera.matrix_world.translation
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
 
 
-_OFF_SKIN_M, _OPACITY = 0.002, 0.9
-"""The colours stand off the skin by this, so that the skin does not shine through."""
-_BAND_PX = 5.0
-"""Height of a band on the timeline."""
-
-
-class ConfidenceDrawing:
-    """The editors' draw handlers, there while the add-on is switched on; what a body's skin is led by is kept."""
-
-    def __init__(self) -> None:
-        self._handles: list[tuple[Any, Any]] = []
-        self._weights: dict[tuple[str, int], np.ndarray] = {}
-
-    def start(self) -> None:
-        """Draw from now on."""
-        views = ((bpy.types.SpaceView3D, self._draw_skins, "POST_VIEW"),)
-        lines = ((bpy.types.SpaceDopeSheetEditor, self._draw_bands, "POST_PIXEL"),)
-        for space, draw, when in (*views, *lines):
-            self._handles.append((space, space.draw_handler_add(draw, (), "WINDOW", when)))
-
-    def stop(self) -> None:
-        """Draw no longer."""
-        for space, handle in self._handles:
-            space.draw_handler_remove(handle, "WINDOW")
-        self._handles, self._weights = [], {}
-
-    def _draw_skins(self) -> None:
-        """Draw the bodies whose confidence is shown into the viewport being drawn."""
-        from ..body.shape import body_mesh
-
-        context = bpy.context
-        for review in shown_reviews(context.scene):
-            skin = body_mesh(review.armature)
-            if skin is not None and skin.visible_get(view_layer=context.view_layer):
-                self._draw_skin(context, review.armature, skin)
-
-    def _draw_skin(self, context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
-        from ..animation.lanes import current_confidence, resting_bones
-        from ..conventions.skeleton import layout_of
-        from ..review.colours import joint_weights, skin_colours
-
-        posed = skin.evaluated_get(context.evaluated_depsgraph_get())
-        count, joints = len(skin.data.vertices), layout_of(armature.data.bones).joints
-        if len(posed.data.vertices) != count:
-            return  # a modifier of the user's: the skin is no longer the one whose weights are known
-        key = (skin.data.name_full, count)
-        if key not in self._weights:
-            self._weights[key] = joint_weights(skin, joints)
-        resting = resting_bones(armature, context.scene.frame_current)
-        shades = skin_colours(self._weights[key], joints, current_confidence(armature), resting)
-        draw_coloured(posed, shades)
-
-    def _draw_bands(self) -> None:
-        """Draw a band under the doubtful frames of the takes whose confidence is shown."""
-        from ..review.colours import doubtful_bands
-
-        context = bpy.context
-        view, height = context.region.view2d, _BAND_PX * context.preferences.system.ui_scale
-        for review in shown_reviews(context.scene):
-            if review.take is None:
-                continue
-            for first, last, shade in doubtful_bands(review.take, review.below):
-                left, right = (view.view_to_region(frame, 0.0, clip=False)[0] for frame in (first - 0.5, last + 0.5))
-                draw_band(left, max(float(right), left + 2.0), height, shade)
-
-
-confidence_drawing = ConfidenceDrawing()
+_weights: dict[tuple[str, int], np.ndarray] = {}
+"""Joint weights of skins by mesh name and number of vertices."""
 
 
 def shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
-    """Yield the reviews whose confidence is shown."""
+    """Yield the reviews with visible confidence."""
+    for review in reviews_of(scene):
+        if review.colours:
+            yield review
+
+
+def reviews_of(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
+    """Yield the reviews of a scene that have a body."""
     for capture in scene.mocap.captures:
         for review in capture.reviews:
-            if review.colours and review.armature is not None and review.armature.type == "ARMATURE":
+            if review.armature is not None and review.armature.type == "ARMATURE":
                 yield review
 
 
+def _draw_skins() -> None:
+    from ..body.shape import body_mesh
+
+    context = bpy.context
+    for review in shown_reviews(context.scene):
+        skin = body_mesh(review.armature)
+        if skin is not None and skin.visible_get(view_layer=context.view_layer):
+            _draw_skin(context, review.armature, skin)
+
+
+def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
+    from ..animation.lanes import current_confidence, resting_bones
+    from ..conventions.skeleton import layout_of
+    from ..review.colours import joint_weights, skin_colours
+
+    posed = skin.evaluated_get(context.evaluated_depsgraph_get())
+    count, joints = len(skin.data.vertices), layout_of(armature.data.bones).joints
+    if len(posed.data.vertices) != count:
+        return  # a modifier of the user changes the vertices, which have no weights then
+    key = (skin.data.name_full, count)
+    if key not in _weights:
+        _weights[key] = joint_weights(skin, joints)
+    resting = resting_bones(armature, context.scene.frame_current)
+    draw_coloured(posed, skin_colours(_weights[key], joints, current_confidence(armature), resting))
+
+
+def _draw_bands() -> None:
+    """Draw bands on the timeline under the frames to review."""
+    from ..review.colours import doubtful_bands
+
+    context = bpy.context
+    view, height = context.region.view2d, _BAND_PX * context.preferences.system.ui_scale
+    for review in shown_reviews(context.scene):
+        if review.take is None:
+            continue
+        for first, last, shade in doubtful_bands(review.take, review.below):
+            left, right = (view.view_to_region(frame, 0.0, clip=False)[0] for frame in (first - 0.5, last + 0.5))
+            draw_band(left, max(float(right), left + 2.0), height, shade)
+
+
 def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
-    """Draw an evaluated mesh in colours of its vertices, a little off its surface.
+    """Draw an evaluated mesh slightly off its surface in the colours of its vertices.
 
     Args:
         posed: the evaluated object.
@@ -205,7 +233,7 @@ def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
 
 
 def draw_band(left: float, right: float, height: float, shade: tuple[float, float, float]) -> None:
-    """Draw a filled rectangle on the lower edge of the region being drawn."""
+    """Draw a filled rectangle on the lower edge of the region."""
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
@@ -216,79 +244,25 @@ def draw_band(left: float, right: float, height: float, shade: tuple[float, floa
     batch.draw(shader)
 
 
-_OFFSET_PX = 7
-"""From a point to its name, pixels; chosen by hand."""
-_SIZE_PX = 11
-"""Height of a name, pixels: that of Blender's own texts."""
-_PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
+drawing = Drawing(
+    (bpy.types.SpaceView3D, draw_names, "POST_PIXEL"),
+    (bpy.types.SpaceView3D, draw_cameras, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_skins, "POST_VIEW"),
+    (bpy.types.SpaceDopeSheetEditor, _draw_bands, "POST_PIXEL"),
+)
 
 
-class NameDrawing:
-    """The viewports' draw handler, there while the add-on is switched on."""
+def colour_bones(scene: bpy.types.Scene) -> None:
+    """Colour the bones of the bodies by confidence, or remove the colours."""
+    from ..review.colours import paint_bones
 
-    def __init__(self) -> None:
-        self._handle: Any = None
-
-    def start(self) -> None:
-        """Draw from now on."""
-        self._handle = bpy.types.SpaceView3D.draw_handler_add(draw_names, (), "WINDOW", "POST_PIXEL")
-
-    def stop(self) -> None:
-        """Draw no longer."""
-        bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+    for review in reviews_of(scene):
+        paint_bones(review.armature, scene.frame_current, shown=review.colours)
 
 
-name_drawing = NameDrawing()
-
-
-def draw_names() -> None:
-    """Draw the names of the scene's markers into the viewport being drawn; one that no layout knows stands out."""
-    for capture in bpy.context.scene.mocap.captures:
-        if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
-            _draw_names(bpy.context, capture)
-
-
-def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
-    import blf
-
-    scale = context.preferences.system.ui_scale
-    known = {item.name for item in capture.marker_items if item.meaning == "known"}
-    blf.size(0, _SIZE_PX * scale)
-    for label, (x, y) in name_places(context, capture.cloud).items():
-        blf.color(0, *(_PLAIN if label in known else _UNKNOWN))
-        blf.position(0, x + _OFFSET_PX * scale, y, 0)
-        blf.draw(0, label.rpartition(":")[2])
-
-
-def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
-    """Return where in a viewport's region the markers of the current frame are, by label."""
-    from bpy_extras.view3d_utils import location_3d_to_region_2d
-    from mathutils import Vector
-
-    from ..scene.marker_cloud import marker_positions
-
-    found = {}
-    for label, point in marker_positions(cloud, context.scene.frame_current_final).items():
-        place = location_3d_to_region_2d(context.region, context.region_data, cloud.matrix_world @ Vector(point))
-        if place is not None:
-            found[label] = (place.x, place.y)
-    return found
-
-
-def colour_markers(scene: bpy.types.Scene) -> None:
-    """Colour the scene's markers by how far the take that the body plays is from them, or as recorded."""
-    capture, take = scene.mocap.capture, scene.mocap.review.take
-    if capture.cloud is None:
-        return
-    from .._exchange.errors import MocapError
-    from .._exchange.motion_file import read_motion
-    from ..animation.takes import take_file
-    from ..scene.marker_cloud import grade_markers
-
-    motion = None
-    if capture.show_residuals and take is not None:
-        try:
-            motion = read_motion(take_file(take, "motion_file"))
-        except MocapError:
-            motion = None  # the take's file is gone: markers as recorded
-    grade_markers(capture.cloud, motion)
+@persistent
+def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
+    """Colour the bones before the new frame is evaluated, so that it is evaluated once."""
+    colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
+    if colours and not bpy.app.is_job_running("RENDER"):
+        colour_bones(scene)

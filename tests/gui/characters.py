@@ -100,7 +100,7 @@ def retargeted(user: Any, name: str, rig_name: str) -> Any:
     yield from user.press("mocap.map_rig()", 0.9)
     user.note(f"{name} is mapped: {mocap().retarget.label}; {mocap().retarget.doubts or 'no doubts'}")
     if name == "Mixamo":
-        yield from user.open_panel("VIEW3D_PT_mocap_rig_table", at_the_end=True)
+        yield from user.open_panel("VIEW3D_PT_mocap_bone_table", at_the_end=True)
         yield from user.shot("table_of_bones")
     yield from user.press("mocap.retarget()")
     yield from user.until(lambda: plays(rig_name), f"{name} plays the motion", 240)

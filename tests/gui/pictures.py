@@ -115,7 +115,7 @@ def devices(user: Any) -> Any:
     yield from user.open_panel("VIEW3D_PT_mocap_videos")
     yield _SETTLED_S
     yield from user.shot("videos")
-    yield from user.open_from_the_start(PACKAGE, "VIEW3D_PT_mocap_rig", "VIEW3D_PT_mocap_live")
+    yield from user.open_from_the_start(PACKAGE, "VIEW3D_PT_mocap_sensor_array", "VIEW3D_PT_mocap_live")
     yield from user.open_acquisition(PACKAGE)
     yield _SETTLED_S
     yield from user.shot("sensors")

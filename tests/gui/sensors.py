@@ -67,7 +67,7 @@ def live_panel(user: Any) -> Any:
 def a_take(user: Any) -> Any:
     """Show sensors' points, record them, import the take."""
     mocap().rig.kind, mocap().rig.source = "FOLDER", str(OUT / SENSORS)
-    yield from user.press("mocap.rig_start(part='TAKE')")
+    yield from user.press("mocap.start_sensors(part='TAKE')")
     yield from user.until(lambda: not running().busy or running().run.shown > 1, "sensors are shown", _LONGEST_S)
     yield from user.shot("rig_runs")
     yield from ended(user, "the recording is at its end")
@@ -83,23 +83,23 @@ def a_take(user: Any) -> Any:
 
 def a_wand(user: Any) -> Any:
     """Wave a wand: coverage while it is seen, a sentence where it is none, a calibration where it is one."""
-    yield from user.press("mocap.rig_start(part='WAND')")
+    yield from user.press("mocap.start_sensors(part='WAND')")
     yield from user.until(lambda: not running().busy or running().run.latest, "coverage is told", _LONGEST_S)
     yield from user.shot("wand_is_waved")
     assert running().run is None or running().run.latest.state == "waving"
     yield from ended(user, "the wand's recording is at its end")
-    yield from user.press("mocap.rig_calibrate()")
+    yield from user.press("mocap.calibrate_sensors()")
     yield from user.solved("what was waved is no wand")
     assert mocap().rig.calibration == ""
     yield from user.shot("no_wand")
     yield from user.key("ESC")  # the message stays up until it is dismissed, in Blender 5
     mocap().rig.wand = str(OUT / WAND)
-    yield from user.press("mocap.rig_calibrate()")
+    yield from user.press("mocap.calibrate_sensors()")
     yield 1.0
     yield from user.shot("calibrating")
     yield from user.solved("the sensors are calibrated")
     assert Path(bpy.path.abspath(mocap().rig.calibration)).is_file()
-    yield from user.find("mocap.rig_calibrate()")
+    yield from user.find("mocap.calibrate_sensors()")
     yield from user.shot("calibrated")
     user.note(f"said: {mocap().rig.said.splitlines()}")
 
@@ -109,11 +109,11 @@ def cameras_that_are_not_there(user: Any) -> Any:
     mocap().rig.kind = "OAK"
     user.viewport.tag_redraw()
     yield 0.3
-    yield from user.press("mocap.rig_find()")
+    yield from user.press("mocap.find_sensors()")
     yield from user.solved("cameras are looked for", 60)
     assert mocap().rig.oaks == ""
     yield from user.shot("no_cameras")
     yield from user.key("ESC")
     yield from user.narrow(200)
-    yield from user.find("mocap.rig_find()")
+    yield from user.find("mocap.find_sensors()")
     yield from user.shot("narrow")

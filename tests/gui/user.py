@@ -26,7 +26,7 @@ _LAG = 8
 STAGES = {
     "CAPTURE": (
         "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
-        "demo_capture", "capture_from_videos", "video_step", "tell_point", "pick_point", "people", ".reading.",
+        "demo_capture", "capture_from_videos", "video_step", "label_point", "pick_point", "people", ".reading.",
         "show_names", "show_residuals", "leave_camera", "import_motion",
     ),
     "SOLVE CAPTURE": ("mocap.solve()",),

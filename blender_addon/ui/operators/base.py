@@ -1,8 +1,10 @@
-"""Shapes of operators: one undo step, one sentence where something is wrong, what they need first, what is dropped."""
+"""Shapes of operators: their needs, one undo step, runs of the solver that leave Blender free, and file choosers."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -10,29 +12,76 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..._exchange.errors import MocapError, sentence
+from ...conventions.file_paths import absolute
 from ...errors import WindowClosed
 from ..preferences import chosen_python
-from ..project_files import following
+from ..project_files import RELATIVE, following
 
 if TYPE_CHECKING:
     from ...solving.run import Run
 
-if TYPE_CHECKING:
     Operator, FileHandler = bpy.types.Operator, bpy.types.FileHandler
 else:
-    Operator = FileHandler = object  # Blender's own stands beside a mixin, not above it
+    Operator = FileHandler = object  # Blender's own is a second base of each class, not above its mixin
+
+UNDOABLE, INTERNAL, OPENS, PRESETS = {"REGISTER", "UNDO"}, {"INTERNAL"}, {"REGISTER"}, {"PRESET"}
+"""Values of ``bl_options``."""
+_INTERVAL_S = 0.1
+_REDRAW_S = 1.0
+"""Minimum time between redraws of the progress, as a slow screen would take time from the solver."""
+
+
+@dataclass(frozen=True)
+class Need:
+    """A condition of an operator."""
+
+    message: str
+    """Shown while the condition is not met."""
+    is_met: Callable[[bpy.types.Context], Any]
+
+
+CAPTURE = Need("Import a capture first", lambda context: context.scene.mocap.capture.file)
+CAMERAS = Need(
+    "Import a capture with cameras first",
+    lambda context: context.scene.mocap.capture.file and len(context.scene.mocap.capture.cameras),
+)
+MARKERS = Need("Import a marker recording first", lambda context: len(context.scene.mocap.capture.marker_items))
+BODY = Need("Solve a capture first", lambda context: context.scene.mocap.review.armature is not None)
+TAKE = Need("Solve a capture first", lambda context: context.scene.mocap.review.take is not None)
+EDITABLE = Need(
+    "This body is linked: choose Object > Library Override > Make first",
+    lambda context: context.scene.mocap.review.armature.is_editable,
+)
+OBJECT_MODE = Need("Change to object mode first", lambda context: context.mode == "OBJECT")
+IDLE = Need("The solver is running; wait or cancel first", lambda context: not current.busy)
 
 
 class MocapOperator(Operator):
-    """Mixin of operators that change the scene in one undo step; ``work`` does what the operator is for.
+    """Mixin of operators that change the scene in one undo step.
 
-    Modules that do the work are imported there, not at the top: registering loads no arrays and no solver.
+    The identifier comes from the class name and the tooltip from the docstring. Modules that do the work are imported
+    in methods, as registering must load no arrays and no solver.
     """
 
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
+    bl_options = UNDOABLE
+    needs = tuple[Need, ...]()  # annotations of mixins would be evaluated for every class
+
+    def __init_subclass__(cls, **more: Any) -> None:
+        super().__init_subclass__(**more)
+        if cls.__name__.startswith("MOCAP_OT_"):
+            cls.bl_idname = f"mocap.{cls.__name__.removeprefix('MOCAP_OT_')}"
+            cls.bl_description = (cls.__doc__ or "").removesuffix(".")
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Return whether all needs are met, and tell the user about the first that is not."""
+        unmet = next((need for need in cls.needs if not need.is_met(context)), None)
+        if unmet is not None:
+            cls.poll_message_set(unmet.message)
+        return unmet is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Do the work, or report what is wrong."""
+        """Do the work, or report an error."""
         try:
             return self.work(context)
         except MocapError as error:
@@ -40,81 +89,85 @@ class MocapOperator(Operator):
             return {"CANCELLED"}
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Do what the operator is for and return its answer.
+        """Do the work and return the operator's answer.
 
         Raises:
             MocapError: it cannot be done.
         """
         raise NotImplementedError
 
+    def finish(self, message: str = "", *, warn: Any = False) -> set[str]:
+        """Report a result and return that the work is done."""
+        if message:
+            self.report({"WARNING"} if warn else {"INFO"}, message)
+        return {"FINISHED"}
 
-class NeedsBody(MocapOperator):
-    """Mixin of operators on the solved body."""
-
-    edits_body = False
-    """Whether the body is changed, which one that is linked from another file does not allow."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a body."""
-        return _there(cls, context.scene.mocap.review.armature)
-
-
-class NeedsTake(NeedsBody):
-    """Mixin of operators on the take the body plays."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        review = context.scene.mocap.review
-        return _there(cls, review.armature, review.take)
+    def give_up(self, message: str) -> set[str]:
+        """Report a reason and return that nothing was done."""
+        self.report({"WARNING"}, message)
+        return {"CANCELLED"}
 
 
 class ViewportDrop(FileHandler):
-    """Mixin of what takes files that are dropped on the 3D viewport."""
+    """Mixin of handlers of files dropped on the 3D viewport."""
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Only there."""
+        """Accept files in the 3D viewport."""
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
-def _there(operator: type[NeedsBody], armature: bpy.types.Object | None, *more: bpy.types.ID | None) -> bool:
-    if armature is None or None in more:
-        operator.poll_message_set("Solve a capture first")
-        return False
-    if operator.edits_body and not armature.is_editable:
-        operator.poll_message_set("This body is linked: choose Object > Library Override > Make first")
-        return False
-    return True
+def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
+    """Return a mixin with the properties of Blender's file browser.
+
+    Args:
+        suffixes: of the files to show.
+        several: whether several files, a folder or dropped files are accepted.
+    """
+    hidden = {"options": {"HIDDEN", "SKIP_SAVE"}}
+    path: dict[str, Any] = {"options": {"HIDDEN", "SKIP_SAVE"} | RELATIVE}
+    made = {
+        "filepath": bpy.props.StringProperty(subtype="FILE_PATH", **path),
+        "filter_glob": bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in suffixes), **hidden),
+    }
+    if several:
+        made["directory"] = bpy.props.StringProperty(subtype="DIR_PATH", **path)
+        made["files"] = bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, **hidden)
+    return type("ChoosesFile", (), {"__annotations__": made})
 
 
-_INTERVAL_S = 0.1
-_REDRAW_S = 1.0
-"""Least time between two redraws of progress: on a slow screen they would take time from the solver."""
+def chosen_files(operator: bpy.types.Operator) -> list[Path]:
+    """Return the files, or the file or folder, that were chosen or dropped."""
+    several = [absolute(operator.directory) / item.name for item in operator.files if item.name]
+    return several or [absolute(operator.filepath or operator.directory)]
+
+
+def is_chosen(operator: bpy.types.Operator) -> bool:
+    """Return whether the operator has a file already, so that no file browser is needed."""
+    return bool(operator.files) or bool(operator.filepath and absolute(operator.filepath).exists())
 
 
 class Current:
-    """The run that is under way and the one before; there is at most one of each in a Blender."""
+    """The run in progress and the last one. There is at most one of each."""
 
     def __init__(self) -> None:
         self.run: Run | None = None
         self.last: Run | None = None
         self.about: tuple[str, str] = ("", "")
-        """Scene and capture file that the last run was about: nowhere else is its outcome shown."""
+        """Scene and capture file of the last run, where its outcome is shown."""
 
     @property
     def busy(self) -> bool:
-        """Whether a run is under way."""
+        """Whether a run is in progress."""
         return self.run is not None
 
     def finish(self) -> None:
-        """Keep the run as the last one."""
+        """Make the run in progress the last one."""
         self.run, self.last = None, self.run
         following.solver_reads = False
 
     def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
-        """End the run at once and keep why, for the scene that it was started in."""
+        """Kill the run, and keep the reason for the scene that started it."""
         if self.run is not None:
             self.run.process.kill()
             self.run.error = error.as_event()
@@ -122,14 +175,14 @@ class Current:
             self.about = _subject(scene)
 
     def abandon(self) -> None:
-        """End the run at once and forget everything; for leaving a file or switching the add-on off."""
+        """Kill the run and forget everything, when the file or the add-on is closed."""
         if self.run is not None:
             self.run.process.kill()
         self.run = self.last = None
         following.solver_reads = False
 
     def last_for(self, scene: bpy.types.Scene, verbs: tuple[str, ...]) -> Run | None:
-        """Return the last run if it did one of these verbs, for this scene and the capture that its panels show."""
+        """Return the last run if it was of one of these verbs and about this scene and its current capture."""
         if self.busy or self.last is None or self.last.verb not in verbs or self.about != _subject(scene):
             return None
         return self.last
@@ -144,46 +197,78 @@ def _subject(scene: bpy.types.Scene) -> tuple[str, str]:
 
 @persistent
 def after_load(*_: object) -> None:
-    """Forget the runs of the file before; what went wrong there is no fault of this one."""
+    """Forget the runs of the file before."""
     current.abandon()
     following.failure = ""
 
 
-class SolverOperator(MocapOperator):
-    """Mixin of modal operators that start the solver; ``received`` takes its result.
+@dataclass(frozen=True)
+class Call:
+    """The command line of one run."""
 
-    Escape is not taken: the run is cancelled by the panel's button alone.
+    words: Sequence[str]
+    folder: Path
+    """Working folder and place of the log."""
+    through_blender: bool = False
+    """Run the verb of the add-on's command line in a second Blender instead of the solver's verb."""
+
+
+def options(**values: Any) -> list[str]:
+    """Return command-line options. None, False and empty text need no option, True is a switch."""
+    given = {f"--{name.replace('_', '-')}": value for name, value in values.items() if value not in (None, False, "")}
+    return [word for name, value in given.items() for word in ([name] if value is True else [name, str(value)])]
+
+
+class SolverOperator(MocapOperator):
+    """Mixin of modal operators that run one verb: ``call`` gives its command line, ``received`` takes its result.
+
+    Escape passes through, so only the Cancel button ends a run.
     """
 
+    needs = (IDLE,)
+    verb = ""
     is_of_capture = True
-    """Its run belongs to the capture that panels were about when it started, whatever is active when it ends."""
+    """Whether the result belongs to the capture that was current when the run started."""
     _held = -1
-    _timer: bpy.types.Timer | None = None
+    _timer = None
     _shown = 0.0
     _scene = ""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """One run at a time."""
-        if current.busy:
-            cls.poll_message_set("The solver is running; wait or cancel first")
-            return False
-        return True
+    def call(self, context: bpy.types.Context) -> Call:
+        """Return the command line of the run.
+
+        Raises:
+            MocapError: the run cannot be started.
+        """
+        raise NotImplementedError
 
     def received(self, context: bpy.types.Context, result: Any) -> set[str]:
         """Take the result into the scene and return the operator's answer."""
         raise NotImplementedError
 
     def rescue(self, context: bpy.types.Context) -> str:
-        """Take what a run that failed has finished into the scene, and report it in a sentence; "" if there is nothing.
+        """Take the finished parts of a failed run into the scene, and return a sentence about them or "".
 
         Raises:
-            MocapError: what is there cannot be read.
+            MocapError: the parts cannot be read.
         """
         return ""
 
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start the run."""
+        return self.begin(context, self.call(context))
+
+    def begin(self, context: bpy.types.Context, call: Call) -> set[str]:
+        """Start a run of the operator's verb."""
+        if not call.through_blender:
+            return self.launch(context, self.verb, list(call.words), call.folder)
+        from ...headless.child_verb import start_verb
+
+        words = [*call.words, *options(python=chosen_python(context))]
+        return self.follow(context, start_verb(self.verb, words, call.folder))
+
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
-        """Start the solver and follow it; without a window, wait for it.
+        """Start the solver and follow it. Without a window, wait for it.
 
         Raises:
             MocapError: it cannot be started.
@@ -194,7 +279,7 @@ class SolverOperator(MocapOperator):
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
-        """Follow a run that was started; without a window, wait for it."""
+        """Follow a run that was started. Without a window, wait for it."""
         if not self._scene:
             self._hold(context)
         current.run = run
@@ -210,12 +295,11 @@ class SolverOperator(MocapOperator):
         return {"RUNNING_MODAL"}
 
     def _hold(self, context: bpy.types.Context) -> None:
-        """Keep in mind what the run belongs to."""
         self._scene = context.scene.name
         self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Poll on each tick; every other event passes through."""
+        """Poll the run on each timer event, and let every other event pass."""
         run = current.run
         if run is None:  # abandoned
             self._stop_timer(context)
@@ -230,7 +314,7 @@ class SolverOperator(MocapOperator):
         return self._ended(context)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the run when Blender closes the window or opens another file; other windows show why."""
+        """End the run when Blender closes the window or opens another file."""
         self._stop_timer(context)
         hint = "Start it again from a window that stays open."
         error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
@@ -238,7 +322,7 @@ class SolverOperator(MocapOperator):
         current.abandon() if scene is None else current.lose(scene, error)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
-        """Take the outcome into the scene the run was started in, whichever is shown now."""
+        """Take the outcome into the scene that started the run, even if another one is shown now."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
         if scene is None or scene == shown or window is None:
             return self._outcome(context)
@@ -268,8 +352,7 @@ class SolverOperator(MocapOperator):
             if error.get("code") == "cancelled":
                 self.report({"INFO"}, sentence(error))
             elif rescued := self.rescue(context):
-                self.report({"WARNING"}, f"{sentence(error)} {rescued}")
-                return {"FINISHED"}
+                return self.finish(f"{sentence(error)} {rescued}", warn=True)
             else:
                 self.report({"ERROR"}, sentence(error))
         except MocapError as error:
@@ -283,75 +366,37 @@ class SolverOperator(MocapOperator):
             self._timer = None
 
 
-class OfCapture(SolverOperator):
-    """Mixin of operators that work on the capture."""
+class MOCAP_OT_cancel(MocapOperator, bpy.types.Operator):
+    """End the current run without leaving unfinished files, and keep all earlier takes."""
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        if not context.scene.mocap.capture.file:
-            cls.poll_message_set("Import a capture first")
-            return False
-        return super().poll(context)
-
-
-class OfTake(SolverOperator):
-    """Mixin of operators that work on the solved take."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        if context.scene.mocap.review.take is None:
-            cls.poll_message_set("Solve the capture first")
-            return False
-        return super().poll(context)
-
-
-class MOCAP_OT_cancel(bpy.types.Operator):
-    """Ends the run under way."""
-
-    bl_idname = "mocap.cancel"
     bl_label = "Cancel"
-    bl_description = "End the run under way; nothing is left half-written and earlier takes stay"
-    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+    bl_options = INTERNAL
+    needs = (Need("Nothing is running", lambda context: current.busy),)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only while there is a run."""
-        return current.busy
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask the solver to end; its operator notices."""
+    def work(self, context: bpy.types.Context) -> set[str]:
         if current.run is not None:
             current.run.cancel()
-        return {"FINISHED"}
+        return self.finish()
 
 
-class MOCAP_OT_dismiss(bpy.types.Operator):
-    """Takes the outcome of the last run off the panels."""
+class MOCAP_OT_dismiss(MocapOperator, bpy.types.Operator):
+    """Remove this message together with its log."""
 
-    bl_idname = "mocap.dismiss"
     bl_label = "Dismiss"
-    bl_description = "Remove this message; the log is removed with it"
-    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+    bl_options = INTERNAL
+    needs = (Need("There is no message", lambda context: current.last is not None and not current.busy),)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Only what is over."""
-        return current.last is not None and not current.busy
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Forget it."""
+    def work(self, context: bpy.types.Context) -> set[str]:
         current.last = None
-        return {"FINISHED"}
+        return self.finish()
 
 
 def _show(context: bpy.types.Context, status: str | None) -> None:
-    """Redraw the sidebars, and write a line into the status bar or give it back."""
+    """Redraw the sidebars, and write a line into the status bar or clear it."""
     for window in context.window_manager.windows:
         if not bpy.app.background:
             window.workspace.status_text_set(status)
         for area in window.screen.areas:
             for region in area.regions if area.type == "VIEW_3D" else ():
-                if region.type == "UI":  # the view itself may be slow to draw
+                if region.type == "UI":  # redrawing the viewport itself may be slow
                     region.tag_redraw()

@@ -1,4 +1,4 @@
-"""Remedies that are one press away: for what a solve found, and for why a reading failed."""
+"""Remedies at the press of a button: for findings of a solve, and for reasons why a reading failed."""
 
 from __future__ import annotations
 
@@ -8,55 +8,47 @@ import bpy
 
 from ..._exchange.diagnostics import Diagnostic
 from ..._exchange.errors import ErrorEvent
-from .base import MocapOperator, SolverOperator
+from .base import IDLE, MocapOperator
 from .cameras import MOCAP_OT_refine_cameras
 from .review import MOCAP_OT_feet_to_floor
 
 
 class MOCAP_OT_leave_camera_out(MocapOperator, bpy.types.Operator):
-    """Leaves a camera out of the solve."""
+    """Solve without this camera, until you tick it under Cameras again."""
 
-    bl_idname = "mocap.leave_camera_out"
     bl_label = "Leave Out"
-    bl_description = "Solve without this camera from now on; tick it under Cameras to use it again"
 
-    camera: bpy.props.StringProperty(options={"HIDDEN"})
+    camera: str
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Clear its checkbox."""
         item = next((item for item in context.scene.mocap.capture.cameras if item.name == self.camera), None)
         if item is None:
-            self.report({"WARNING"}, f"The capture has no camera '{self.camera}'")
-            return {"CANCELLED"}
+            return self.give_up(f"The capture has no camera '{self.camera}'")
         item.use = False
-        self.report({"INFO"}, f"'{self.camera}' is left out: solve again")
-        return {"FINISHED"}
+        return self.finish(f"'{self.camera}' is excluded: solve again")
 
 
-class MOCAP_OT_read_again(SolverOperator, bpy.types.Operator):
-    """Reads a capture again in the manner that a problem asks for."""
+class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
+    """Change the reading option behind this problem, and read the capture again."""
 
-    bl_idname = "mocap.read_again"
     bl_label = "Read Again"
-    bl_description = "Change the reading option that this problem is about, and read the capture again"
-    is_of_capture = False
+    needs = (IDLE,)
 
-    option: bpy.props.StringProperty(options={"HIDDEN"})
-    value: bpy.props.StringProperty(options={"HIDDEN"}, default="on")
+    option: str
+    value: str = "on"
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Return which option is set to what."""
+        """Return the tooltip with the option and its value."""
         prop = _group_of(context, properties.option).bl_rna.properties.get(properties.option)
         name = properties.option if prop is None else prop.name
         return f"Set {name} to {properties.value}, and read the capture again"
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Set the option and start reading."""
         group = _group_of(context, self.option)
         try:
             setattr(group, self.option, type(getattr(group, self.option))(self.value))
-        except (AttributeError, TypeError, ValueError):  # the option or its value is from a file
+        except (AttributeError, TypeError, ValueError):  # the option or its value comes from a file
             self.report({"ERROR"}, f"Reading Options have no {self.option} '{self.value}'")
             return {"CANCELLED"}
         source = context.scene.mocap.capture.source
@@ -65,72 +57,67 @@ class MOCAP_OT_read_again(SolverOperator, bpy.types.Operator):
 
 
 def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGroup:
-    """Return the settings that a reading option stands in: whether cameras are synchronised is of the solve, too."""
+    """Return the group with a reading option. Synchronisation is also a setting of the solve."""
     settings = context.scene.mocap
     return settings.solve if option == "sync" else settings.reading
 
 
 @dataclass(frozen=True)
 class Fix:
-    """A button that remedies what was found."""
+    """A button that remedies a finding."""
 
     operator: str
     """Its ``bl_idname``."""
     text: str
-    """On the button."""
     values: tuple[tuple[str, str], ...] = ()
     """Properties of the operator."""
     is_choice: bool = False
-    """Whether it undoes what the reader did for a reason, or is right for one of two causes: only the user knows."""
+    """Whether only the user can decide, as the fix undoes a correction or suits one of two causes."""
 
 
 def _again(text: str, option: str, value: str, *, is_choice: bool = True) -> Fix:
-    """Return the fix that reads again with an option."""
     return Fix(MOCAP_OT_read_again.bl_idname, text, (("option", option), ("value", value)), is_choice)
 
 
 _REFINE = Fix(MOCAP_OT_refine_cameras.bl_idname, "Refine Calibration")
 _FLOOR = Fix(MOCAP_OT_feet_to_floor.bl_idname, "Feet to Floor")
-_AS_WRITTEN = _again("As Written", "as_calibrated", "on")
-_KEEP_LEVEL = _again("Keep Its Level", "level", "off")
-_LEVEL = _again("Level by the Person", "level", "on", is_choice=False)
-_AS_RECORDED = _again("As Recorded", "sync", "off")
 _FIXES = {
-    "camera_turned": _REFINE, "camera_disagrees": _REFINE, "camera_moved": _REFINE, "cameras_shifted": _REFINE,
-    "feet_above_floor": _FLOOR, "floor_too_high": _FLOOR, "foot_below_floor": _FLOOR,
-    "calibration_corrected": _AS_WRITTEN, "detections_corrected": _AS_WRITTEN, "camera_names_exchanged": _AS_WRITTEN,
-    "world_levelled": _KEEP_LEVEL, "floor_by_feet": _KEEP_LEVEL,
-    "floor_off": _LEVEL, "person_tilted": _LEVEL,
-    "starts_apart": _AS_RECORDED, "start_ambiguous": _AS_RECORDED,
-    "unit_by_person": _again("Read as {guessed}", "unit", "{guessed}"),
-    "marker_unit_not_as_stated": _again("Read as {stated}", "unit", "{stated}"),
-    "up_by_person": _again("Keep Z Up", "up_axis", "z"),
-    "person_along_axis": _again("Take {axis} as Up", "up_axis", "{axis}", is_choice=False),
-    "frame_rate_contradicts": _again("Read at {video:g} fps", "fps", "{video:g}"),
-    "takes_joined": _again("Frames 0-{first_end}", "frames", "0 {first_end}"),
-}  # fmt: skip
-"""By the codes of diagnostics; texts and values hold the diagnostic's values."""
+    _REFINE: "camera_turned camera_disagrees camera_moved cameras_shifted",
+    _FLOOR: "feet_above_floor floor_too_high foot_below_floor",
+    _again("As Written", "as_calibrated", "on"): "calibration_corrected detections_corrected camera_names_exchanged",
+    _again("Keep Its Level", "level", "off"): "world_levelled floor_by_feet",
+    _again("Level by the Person", "level", "on", is_choice=False): "floor_off person_tilted",
+    _again("As Recorded", "sync", "off"): "starts_apart start_ambiguous",
+    _again("Read as {guessed}", "unit", "{guessed}"): "unit_by_person",
+    _again("Read as {stated}", "unit", "{stated}"): "marker_unit_not_as_stated",
+    _again("Keep Z Up", "up_axis", "z"): "up_by_person",
+    _again("Take {axis} as Up", "up_axis", "{axis}", is_choice=False): "person_along_axis",
+    _again("Read at {video:g} fps", "fps", "{video:g}"): "frame_rate_contradicts",
+    _again("Frames 0-{first_end}", "frames", "0 {first_end}"): "takes_joined",
+}
+"""Codes of the diagnostics that each fix remedies. Texts and values contain the diagnostic's values."""
+_FIX_OF = {code: fix for fix, codes in _FIXES.items() for code in codes.split()}
 _LEFT_OUT = ("contradicts", "camera_sees_little", "image_mirrored", "delay_beyond", "camera_sees_elsewhere")
-"""Codes of diagnostics about a camera that a solve is better off without."""
+"""Codes of diagnostics about a camera that makes the solve worse."""
 
 
 def fix_of(found: Diagnostic) -> Fix | None:
-    """Return the remedy of a diagnostic that is a button, None where there is none."""
+    """Return the fix of a diagnostic, None if it has no button."""
     if found.code in _LEFT_OUT and found.where.cameras:
         camera = found.where.cameras[0]
         return Fix(MOCAP_OT_leave_camera_out.bl_idname, f"Leave Out {camera}", (("camera", camera),))
-    fix = _FIXES.get(found.code)
+    fix = _FIX_OF.get(found.code)
     if fix is None:
         return None
     try:
         values = tuple((name, value.format(**found.values).lower()) for name, value in fix.values)
         return replace(fix, text=fix.text.format(**found.values), values=values)
-    except (KeyError, TypeError, ValueError):  # a file of another version
+    except (KeyError, TypeError, ValueError):  # a file with other values
         return None
 
 
 def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
-    """Return the remedies of a failed reading that are buttons."""
+    """Return the fixes of a failed reading."""
     if error.get("code") != "frame_count_mismatch":
         return ()
     trim = (_again("Cut to the Shortest", "trim", "on"),) if "--trim" in error["hint"] else ()

@@ -1,4 +1,4 @@
-"""Importing a capture: by button, by menu, by dropping a file on the viewport."""
+"""Import a capture from the panel, from the menu or by dropping a file on the viewport."""
 
 from __future__ import annotations
 
@@ -8,145 +8,114 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ...conventions.file_paths import absolute, stored
+from ...conventions.file_paths import stored
 from ...conventions.naming import counted
 from ...solving.take_paths import MARKER_SUFFIXES
-from ..project_files import RELATIVE, files_folder, usable
-from .base import SolverOperator, ViewportDrop, current
+from ..project_files import files_folder, usable
+from ..setting_properties import choice
+from .base import Call, SolverOperator, ViewportDrop, choose_file, chosen_files, current, is_chosen, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult
 
+_KINDS = (
+    ("CAMERAS", "Cameras", "Keypoints in four views"),
+    ("MARKERS", "Markers", "Optical markers as in a C3D file"),
+)
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
-"""Of the files a capture is made of: our own, detections, calibrations, settings; and recordings of markers."""
+"""Captures, detections, calibrations, settings, and marker recordings."""
 
 
-class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
-    """Reads a capture in the solver's process and sets up its cameras, footage and detections."""
+class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper, choose_file(SUFFIXES, several=True)):
+    """Import a folder of detections and a calibration, or a marker recording, with cameras, footage and floor."""
 
-    bl_idname = "mocap.import_capture"
     bl_label = "Import Capture"
-    bl_description = (
-        "Read a capture, report what was recognised, and add its cameras, footage, detections and floor. "
-        "Choose a folder or any file in it: a Pose2Sim trial, a session, OpenPose JSON with a calibration. Or choose a "
-        "recording of optical markers (C3D, TRC, CSV, TSV)"
-    )
-
+    verb = "convert"
     is_of_capture = False
 
-    filter_glob: bpy.props.StringProperty(default=";".join(f"*{suffix}" for suffix in SUFFIXES), options={"HIDDEN"})
-    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
-    directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
-    files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
-
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Read what was dropped, or let the user choose."""
-        if self.files or (self.filepath and absolute(self.filepath).exists()):
-            return self.execute(context)
-        return ImportHelper.invoke(self, context, event)
+        return self.execute(context) if is_chosen(self) else ImportHelper.invoke(self, context, event)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Start reading; a solved motion is baked at once instead."""
+        """Start reading, or bake a solved motion at once."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
-        from ...solving.take_paths import capture_folder, capture_root, is_session
         from .import_results import add_motion, set_up_said, takes_over
 
-        chosen = self._chosen()
-        if is_motion(chosen):
-            take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-            settings = BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over)
-            take = add_motion(context, chosen, settings)
-            current.last = None
-            self.report({"INFO"}, f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}")
-            return {"FINISHED"}
-        settings, source = context.scene.mocap, capture_root(chosen)
-        folder = usable(capture_folder(files_folder(context.scene), source))
-        out = ["--out", str(folder if is_session(source) else folder / "capture.npz"), "--overwrite"]
-        if not settings.capture.file:
-            settings.capture.source = stored(source)  # so that Read Again works where reading fails
-        self._source = source
-        reading = [*settings.reading.arguments(), f"--sync={settings.solve.sync}"]
-        return self.launch(context, "convert", [str(source), *out, *reading], folder)
+        chosen = chosen_files(self)[0]
+        if not is_motion(chosen):
+            return super().work(context)
+        take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
+        take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over))
+        current.last = None
+        return self.finish(f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}")
 
-    def _chosen(self) -> Path:
-        """Return the first file that was dropped, or what was chosen: a file or a folder."""
-        if self.files and self.files[0].name:
-            return absolute(self.directory) / self.files[0].name
-        return absolute(self.filepath or self.directory)
+    def call(self, context: bpy.types.Context) -> Call:
+        from ...solving.take_paths import capture_folder, capture_root, is_session
+
+        settings = context.scene.mocap
+        self._source = source = capture_root(chosen_files(self)[0])
+        folder = usable(capture_folder(files_folder(context.scene), source))
+        if not settings.capture.file:
+            settings.capture.source = stored(source)  # so that Read Again works if reading fails
+        out = options(out=folder if is_session(source) else folder / "capture.npz", overwrite=True)
+        return Call([str(source), *out, *settings.reading.arguments(), f"--sync={settings.solve.sync}"], folder)
 
     def received(self, context: bpy.types.Context, result: Any) -> set[str]:
-        """Set the stage, and keep what was recognised for the panels; of each trial, where it was a session."""
+        """Set up the scene for each capture. The longest trial of a session sets the frame range."""
         from .import_results import takes_over
 
         scene = context.scene
         take_over = takes_over(scene, scene.mocap.reading.scene_setup)
         last = 1
-        parts: list[CaptureResult] = result.get("captures", [result])
-        for part in parts:
-            self._received(context, part, Path(part.get("source", self._source)))
+        for part in result.get("captures", [result]):
+            self._set_up(context, part, Path(part.get("source", self._source)))
             last = max(last, scene.mocap.capture.review.last)
-        if take_over:  # of a session the longest trial sets the range
+        if take_over:
             scene.frame_end = max(scene.frame_end, last)
-        return {"FINISHED"}
+        return self.finish()
 
-    def _received(self, context: bpy.types.Context, result: CaptureResult, source: Path) -> None:
+    def _set_up(self, context: bpy.types.Context, result: CaptureResult, source: Path) -> None:
         from .import_results import present_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         stage = take_capture(context.scene, result, source)
         context.scene.mocap.capture.source = stored(source)
         present_capture(context, stage)
-        problems = len(result["problems"])
+        problems, cameras = len(result["problems"]), len(stage.cameras)
         look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
-        cameras = len(stage.cameras)
         seen_by = counted(cameras, "camera") if cameras else counted(result["markers"] or 0, "marker")
-        found = f"{seen_by}, {counted(result['frames'], 'frame')}"
-        found += f"; {set_up_said(context.scene, take_over=take_over)}"
-        self.report(
-            {"WARNING"} if problems else {"INFO"},
-            f"Capture '{result['name']}': {found}{look}",
-        )
+        found = f"{seen_by}, {counted(result['frames'], 'frame')}; {set_up_said(context.scene, take_over=take_over)}"
+        self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 
 class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
-    """Makes the capture that ships with the add-on."""
+    """Make a synthetic capture of a moving person to try the add-on without your own data."""
 
-    bl_idname = "mocap.demo_capture"
     bl_label = "Try the Demo Capture"
-    bl_description = "Make a synthetic capture of a moving person and set it up: nothing of your own is needed"
-
+    verb = "demo-capture"
     is_of_capture = False
 
-    kind: bpy.props.EnumProperty(
-        name="Kind",
-        items=(
-            ("CAMERAS", "Cameras", "Keypoints in four views"),
-            ("MARKERS", "Markers", "Optical markers, as in a C3D file"),
-        ),
-    )
+    kind: choice("Kind", "Kind of capture", _KINDS)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start making it."""
+    def call(self, context: bpy.types.Context) -> Call:
         from ...solving.take_paths import capture_folder
 
         markers = self.kind == "MARKERS"
         folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
-        out = ["--out", str(folder / "capture.npz"), "--overwrite", *(["--markers"] if markers else [])]
-        return self.launch(context, "demo-capture", out, folder)
+        return Call(options(out=folder / "capture.npz", overwrite=True, markers=markers), folder)
 
     def received(self, context: bpy.types.Context, result: CaptureResult) -> set[str]:
-        """Set the stage."""
         from .import_results import present_capture, take_capture
 
         stage = take_capture(context.scene, result)
         context.scene.mocap.capture.source = stored(result["capture"])
         present_capture(context, stage)
-        return {"FINISHED"}
+        return self.finish()
 
 
 class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):
-    """Takes files that are dropped on the 3D viewport; Blender hands over no folders, so a file stands for its own."""
+    """Import of files dropped on the 3D viewport. Blender passes no folders, so a file stands for its folder."""
 
     bl_idname = "MOCAP_FH_capture"
     bl_label = "Motion capture"

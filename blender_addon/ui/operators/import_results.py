@@ -1,4 +1,4 @@
-"""What arrives from the solver's process, a capture or a take, is put into the scene."""
+"""Put the solver's results into the scene: captures and takes."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Keep what each label means and which gaps it has, and which object shows the markers.
+    """Keep the meaning and gaps of each label, and the object with the markers.
 
     Args:
         capture: settings of the scene's capture.
@@ -60,10 +60,10 @@ def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage
     meaning = {label: kind for kind in _NAMED for label in names.get(kind, ())}
     gaps = {gap["marker"]: gap for gap in names.get("gaps", ())}
     labels = labels_of(capture.cloud)
-    for index in reversed(range(len(capture.told))):
-        item = capture.told[index]
-        if not (item.point < len(labels) and labels[item.point] == item.name):  # it was read anew as another recording
-            capture.told.remove(index)
+    for index in reversed(range(len(capture.point_labels))):
+        item = capture.point_labels[index]
+        if not (item.point < len(labels) and labels[item.point] == item.name):  # it was read again as another recording
+            capture.point_labels.remove(index)
     for label in labels:
         item, gap = capture.marker_items.add(), gaps.get(label, {})
         item.name, item.meaning = label, meaning.get(label, "unlabelled")
@@ -72,16 +72,16 @@ def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage
 
 
 _HEIGHTS = 2.2
-"""Distance from which a body is looked at, by its height."""
+"""Viewing distance of a body relative to its height."""
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture the solver has read, and keep what it found in the scene's settings.
+    """Set up a capture that the solver has read, and keep its findings in the scene's settings.
 
     Args:
         scene: the scene.
         result: result event of the verb ``convert``.
-        source: what the user chose to be read; footage may lie in its folder.
+        source: the file or folder that the user chose. Footage may be in its folder.
 
     Raises:
         MocapError: the capture file is missing or wrong.
@@ -92,15 +92,15 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     if not settings.reading.footage_anywhere:
         file, refused = near_footage(file, [path.parent, *_folder_of(source)])
     known = next((i for i, capture in enumerate(settings.captures) if file_of(capture.file) == path), None)
-    former = None if known is None else settings.captures[known]
+    existing = None if known is None else settings.captures[known]
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
-    home = None if former is None else former.collection
-    again = None if home is None else former
+    home = None if existing is None else existing.collection
+    again = None if home is None else existing
     start = scene.frame_start if again is None or take_over else again.frame_start
     stage = set_stage(scene, file, frame_start=start, take_over=take_over)
     if again is not None and home is not None:
-        stage = replace_stage(scene, stage, _former(again, stage), home)
-    capture = former or settings.captures.add()  # which moves the others: no earlier reference to one is valid
+        stage = replace_stage(scene, stage, _existing(again, stage), home)
+    capture = existing or settings.captures.add()  # adding invalidates earlier references
     settings.show(len(settings.captures) - 1 if known is None else known)
     capture.name, capture.file = plain(result["name"]), stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
@@ -108,7 +108,7 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
-    capture.checked = capture.doubts = capture.doubted = ""
+    capture.checked = capture.check_findings = capture.suspect_cameras = ""
     found = read_diagnostics(result["diagnostics"])
     shown = [diagnostic("scene_message", text=text) for text in (*stage.notes, *refused)]
     for item in (*warnings_in(found), *shown):
@@ -139,8 +139,8 @@ def _folder_of(source: Path | None) -> list[Path]:
     return [source if source.is_dir() else source.parent]
 
 
-def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
-    """Return what is there of a capture that was read again, in the order of the new stage."""
+def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
+    """Return the existing objects of a capture that was read again, in the order of the new stage."""
     items = {item.name: item for item in capture.cameras}
     cameras = [items.get(camera.data[CAMERA_NAME]) for camera in stage.cameras]
     views = dict(zip(stage.cameras, cameras, strict=True))
@@ -152,7 +152,7 @@ def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.t
 
 
 def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Go on to solving, and turn the viewport to where the cameras look or, without any, to the markers."""
+    """Open the stage Solve, and frame the cameras or the markers in the viewport."""
     context.scene.mocap.stage = "SOLVE"
     space = context.space_data
     if space is None or space.type != "VIEW_3D":
@@ -170,7 +170,7 @@ def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
 
 
 def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
-    """Turn the viewport to a new body, unless it looks through a camera."""
+    """Frame a new body in the viewport, unless it looks through a camera."""
     space, skin = context.space_data, body_mesh(armature)
     if space is None or space.type != "VIEW_3D" or space.region_3d.view_perspective == "CAMERA" or skin is None:
         return
@@ -179,7 +179,7 @@ def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
 
 
 def take_people(capture: bpy.types.PropertyGroup, people: list[PersonSummary]) -> None:
-    """Keep who is seen; those who were known keep their body and the name the user gave them."""
+    """Keep the people of a capture. Known people keep their body and the name from the user."""
     names = {person.key: person.name for person in capture.people}
     while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
         capture.people.remove(len(capture.people) - 1)
@@ -196,14 +196,14 @@ def take_motion(
     again: SolvedAgain | None = None,
     result: SolveResult | None = None,
 ) -> bpy.types.Action:
-    """Add the solved motion to the scene, to the body of the person it is of.
+    """Add a solved motion to the body of its person.
 
     Args:
-        context: anywhere.
-        files: what the solve wrote.
-        of: one of the scene's captures; None for the one panels are about.
-        again: which frames of which take were solved again; all others stay as edited. None for a whole take.
-        result: the solve's result event, whose error and warnings the take keeps; None where it is not known.
+        context: any.
+        files: files of the solve.
+        of: one of the scene's captures, None for the current one.
+        again: the frames that were solved again, while all others keep their edits. None for a whole take.
+        result: result event of the solve with the take's error and warnings, None if it is unknown.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -216,18 +216,18 @@ def take_motion(
     index = capture.person_named(person)
     review = capture.review_of(index)
     who = f" {capture.people[index].name}" if capture.people else ""
-    whose = f"{capture.name if len(settings.captures) > 1 else ''}{who}".strip()
-    name = f"{whose} {files.motion.stem.replace('_', ' ').capitalize()}".strip()
+    prefix = f"{capture.name if len(settings.captures) > 1 else ''}{who}".strip()
+    name = f"{prefix} {files.motion.stem.replace('_', ' ').capitalize()}".strip()
     armature, start, parent = review.armature, capture.frame_start, capture.collection
-    former = None if again is None else bpy.data.actions.get(again.take)
-    if former is not None:
-        start = int(former["frame_start"])
+    edited = None if again is None else bpy.data.actions.get(again.take)
+    if edited is not None:
+        start = int(edited["frame_start"])
     replaced = armature
     needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion, body)
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
-    if former is not None and again is not None and not needs_body:
-        action = keep_edits(armature, former, action, again.first, again.last)
+    if edited is not None and again is not None and not needs_body:
+        action = keep_edits(armature, edited, action, again.first, again.last)
     files.write(action)
     if person:
         action[PERSON] = person
@@ -248,13 +248,13 @@ def take_motion(
 
 
 def show_looks(scene: bpy.types.Scene) -> None:
-    """Let new bodies look as the scene's others do."""
+    """Give new bodies the look of the scene."""
     for mesh in bodies_of(scene):
         show_look(mesh, scene.mocap.look)
 
 
 def error_text(result: SolveResult) -> str:
-    """Return how far a solve is from what was measured, for people; "" where it is not known."""
+    """Return the median error of a solve with its unit, "" if it is unknown."""
     for key, unit in (("marker_median_mm", "mm"), ("reprojection_median_px", "px")):
         if result.get(key) is not None:
             return f"{result[key]:.1f} {unit}"
@@ -268,14 +268,14 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from its file as a body of its own; where the scene takes over its set-up, it is selected alone.
+    """Add a motion from its file on a body of its own. A new scene selects only this body.
 
     Args:
         context: in object mode.
         file: motion file.
-        settings: what to make.
-        capture: capture file with its cameras and detections, if they are wanted.
-        body: body file; None for the one the motion was solved for.
+        settings: of the bake.
+        capture: capture file with cameras and detections to add, None for none.
+        body: body file, None for the one of the solve.
 
     Raises:
         MocapError: a file is missing or wrong.
@@ -304,16 +304,16 @@ def add_motion(
 
 
 def takes_over(scene: bpy.types.Scene, setup: str) -> bool:
-    """Return whether a scene takes over a recording's set-up, by the user's choice among ``SCENE_SETUP_ITEMS``."""
+    """Return whether a scene uses the recording's set-up, by the user's choice in ``SCENE_SETUP``."""
     return setup == "TAKE" or (setup == "NEW" and is_untouched(scene))
 
 
 def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
-    """Return what became of the scene's set-up, for people."""
+    """Return a phrase about the scene's set-up."""
     rate = f"{scene_frame_rate(scene):g} fps"
     if take_over:
         return f"the scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"
-    return f"laid by time into the scene's {rate}"
+    return f"resampled to the scene's {rate}"
 
 
 def _add_message(capture: bpy.types.PropertyGroup, found: Diagnostic, *, is_problem: bool) -> None:

@@ -1,4 +1,4 @@
-"""Live: a body, and a character, that move while points or poses come; stopped by a button, and recorded."""
+"""Live: a body, a character and a face that move with the incoming points or poses, which are recorded."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from ...conventions.naming import next_path
 from ..acquisition_properties import allowed_address, sending_options
 from ..preferences import chosen_python, detector_for
 from ..project_files import files_folder, usable
-from .base import MocapOperator
-from .retarget import chosen_target, table_map
+from .base import INTERNAL, OBJECT_MODE, MocapOperator, Need, options
+from .retarget import chosen_settings, chosen_target, table_map
 
 if TYPE_CHECKING:
     from ...body.body_file import BodyFile
@@ -27,13 +27,13 @@ if TYPE_CHECKING:
     from ...solving.live import LiveRun
 
 _INTERVAL_S = 1 / 60
-"""Seconds from one look at new poses to the next: with the time that a look takes, more than 30 a second."""
+"""Time between polls. With the time of a poll this gives more than 30 poses per second."""
 _PANELS_S = 0.25
-"""Seconds from one time that panels are drawn to the next: nobody reads figures that change faster."""
+"""Time between redraws of the panels, as nobody reads faster."""
 
 
 class CurrentLive:
-    """The live run of this Blender, and what shows it; there is at most one."""
+    """The live run of this Blender with everything it moves. There is at most one."""
 
     def __init__(self) -> None:
         self.run: LiveRun | None = None
@@ -41,34 +41,43 @@ class CurrentLive:
         self.on_recorded: Callable[[str], None] | None = None
         """Called with the recording at the end."""
         self.face: LiveFace | None = None
-        """What the face of another program moves."""
         self.character: LiveRig | None = None
-        """The rig that stands as the body does."""
         self.of_sensors = False
-        """Whether the run, or the last one, is of the Rig panel's sensors; else it is of the Live panel."""
+        """Whether the current or last run belongs to the sensor array, otherwise to the Live panel."""
         self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
-        """The take that the last run recorded, as the scene stores paths."""
+        """Recording of the last run, as the scene stores paths."""
 
     @property
     def busy(self) -> bool:
-        """Whether a run is under way."""
+        """Whether a run is in progress."""
         return self.run is not None
 
     def begin(
-        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True, fingers: bool = False,
-        on_recorded: Callable[[str], None] | None = None, face: LiveFace | None = None,
+        self,
+        run: LiveRun,
+        scene: bpy.types.Scene,
+        *,
+        body: bool = True,
+        fingers: bool = False,
+        on_recorded: Callable[[str], None] | None = None,
+        face: LiveFace | None = None,
         character: Callable[[BodyFile], LiveRig] | None = None,
-    ) -> None:  # fmt: skip
-        """Show a run in a scene from now on, with a body or points alone; report where it recorded to at its end.
+    ) -> None:
+        """Show a run in a scene from now on.
 
-        Points and cameras give no fingers, and a body without them is drawn in half the time.
-
-        Only sensors' runs take ``on_recorded``: their recording is a folder of the rig's.
+        Args:
+            run: the run.
+            scene: where it is shown.
+            body: show a body, not only points.
+            fingers: show a body with fingers, which takes twice the time to draw. Only poses have fingers.
+            on_recorded: called with the recording of a sensor run at the end.
+            face: shape keys to move.
+            character: makes the rig to move.
 
         Raises:
-            MocapError, RuntimeError: what shows it cannot be made; the run is ended.
+            MocapError, RuntimeError: the body or the rig cannot be made, and the run is killed.
         """
         import numpy as np
 
@@ -93,7 +102,7 @@ class CurrentLive:
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
 
     def tick(self) -> float | None:
-        """Show the newest pose; return seconds until the next look, None at the end."""
+        """Show the latest pose, and return the seconds until the next poll or None at the end."""
         run, figure = self.run, self.figure
         if run is None or figure is None:
             return None
@@ -121,7 +130,7 @@ class CurrentLive:
         return None if self.run is None else _INTERVAL_S
 
     def _reshape(self, run: LiveRun, figure: LiveFigure) -> None:
-        """Give the body its shape, and let the character know of it; a rig that does not suit it ends the run."""
+        """Update the shape of body and character, and stop the run if the rig does not suit it."""
         assert run.betas is not None
         figure.reshape(run.betas)
         try:
@@ -141,7 +150,7 @@ class CurrentLive:
             on_recorded(recorded)
 
     def abandon(self) -> None:
-        """End the run at once; for leaving a file or switching the add-on off."""
+        """Kill the run when the file or the add-on is closed."""
         if bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.unregister(self.tick)
         if self.run is not None:
@@ -156,12 +165,12 @@ live = CurrentLive()
 
 @bpy.app.handlers.persistent
 def before_load(*_: object) -> None:
-    """End the run when another file is opened."""
+    """Kill the run when another file is opened."""
     live.abandon()
 
 
 def _redraw(*, panels: bool) -> None:
-    """Let viewports show what is new, and the panels beside them, which take far longer to draw, if asked for."""
+    """Redraw the viewports, and their much slower panels if asked for."""
     for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
         for area in window.screen.areas:
             for region in area.regions if area.type == "VIEW_3D" else ():
@@ -169,27 +178,39 @@ def _redraw(*, panels: bool) -> None:
                     region.tag_redraw()
 
 
+ALONE = Need("Live is running; stop it first", lambda context: not live.busy)
+
+
+def source_of(scene: bpy.types.Scene) -> str:
+    """Return the recording to replay: the chosen one, or the capture's if it has markers."""
+    capture = scene.mocap.capture
+    return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
+
+
+def _has_source(context: bpy.types.Context) -> bool:
+    settings = context.scene.mocap.live
+    if settings.kind == "VMC":
+        return bool(settings.listen)
+    return settings.kind == "CAMERAS" or bool(source_of(context.scene))
+
+
+def _has_cameras(context: bpy.types.Context) -> bool:
+    settings = context.scene.mocap.live
+    return settings.kind != "CAMERAS" or bool(settings.cameras and settings.calibration)
+
+
+_SOURCE = Need("Choose a marker recording or a motion, or import one", _has_source)
+_CAMERAS = Need("Enter the cameras, such as webcam:0 webcam:1, and choose their calibration", _has_cameras)
+
+
 class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
-    """Starts the live run."""
+    """Move a body live with the markers or poses of a recording, another program or cameras."""
 
-    bl_idname = "mocap.live_start"
     bl_label = "Start Live"
-    bl_description = "Move a body live, as markers or poses arrive from a recording or another program"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """One run at a time, in object mode, and something to replay or to listen at."""
-        settings = context.scene.mocap.live
-        source, without = source_of(context.scene), "Choose a recording of markers or a motion, or import one"
-        if settings.kind == "VMC":
-            source = settings.listen
-        elif settings.kind == "CAMERAS":
-            source = settings.cameras and settings.calibration
-            without = "Name the cameras, such as webcam:0 webcam:1, and their calibration"
-        return may_begin(cls, context, source, without)
+    needs = (ALONE, OBJECT_MODE, _SOURCE, _CAMERAS)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Start the solver's process and make what shows it."""
+        """Start the solver, and make the body, face and character to move."""
         from ...scene.live_figure import LiveFace, read_face_table
 
         scene, settings = context.scene, context.scene.mocap.live
@@ -203,31 +224,27 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
         run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
         character = partial(self._character, context) if settings.drive and body else None
         live.begin(run, scene, face=face, body=body, fingers=_has_poses(scene), character=character)
-        return {"FINISHED"}
+        return self.finish()
 
     def _character(self, context: bpy.types.Context, body: BodyFile) -> LiveRig:
-        """Return the retarget's target as a rig that follows the body, and report what is unsure about it.
+        """Return the target of the retargeting as a live rig.
 
         Raises:
-            MapInvalid, TargetUnsuitable: there is none, or it cannot play.
+            MapInvalid, TargetUnsuitable: there is none, or it cannot follow.
         """
         import numpy as np
 
         from ...retarget.live_rig import LiveRig
-        from ...retarget.motion.transfer import TransferSettings
-        from ...retarget.retarget import RetargetSettings
 
-        chosen = context.scene.mocap.retarget
-        way = TransferSettings(chosen.way == "place", chosen.way == "root", scale=chosen.scale)
-        settings = RetargetSettings(chosen.limbs, way)
-        rig = LiveRig(chosen_target(context), context.scene, table_map(context), settings, body, np.zeros(10))
+        scene = context.scene
+        rig = LiveRig(chosen_target(context), scene, table_map(context), chosen_settings(scene), body, np.zeros(10))
         for note in rig.notes:
             self.report({"WARNING"}, note)
         return rig
 
 
 def _has_poses(scene: bpy.types.Scene) -> bool:
-    """Return whether the source is poses, which may have fingers: another program's, or a motion's."""
+    """Return whether the source has poses, and so perhaps fingers."""
     from ..._exchange.motion_file import is_motion
 
     kind = scene.mocap.live.kind
@@ -238,36 +255,34 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
     """Start a run of a recording, a motion, or another program's poses or face.
 
     Raises:
-        MocapError: a file is not there, or an address is none.
+        MocapError: a file does not exist, or the address is invalid.
     """
     from ..._exchange.motion_file import is_motion
     from ...solving.live import start_live
 
     scene, settings = context.scene, context.scene.mocap.live
-    options, subject = sending_options(settings), settings.subject
+    sending, subject = sending_options(settings), settings.subject
     if settings.kind == "VMC":
         address = allowed_address(settings.listen, tuple(PORTS))
         source, suffix = str(address), ".csv" if address.scheme in FACES else ".npz"
         if address.scheme in FACES:
-            options, subject = [], ""  # a face is not sent on, and is nobody's body
+            sending, subject = [], ""  # a face is not sent on, and has no body
     else:
         require_there(source_of(scene))
         source = absolute(source_of(scene))
-        suffix = "" if is_motion(source) else ".c3d"  # a motion that is replayed is there already
+        suffix = "" if is_motion(source) else ".c3d"  # a replayed motion is not recorded again
         subject = subject if suffix else ""
     folder = usable(files_folder(scene))
     record = next_path(folder, "live", suffix) if settings.record and suffix else None
-    return start_live(
-        source, chosen_python(context), folder, subject=absolute(subject) if subject else None, record=record,
-        options=options,
-    )  # fmt: skip
+    person = absolute(subject) if subject else None
+    return start_live(source, chosen_python(context), folder, subject=person, record=record, options=sending)
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
     """Start a run of cameras.
 
     Raises:
-        MocapError: a file is not there.
+        MocapError: a file does not exist.
     """
     from ...solving.live import start_cameras
 
@@ -276,61 +291,35 @@ def _cameras(context: bpy.types.Context) -> LiveRun:
     sources = [
         text if ":" in text and not absolute(text).exists() else _video(text) for text in split(settings.cameras)
     ]
-    python = detector_for(context)
-    options = [*videos.detector_arguments(), *sending_options(settings)]
-    options += ["--python", str(python)] if python is not None else []
+    words = [*videos.detector_arguments(), *sending_options(settings), *options(python=detector_for(context))]
     folder = usable(files_folder(scene))
-    return start_cameras(
-        sources, absolute(settings.calibration), chosen_python(context), folder,
-        subject=absolute(settings.subject) if settings.subject else None,
-        record=next_path(folder, "live", ".npz") if settings.record else None, options=options,
-    )  # fmt: skip
+    calibration, python = absolute(settings.calibration), chosen_python(context)
+    subject = absolute(settings.subject) if settings.subject else None
+    record = next_path(folder, "live", ".npz") if settings.record else None
+    return start_cameras(sources, calibration, python, folder, subject=subject, record=record, options=words)
 
 
 def _video(text: str) -> str:
-    """Return ``[NAME=]VIDEO`` with the video's whole path, which may be relative to the .blend file."""
+    """Return ``[NAME=]VIDEO`` with the absolute path of the video."""
     name, equals, path = text.rpartition("=") if not absolute(text).exists() else ("", "", text)
     return f"{name}{equals}{absolute(path)}"
 
 
-class MOCAP_OT_live_stop(bpy.types.Operator):
-    """Stops the live run."""
+class MOCAP_OT_live_stop(MocapOperator, bpy.types.Operator):
+    """Stop the live run after it has saved its recording."""
 
-    bl_idname = "mocap.live_stop"
     bl_label = "Stop"
-    bl_description = "End the live run; what it recorded is written first"
-    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+    bl_options = INTERNAL
+    needs = (Need("Live is not running", lambda context: live.busy),)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a run."""
-        return live.busy
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Ask the process to end."""
+    def work(self, context: bpy.types.Context) -> set[str]:
         if live.run is not None:
             live.run.stop()
-        return {"FINISHED"}
-
-
-def may_begin(operator: type[bpy.types.Operator], context: bpy.types.Context, source: object, without: str) -> bool:
-    """Return whether a live run may begin: one at a time, in object mode, from a source; or report why not."""
-    why = without if not source else ""
-    why = "Change to object mode first" if context.mode != "OBJECT" else why
-    why = "Live is running; stop it first" if live.busy else why
-    if why:
-        operator.poll_message_set(why)
-    return not why
+        return self.finish()
 
 
 def require_there(*paths: str) -> None:
-    """Raise ``FileMissing`` for the first path that is given and not there."""
+    """Raise ``FileMissing`` for the first path that is given and does not exist."""
     for path in paths:
         if path and not absolute(path).exists():
-            raise FileMissing("It is not there.", where=absolute(path).name, hint="Choose another one.")
-
-
-def source_of(scene: bpy.types.Scene) -> str:
-    """Return the recording to replay: the chosen one, or that of the capture if it has markers; "" if none."""
-    capture = scene.mocap.capture
-    return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
+            raise FileMissing("This file does not exist.", where=absolute(path).name, hint="Choose another one.")

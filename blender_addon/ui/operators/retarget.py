@@ -1,4 +1,4 @@
-"""Operators that map a character's rig and lay the motion of the body, or of another rig, on it."""
+"""Map the bones of a character's rig, and transfer the motion of the body or another rig to it."""
 
 from __future__ import annotations
 
@@ -9,59 +9,48 @@ import bpy
 from ...conventions.naming import counted
 from ...errors import MapInvalid
 from ..properties import show_map
-from .base import MocapOperator
+from ..setting_properties import text
+from .base import MocapOperator, Need
 
 if TYPE_CHECKING:
     from ...conventions.timing import TakeTiming
     from ...retarget.motion.figures import Actor
+    from ...retarget.retarget import RetargetSettings
     from ...retarget.rig_map import RigMap
 
 
-class NeedsActor(MocapOperator):
-    """Mixin of operators on an actor: another rig that is chosen, or the solved body."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs an actor."""
-        if actor_object(context.scene) is None:
-            cls.poll_message_set("Solve a capture first, or choose an actor")
-            return False
-        return True
+def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the armature with the motion: the chosen one, or the solved body."""
+    chosen = scene.mocap.retarget.actor
+    return scene.mocap.review.armature if chosen is None or scene.objects.get(chosen.name) != chosen else chosen
 
 
-class MOCAP_OT_map_rig(NeedsActor, bpy.types.Operator):
-    """Fills the table of roles."""
+_ACTOR = Need("Solve a capture first, or choose an actor", lambda context: actor_object(context.scene) is not None)
 
-    bl_idname = "mocap.map_rig"
+
+class MOCAP_OT_map_rig(MocapOperator, bpy.types.Operator):
+    """Assign the target's bones to roles by presets, structure or names."""
+
     bl_label = "Map Bones"
-    bl_description = "Find which bone of the target plays which role, from the presets, its structure or its names"
+    needs = (_ACTOR,)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Fill it."""
         from ...retarget.recognition import map_rig, user_presets_folder
 
         found = map_rig(chosen_target(context), user_presets_folder())
         show_map(context.scene.mocap.retarget, found)
         for doubt in found.doubts:
             self.report({"WARNING"}, doubt)
-        self.report(
-            {"INFO"}, f"{found.label}: {counted(len(found.bones), 'bone')}; correct the table where it is wrong"
-        )
-        return {"FINISHED"}
+        return self.finish(f"{found.label}: {counted(len(found.bones), 'bone')}; check the table")
 
 
-class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
-    """Keeps the pose the target stands in as its map pose."""
+class MOCAP_OT_set_map_pose(MocapOperator, bpy.types.Operator):
+    """Keep the target's pose as the one that matches the body at rest: arms sideways, palms down, legs straight."""
 
-    bl_idname = "mocap.set_map_pose"
     bl_label = "Set Map Pose"
-    bl_description = (
-        "Keep the pose that the target stands in now as the one that matches the body at rest: arms to the sides, "
-        "palms down, legs straight"
-    )
+    needs = (_ACTOR,)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Keep it."""
         from dataclasses import replace
 
         rig, rig_map = chosen_target(context), table_map(context)
@@ -71,32 +60,23 @@ class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
             for name, bone in bones.items()
         }
         show_map(context.scene.mocap.retarget, replace(rig_map, map_pose=pose))
-        self.report({"INFO"}, f"The pose of {counted(len(pose), 'bone')} is kept as the map pose")
-        return {"FINISHED"}
+        return self.finish(f"The pose of {counted(len(pose), 'bone')} is kept as the map pose")
 
 
-class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
-    """Writes the map of the target as a preset."""
+class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
+    """Save the table and the map pose as your own preset for every rig with these bones."""
 
-    bl_idname = "mocap.save_preset"
     bl_label = "Save Preset"
-    bl_description = (
-        "Keep the table and the map pose as your own preset. Every rig that has all of its bones is then mapped by it, "
-        "in this file and others"
-    )
+    needs = (_ACTOR,)
 
-    name: bpy.props.StringProperty(
-        name="Name", description="Name of the preset; one of this name is replaced", options={"SKIP_SAVE"}
-    )
+    name: text("Name", "Name of the preset, which replaces one with the same name", options={"SKIP_SAVE"})
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the name."""
         if (rig := context.scene.mocap.retarget.target) is not None:
             self.name = self.name or rig.name
         return context.window_manager.invoke_props_dialog(self)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Write it, and map the target by it."""
         from dataclasses import replace
 
         from ..._exchange.errors import OutputNotWritable
@@ -107,51 +87,46 @@ class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
         rig, rig_map = chosen_target(context), table_map(context)
         folder = user_presets_folder(make=True)
         if folder is None:
-            raise OutputNotWritable("Blender has no folder for a user's presets.", hint="Set BLENDER_USER_SCRIPTS.")
+            raise OutputNotWritable("Blender has no folder for user presets.", hint="Set BLENDER_USER_SCRIPTS.")
         name = self.name.strip() or rig.name
         path = folder / f"{safe_name(name)}.json"
         write_map(path, replace(rig_map, label=name), overwrite=True)
         show_map(context.scene.mocap.retarget, replace(rig_map, label=name, doubts=()))
-        self.report({"INFO"}, f"Preset '{name}' was written to {path}")
-        return {"FINISHED"}
+        return self.finish(f"Preset '{name}' was written to {path}")
 
 
-class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
-    """Lays the body's motion on the target."""
+class MOCAP_OT_retarget(MocapOperator, bpy.types.Operator):
+    """Transfer the actor's motion to the target as a new action, and keep its current action on a muted NLA track."""
 
-    bl_idname = "mocap.retarget"
     bl_label = "Retarget"
-    bl_description = (
-        "Transfer the actor's motion to the target as a new action; the target's former action is kept on a muted "
-        "NLA track"
-    )
+    needs = (_ACTOR,)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Lay it."""
         from ...animation.retiming import mark_laid
         from ...conventions.timing import show_frame
-        from ...retarget.motion.transfer import TransferSettings
-        from ...retarget.retarget import RetargetSettings, retarget
+        from ...retarget.retarget import retarget
 
-        scene, settings = context.scene, context.scene.mocap.retarget
+        scene = context.scene
         rig, rig_map = chosen_target(context), table_map(context)
-        actor, timing, doubts = _actor(scene)
-        way = TransferSettings(settings.way == "place", settings.way == "root", scale=settings.scale)
-        done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
+        actor, timing, warnings = _actor(scene)
+        done = retarget(actor, rig, scene, rig_map, timing, chosen_settings(scene))
         mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
         show_frame(scene)
-        for note in (*doubts, *done.notes):
+        for note in (*warnings, *done.notes):
             self.report({"WARNING"}, note)
-        off_mm, name = done.deviation_mm, done.action.name
         measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
-        self.report({"INFO"}, f"'{name}': scaled by {measured}, hands and feet match within {max(off_mm, 0.1):.1f} mm")
-        return {"FINISHED"}
+        match = f"hands and feet match within {max(done.deviation_mm, 0.1):.1f} mm"
+        return self.finish(f"'{done.action.name}': scaled by {measured}, {match}")
 
 
-def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the armature that has the motion: the one that is chosen, else the solved body."""
-    chosen = scene.mocap.retarget.actor
-    return scene.mocap.review.armature if chosen is None or scene.objects.get(chosen.name) != chosen else chosen
+def chosen_settings(scene: bpy.types.Scene) -> RetargetSettings:
+    """Return the settings of the Retarget panel."""
+    from ...retarget.motion.transfer import TransferSettings
+    from ...retarget.retarget import RetargetSettings
+
+    chosen = scene.mocap.retarget
+    way = TransferSettings(chosen.way == "place", chosen.way == "root", scale=chosen.scale)
+    return RetargetSettings(chosen.limbs, way)
 
 
 def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
@@ -166,7 +141,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig that gets a motion.
+    """Return the rig to animate.
 
     Raises:
         MapInvalid: none is chosen, or it is the actor.
@@ -181,7 +156,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
 
 
 def table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map that the table shows, as its user has corrected it.
+    """Return the map in the table, with the user's corrections.
 
     Raises:
         MapInvalid: the target has not been mapped.

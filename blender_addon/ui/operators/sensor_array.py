@@ -1,4 +1,4 @@
-"""The sensor array: which are there, the wand and the Γ, points and body while they are seen, and the take."""
+"""The sensor array: find its cameras, record the wand and the Γ, calibrate, and record takes with a live view."""
 
 from __future__ import annotations
 
@@ -13,116 +13,96 @@ from ...conventions.naming import counted, next_path
 from ..acquisition_properties import GAMMA_S, PARTS, sending_options
 from ..preferences import chosen_python
 from ..project_files import files_folder, usable
-from .base import MocapOperator, SolverOperator
-from .live import live, may_begin, require_there
+from ..setting_properties import choice
+from .base import IDLE, OBJECT_MODE, Call, MocapOperator, Need, SolverOperator, options
+from .live import ALONE, live, require_there
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import OaksResult, SensorsResult
 
 
-class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
-    """Lists the cameras that are there."""
+_PARTS = tuple((name, *texts[:2]) for name, texts in PARTS.items())
+_SENSORS = Need("Choose a recording of sensors, or find cameras", lambda context: context.scene.mocap.sensors.sensors())
 
-    bl_idname = "mocap.rig_find"
+
+class MOCAP_OT_find_sensors(SolverOperator, bpy.types.Operator):
+    """List the OAK cameras on USB and the network."""
+
     bl_label = "Find Cameras"
-    bl_description = "List the OAK cameras that are plugged in or on the network"
-
+    verb = "oaks"
     is_of_capture = False
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Ask for them."""
-        return self.launch(context, "oaks", [], usable(files_folder(context.scene)))
+    def call(self, context: bpy.types.Context) -> Call:
+        return Call([], usable(files_folder(context.scene)))
 
     def received(self, context: bpy.types.Context, result: OaksResult) -> set[str]:
-        """Take those that are not named yet."""
-        rig, found = context.scene.mocap.rig, list(result["oaks"])
-        known = {oak.partition("=")[0] for oak in rig.oaks.split()}
-        rig.oaks = " ".join([*rig.oaks.split(), *(oak for oak in found if oak not in known)])
+        """Add the cameras that are not listed."""
+        sensors, found = context.scene.mocap.sensors, list(result["oaks"])
+        known = {oak.partition("=")[0] for oak in sensors.oaks.split()}
+        sensors.oaks = " ".join([*sensors.oaks.split(), *(oak for oak in found if oak not in known)])
         message = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera was found"
-        self.report({"INFO"} if found else {"WARNING"}, message)
-        return {"FINISHED"}
+        return self.finish(message, warn=not found)
 
 
-class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
-    """Starts the sensors."""
+class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
+    """Start the sensors, and show and record what they see."""
 
-    bl_idname = "mocap.rig_start"
     bl_label = "Start Sensors"
-    bl_description = "Start the sensors"
+    needs = (ALONE, OBJECT_MODE, _SENSORS)
 
-    part: bpy.props.EnumProperty(
-        name="For", items=[(name, *texts[:2]) for name, texts in PARTS.items()], default="TAKE", options={"SKIP_SAVE"}
-    )
+    part: choice("For", "Kind of recording", _PARTS, "TAKE", options={"SKIP_SAVE"})
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Return what starting them for this is good for."""
         return PARTS[properties.part][1]
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """One run at a time, in object mode, and sensors."""
-        return may_begin(
-            cls, context, context.scene.mocap.rig.sensors(), "Choose a recording of sensors, or find cameras"
-        )
-
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Start the sensors' process and make what shows it."""
+        """Start the process of the sensors, and make the points and body to show."""
         from ...solving.live import start_sensors
 
-        scene, rig, part = context.scene, context.scene.mocap.rig, self.part
-        require_there(rig.subject, rig.source if rig.kind == "FOLDER" else "")
+        scene, sensors, part = context.scene, context.scene.mocap.sensors, self.part
+        require_there(sensors.subject, sensors.source if sensors.kind == "FOLDER" else "")
         folder = usable(files_folder(scene))
-        options = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
+        words = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
         if part == "TAKE":
-            options += sending_options(rig)
-        if part == "TAKE" and rig.subject:
-            options += ["--subject", str(absolute(rig.subject))]
-        if rig.record:
-            options += ["--record", str(next_path(folder, PARTS[part][2]))]
-        run = start_sensors([*rig.sensors(), *options], chosen_python(context), folder)
+            words += sending_options(sensors) + options(subject=sensors.subject and absolute(sensors.subject))
+        if sensors.record:
+            words += options(record=next_path(folder, PARTS[part][2]))
+        run = start_sensors([*sensors.sensors(), *words], chosen_python(context), folder)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
-        return {"FINISHED"}
+        return self.finish()
 
 
-class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
-    """Finds where the sensors stand."""
+class MOCAP_OT_calibrate_sensors(SolverOperator, bpy.types.Operator):
+    """Calibrate the sensors with the wand, and set origin and up axis with the Γ on the floor."""
 
-    bl_idname = "mocap.rig_calibrate"
     bl_label = "Calibrate"
-    bl_description = "Find where the sensors stand by the wand that was waved, and where up is by the Γ on the floor"
-
+    verb = "calibrate-wand"
     is_of_capture = False
+    needs = (
+        Need("Wave the wand first, or choose a recording of it", lambda context: context.scene.mocap.sensors.wand),
+        IDLE,
+    )
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a wand."""
-        if not context.scene.mocap.rig.wand:
-            cls.poll_message_set("Wave the wand first, or choose a recording of it")
-            return False
-        return super().poll(context)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start; an earlier calibration stays beside the new one."""
-        rig = context.scene.mocap.rig
-        require_there(rig.wand, rig.gamma)
+    def call(self, context: bpy.types.Context) -> Call:
+        sensors = context.scene.mocap.sensors
+        require_there(sensors.wand, sensors.gamma)
         folder = usable(files_folder(context.scene))
-        out = next_path(folder, "sensor_array", ".toml")
-        return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
+        out = options(out=next_path(folder, "sensor_array", ".toml"))
+        return Call([*sensors.calibrating(), *out], folder)
 
     def received(self, context: bpy.types.Context, result: SensorsResult) -> set[str]:
-        """Use the calibration, and keep what was reported about it."""
-        rig = context.scene.mocap.rig
-        rig.calibration = stored(Path(result["calibration"]))
+        """Use the calibration, and keep the findings for the panel."""
+        sensors = context.scene.mocap.sensors
+        sensors.calibration = stored(Path(result["calibration"]))
         remarks = [*result.get("findings", ()), *result.get("notes", ())]
-        rig.said = "\n".join(str(sentence) for sentence in remarks)
+        sensors.findings = "\n".join(str(sentence) for sentence in remarks)
         look = f"; {counted(len(remarks), 'remark')}, see the panel" if remarks else ""
-        self.report({"WARNING"} if result.get("findings") else {"INFO"}, f"The sensors are calibrated{look}")
-        return {"FINISHED"}
+        return self.finish(f"The sensors are calibrated{look}", warn=result.get("findings"))
 
 
 def _keep_recording(scene: str, part: str, recorded: str) -> None:
-    """Keep where a run recorded as one of the sensor array's folders, once it has."""
+    """Store the folder of a finished recording in the settings of the sensor array."""
     found = bpy.data.scenes.get(scene)
     if found is not None and recorded:
-        setattr(found.mocap.rig, PARTS[part][2], recorded)
+        setattr(found.mocap.sensors, PARTS[part][2], recorded)

@@ -1,114 +1,120 @@
-"""Solving: a job file, the solver's process, and its motion as a new action."""
+"""Solve captures, ranges and whole scenes, and calibrate the person who wears the markers."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import file_of, stored
 from ...conventions.naming import counted
+from ..preferences import chosen_python, preferences_of
 from ..project_files import bring_home
-from .base import OfCapture, OfTake, SolverOperator, current
+from ..setting_properties import choice
+from .base import CAPTURE, IDLE, INTERNAL, MARKERS, TAKE, Call, MocapOperator, Need, SolverOperator, current, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
+    from ...animation.takes import SolveFiles
     from ...review.ranges import SceneRange
+    from ...solving.python_probe import PythonFound
+
+
+_EDITS = (
+    ("PIN", "Pin Them", "Keep the poses of the edited frames, and solve the frames between to match"),
+    ("DROP", "Solve Over Them", "Ignore the edits of these frames, and keep the take with the edits"),
+)
+_SCOPES = (
+    ("CAPTURE", "This Capture", "All people of this capture"),
+    ("SCENE", "All Captures", "All people of all captures in the scene"),
+)
+
+
+def _write_job(
+    context: bpy.types.Context, frames: SceneRange | None, *of: Any
+) -> tuple[Path, SolveFiles, tuple[int, int] | None]:
+    """Write the job of a capture, and return its path, its files, and the frames to solve again."""
+    from ..._exchange.job_file import write_job
+    from ...animation.takes import SolveFiles
+    from ..scene_job import portable_job, prepare_job
+
+    job, path = prepare_job(context.scene, frames, *of)
+    write_job(path, portable_job(job, path.parent))
+    part = job.resolve
+    return path, SolveFiles(job.out, job.capture, job.report, path), part and (part.first, part.last)
 
 
 class _Solves(SolverOperator):
-    """What solving a take and solving a range of its frames have in common."""
+    """Mixin of operators that solve a take or a range of its frames."""
 
-    def solve(self, context: bpy.types.Context, frames: SceneRange | None) -> set[str]:
-        """Write the job and start the solver."""
-        from ..._exchange.job_file import write_job
-        from ...animation.takes import SolvedAgain, SolveFiles
-        from ..scene_job import portable_job, prepare_job
+    verb = "solve"
 
-        job, path = prepare_job(context.scene, frames)
-        write_job(path, portable_job(job, path.parent))
-        self._files = SolveFiles(job.out, job.capture, job.report, path)
-        part = job.resolve
-        self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, part.first, part.last)
-        return self.launch(context, "solve", ["--job", str(path)], path.parent)
+    def job(self, context: bpy.types.Context, frames: SceneRange | None) -> Call:
+        """Write the job and return its command line."""
+        from ...animation.takes import SolvedAgain
+
+        path, self._files, part = _write_job(context, frames)
+        self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, *part)
+        return Call(options(job=path), path.parent)
 
     def received(self, context: bpy.types.Context, result: SolveResult) -> set[str]:
         """Bake the motion as a new action."""
         from .import_results import take_motion
 
         action = take_motion(context, self._files, again=self._again, result=result)
-        doubtful = result["unseen_frames"] + result["unsure_frames"]
-        look = f"; look at {counted(doubtful, 'frame')}" if doubtful else ""
-        self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
-        return {"FINISHED"}
+        to_review = result["unseen_frames"] + result["unsure_frames"]
+        look = f"; review {counted(to_review, 'frame')}" if to_review else ""
+        return self.finish(f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
 
     def rescue(self, context: bpy.types.Context) -> str:
-        """Bake a motion that is whole although what follows it, the report, is not."""
+        """Bake a complete motion if only the report failed."""
         from .import_results import take_motion
 
         if not self._files.motion.is_file():
             return ""
         action = take_motion(context, replace(self._files, report=None), again=self._again)
-        return f"The motion itself is whole: it arrived as '{action.name}'."
+        return f"The motion itself is complete and was added as '{action.name}'."
 
 
-class MOCAP_OT_solve(_Solves, OfCapture, bpy.types.Operator):
-    """Solves the capture into a new take."""
+class MOCAP_OT_solve(_Solves, bpy.types.Operator):
+    """Solve the capture into a new take without blocking Blender, and keep all earlier takes."""
 
-    bl_idname = "mocap.solve"
     bl_label = "Solve"
-    bl_description = "Solve the capture in a process of its own; the motion arrives as a new action, older takes stay"
+    needs = (CAPTURE, IDLE)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start."""
-        return self.solve(context, None)
+    def call(self, context: bpy.types.Context) -> Call:
+        return self.job(context, None)
 
 
-class MOCAP_OT_resolve_range(_Solves, OfTake, bpy.types.Operator):
-    """Solves a frame range of the current take again."""
+class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
+    """Solve the frames from First to Last again with the pinned poses, and keep all other frames and edits."""
 
-    bl_idname = "mocap.resolve_range"
     bl_label = "Solve Range Again"
-    bl_description = (
-        "Solve the frames from First to Last again, with the pinned poses kept; all other frames stay as they are, "
-        "with your edits"
-    )
+    needs = (TAKE, IDLE)
 
-    edits: bpy.props.EnumProperty(
-        name="Edits in the Range",
-        items=(
-            ("PIN", "Pin Them", "Keep the poses of the edited frames; the frames between are solved to meet them"),
-            (
-                "DROP",
-                "Solve Over Them",
-                "Solve these frames as if nobody had edited them; the former take stays",
-            ),
-        ),
-        options={"SKIP_SAVE"},
-    )
-    edited: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
+    edits: choice("Edits in the Range", "Treatment of the edits", _EDITS, options={"SKIP_SAVE"})
+    edited: str
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask what becomes of edits inside the range, where there are any."""
+        """Ask about edits inside the range, if there are any."""
         try:
             frames = edited_in_range(context)
         except MocapError:
-            return self.execute(context)  # which reports it
+            return self.execute(context)  # which reports the error
         if not frames:
             return self.execute(context)
         self.edited = f"{counted(len(frames), 'frame')} edited by hand: {spans(frames)}"
         return context.window_manager.invoke_props_dialog(self, width=360)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the question."""
         self.layout.label(text=self.edited, icon="QUESTION", translate=False)
         self.layout.prop(self, "edits", expand=True)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Pin what was edited, if it is to stay, and start."""
+    def call(self, context: bpy.types.Context) -> Call:
+        """Pin the edited frames, if the user wants to keep them."""
         from ...review.ranges import SceneRange
         from .review import pin_frame
 
@@ -120,14 +126,14 @@ class MOCAP_OT_resolve_range(_Solves, OfTake, bpy.types.Operator):
                 pin_frame(review, frame)
             scene.frame_set(shown[0], subframe=shown[1])
         pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
-        return self.solve(context, SceneRange(review.take, review.first, review.last, pins))
+        return self.job(context, SceneRange(review.take, review.first, review.last, pins))
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
-    """Return the scene frames of the chosen range that were edited by hand and are not pinned yet.
+    """Return the scene frames of the chosen range that were edited by hand and are not pinned.
 
     Raises:
-        MocapError: the take's motion or body can no longer be read.
+        MocapError: the take's motion or body cannot be read.
     """
     from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
@@ -151,76 +157,28 @@ def spans(frames: list[int]) -> str:
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
-class MOCAP_OT_show_log(bpy.types.Operator):
-    """Shows what the solver reported."""
+class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
+    """Solve all people one after another, each as an action of their own body."""
 
-    bl_idname = "mocap.show_log"
-    bl_label = "Show Log"
-    bl_description = "Show the solver's log as a text in a window of its own"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a run."""
-        return current.run is not None or current.last is not None
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        """Write the log into a text and open it."""
-        text = write_log()
-        if not bpy.app.background:
-            bpy.ops.wm.window_new()
-            area = context.window_manager.windows[-1].screen.areas[0]
-            area.type = "TEXT_EDITOR"
-            area.spaces.active.text = text
-        return {"FINISHED"}
-
-
-def write_log() -> bpy.types.Text:
-    """Write the log of the run under way, or of the last one, into a text of the file."""
-    run = current.run or current.last
-    assert run is not None
-    text = next((text for text in bpy.data.texts if "mocap_log" in text), None)
-    if text is None:
-        text = bpy.data.texts.new("MoCap Log")
-        text["mocap_log"] = True
-    text.clear()
-    text.write("\n".join(run.log) + "\n")
-    return text
-
-
-class MOCAP_OT_solve_all(OfCapture, bpy.types.Operator):
-    """Solves everybody that the captures show."""
-
-    bl_idname = "mocap.solve_all"
     bl_label = "Solve All"
-    bl_description = "Solve everybody one after another; each motion arrives as an action of a body of its own"
+    verb = "solve"
+    needs = (CAPTURE, IDLE)
 
-    scope: bpy.props.EnumProperty(
-        name="Scope",
-        items=(
-            ("CAPTURE", "This Capture", "Everybody in this capture"),
-            ("SCENE", "All Captures", "Everybody in every capture of the scene"),
-        ),
-    )
+    scope: choice("Scope", "Captures to solve", _SCOPES)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Write the jobs and start the solver on them."""
-        from ..._exchange.job_file import write_job
-        from ...animation.takes import SolveFiles
-        from ..scene_job import portable_job, prepare_job
-
+    def call(self, context: bpy.types.Context) -> Call:
         settings = context.scene.mocap
         captures = list(settings.captures) if self.scope == "SCENE" else [settings.capture]
         self._files: dict[Path, SolveFiles] = {}
-        arguments: list[str] = []
+        words: list[str] = []
         folder = Path()
         for capture in captures:
             for person in range(max(1, len(capture.people))):
-                job, path = prepare_job(context.scene, None, capture, person)
-                write_job(path, portable_job(job, path.parent))
-                self._files[job.out] = SolveFiles(job.out, job.capture, job.report, path)
-                arguments += ["--job", str(path)]
+                path, files, _ = _write_job(context, None, capture, person)
+                self._files[files.motion] = files
+                words += options(job=path)
                 folder = path.parent
-        return self.launch(context, "solve", arguments, folder)
+        return Call(words, folder)
 
     def received(self, context: bpy.types.Context, result: TakesResult | TakeResult) -> set[str]:
         """Bake each motion."""
@@ -228,15 +186,12 @@ class MOCAP_OT_solve_all(OfCapture, bpy.types.Operator):
         for take in takes:
             self._bake(context, Path(take["motion"]), take)
         failed = result.get("failed", [])
-        if failed:
-            message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {message}")
-        else:
-            self.report({"INFO"}, f"Solved {counted(len(takes), 'take')}")
-        return {"FINISHED"}
+        message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
+        more = f"; {len(failed)} failed: {message}" if failed else ""
+        return self.finish(f"Solved {counted(len(takes), 'take')}{more}", warn=failed)
 
     def rescue(self, context: bpy.types.Context) -> str:
-        """Bake what was finished before the run broke."""
+        """Bake the motions that were finished before the run failed."""
         done = [motion for motion in self._files if motion.is_file()]
         for motion in done:
             self._bake(context, motion)
@@ -252,25 +207,13 @@ class MOCAP_OT_solve_all(OfCapture, bpy.types.Operator):
 
 
 class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
-    """Learns a person's shape and where every marker sits, which solves then start from."""
+    """Estimate the person's shape and marker positions from a recording with much movement, for all their takes."""
 
-    bl_idname = "mocap.calibrate_subject"
     bl_label = "Calibrate Subject"
-    bl_description = (
-        "Learn the person's shape and marker places from this recording, best one with much movement. It and the "
-        "person's other recordings are then solved with them"
-    )
+    verb = "calibrate"
+    needs = (MARKERS, IDLE)
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a recording of markers."""
-        if not context.scene.mocap.capture.marker_items:
-            cls.poll_message_set("Import a recording of markers first")
-            return False
-        return super().poll(context)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start."""
+    def call(self, context: bpy.types.Context) -> Call:
         from ...solving.take_paths import next_subject
         from ..scene_job import capture_file, folder_of_takes, write_layout
 
@@ -278,25 +221,74 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
         capture = capture_file(settings.capture)
         out = next_subject(folder_of_takes(context.scene, capture.parent))
         layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
-        by_hand = [] if layout is None else ["--layout", str(layout)]
-        options = ["--out", str(out), *(["--body", settings.solve.body] if settings.solve.body else [])]
-        return self.launch(context, "calibrate", [str(capture), *options, *by_hand], out.parent)
+        return Call([str(capture), *options(out=out, body=settings.solve.body, layout=layout)], out.parent)
 
     def received(self, context: bpy.types.Context, result: PersonResult) -> set[str]:
-        """Solve with this person from now on."""
+        """Use this person for all further solves."""
         context.scene.mocap.solve.subject = stored(result["subject"])
         bring_home()
-        self.report({"INFO"}, f"Calibrated: {calibrated(result)}")
-        return {"FINISHED"}
+        return self.finish(f"Calibrated: {calibrated(result)}")
 
 
 def calibrated(result: PersonResult) -> str:
-    """Return what a calibration found, in a line.
-
-    Args:
-        result: result event of the verb ``calibrate``.
-    """
+    """Return the findings of a subject calibration in one line."""
     markers = result["markers"]
-    label, far = max(markers.items(), key=lambda item: item[1]["offset_mm"])
+    label, worst = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]
-    return f"{len(markers)} markers; {name} is farthest from the place of its name, {far['offset_mm']:.0f} mm"
+    return f"{len(markers)} markers; {name} is farthest from its usual position, {worst['offset_mm']:.0f} mm"
+
+
+class MOCAP_OT_show_log(MocapOperator, bpy.types.Operator):
+    """Show the solver's log in a new window."""
+
+    bl_label = "Show Log"
+    bl_options = INTERNAL
+    needs = (Need("There is no log", lambda context: current.run is not None or current.last is not None),)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        text = write_log()
+        if not bpy.app.background:
+            bpy.ops.wm.window_new()
+            area = context.window_manager.windows[-1].screen.areas[0]
+            area.type = "TEXT_EDITOR"
+            area.spaces.active.text = text
+        return self.finish()
+
+
+def write_log() -> bpy.types.Text:
+    """Write the log of the current or last run into a text of the file."""
+    run = current.run or current.last
+    assert run is not None
+    text = next((text for text in bpy.data.texts if "mocap_log" in text), None)
+    if text is None:
+        text = bpy.data.texts.new("MoCap Log")
+        text["mocap_log"] = True
+    text.clear()
+    text.write("\n".join(run.log) + "\n")
+    return text
+
+
+class MOCAP_OT_test_python(MocapOperator, bpy.types.Operator):
+    """Start the chosen Python and report its versions and devices, without installing anything."""
+
+    bl_label = "Test Python"
+    bl_options = INTERNAL
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        from ...solving.python_probe import probe_python
+
+        preferences = preferences_of(context)
+        if preferences is None:
+            return {"CANCELLED"}
+        preferences.found = preferences.failed = ""
+        try:
+            preferences.found = _describe(probe_python(chosen_python(context)))
+        except MocapError as error:
+            preferences.failed = str(error)
+            raise
+        return self.finish(preferences.found.replace("\n", ", "))
+
+
+def _describe(found: PythonFound) -> str:
+    torch = f"PyTorch {found.torch} on {', '.join(found.devices)}" if found.torch else "without PyTorch"
+    return f"Python {found.python}, NumPy {found.numpy}, {torch}\nSolver {found.solver} runs in it"

@@ -1,4 +1,4 @@
-"""Capture: what to read, and what was recognised."""
+"""Panels of the stage Capture: import, problems, notes, markers, people, reading options and cameras."""
 
 from __future__ import annotations
 
@@ -6,261 +6,155 @@ import bpy
 
 from ...conventions.kept_findings import findings_in
 from ...conventions.naming import counted
-from ..layout import draw_setting, is_narrow, settings_layout
+from ..layout import TALLEST, draw_button, draw_lines, draw_next, draw_settings, is_narrow, wrapped
 from ..operators.base import current
 from ..operators.cameras import (
-    MOCAP_OT_check_cameras,
-    MOCAP_OT_leave_camera,
-    MOCAP_OT_leave_out_range,
-    MOCAP_OT_refine_cameras,
-    MOCAP_OT_restore_cameras,
-    MOCAP_OT_show_capture,
-    MOCAP_OT_use_range,
-    MOCAP_OT_view_camera,
     in_camera_view,
 )
-from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
-from ..operators.import_motion import MOCAP_OT_import_motion
-from ..operators.markers import MOCAP_OT_pick_point, MOCAP_OT_tell_point, MOCAP_OT_untell_point
-from ..operators.solve import MOCAP_OT_solve_all
-from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import READING_ROWS
-from .parts import TALLEST, StagePanel, draw_finding, draw_next, draw_progress, wrapped
+from .parts import draw_finding, draw_progress, has_capture, has_markers, panel
 
-_VERBS = ("convert", "demo-capture")
+MEANINGS = {
+    "known": "CHECKMARK",
+    "unknown": "QUESTION",
+    "computed": "EMPTY_AXIS",
+    "doubled": "DUPLICATE",
+    "unlabelled": "DOT",
+}
+"""Icons of the meanings of marker labels."""
+_FEW_PERCENT = 60
+"""Cameras that see the person in fewer frames than this percentage are red, chosen by hand."""
 
 
-class VIEW3D_PT_mocap_capture(StagePanel, bpy.types.Panel):
-    """Reading a capture."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_capture"
-    bl_label = "Capture"
-    bl_order = 0
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the button, progress, and what was recognised."""
-        layout, capture = self.layout, context.scene.mocap.capture
-        if draw_progress(layout, _VERBS):
-            return
-        if not capture.file:
-            draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
-        button = layout.column()
-        button.scale_y = 1.0 if capture.file else TALLEST
-        button.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
+@panel("Capture", "CAPTURE")
+def capture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the ways to import, and the capture."""
+    settings = context.scene.mocap
+    if draw_progress(layout, ("convert", "demo-capture")):
+        return
+    if not settings.capture.file:
+        draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
+    draw_button(layout, "mocap.import_capture", "IMPORT", 1.0 if settings.capture.file else TALLEST)
+    column = layout.column(align=True)
+    column.operator("mocap.capture_from_videos", icon="FILE_MOVIE")
+    column.operator("mocap.import_motion", icon="ARMATURE_DATA")
+    if len(settings.captures) > 1:
+        _draw_captures(layout, settings)
+    if settings.capture.file:
+        _draw_recognised(layout, context, settings.capture)
+    else:
         column = layout.column(align=True)
-        column.operator(MOCAP_OT_capture_from_videos.bl_idname, icon="FILE_MOVIE")
-        column.operator(MOCAP_OT_import_motion.bl_idname, icon="ARMATURE_DATA")
-        if len(context.scene.mocap.captures) > 1:
-            _draw_captures(layout, context.scene.mocap)
-        if capture.file:
-            _draw_recognised(layout, context, capture)
-        else:
-            column = layout.column(align=True)
-            column.operator(MOCAP_OT_demo_capture.bl_idname, icon="ARMATURE_DATA").kind = "CAMERAS"
-            column.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
-
-
-class VIEW3D_PT_mocap_reading(StagePanel, bpy.types.Panel):
-    """How the next capture is read."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_reading"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
-    bl_label = "Reading Options"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 3
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the options, and reading the same source again."""
-        layout, settings = self.layout, context.scene.mocap
-        settings_layout(layout, context)
-        layout.enabled = not current.busy
-        for name in (
-            "scene_setup",
-            "joint_set",
-            "unit",
-            "up_axis",
-            *READING_ROWS,
-            "footage_anywhere",
-        ):
-            draw_setting(layout, context, settings.reading, name)
-        if settings.capture.source:
-            again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
-            again.filepath = settings.capture.source
-        draw_acquisition(layout, context)
-
-
-class VIEW3D_PT_mocap_problems(StagePanel, bpy.types.Panel):
-    """What is wrong with the capture."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_problems"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
-    bl_label = "Problems"
-    bl_order = 0
-
-    @classmethod
-    def has_subject(cls, settings: MocapSettings) -> bool:
-        """Return whether there are problems."""
-        return any(message.is_problem for message in settings.capture.messages)
-
-    def draw_header(self, context: bpy.types.Context) -> None:
-        """Draw the warning."""
-        self.layout.alert = True
-        self.layout.label(icon="ERROR")
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the problems, each with the button that remedies it."""
-        for message in context.scene.mocap.capture.messages:
-            for found in message.found if message.is_problem else ():
-                draw_finding(self.layout, context, found)
-
-
-class VIEW3D_PT_mocap_notes(StagePanel, bpy.types.Panel):
-    """What the reader assumed; what it assumed about markers is in their own panel."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_notes"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
-    bl_label = "Notes"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 1
-
-    @classmethod
-    def has_subject(cls, settings: MocapSettings) -> bool:
-        """Return whether there is a capture that is not of markers."""
-        return bool(settings.capture.file) and not settings.capture.marker_items
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the notes."""
-        for message in context.scene.mocap.capture.messages:
-            if not message.is_problem:
-                wrapped(self.layout, context, message.text, "DOT")
+        column.operator("mocap.demo_capture", icon="ARMATURE_DATA").kind = "CAMERAS"
+        column.operator("mocap.demo_capture", text="With Markers").kind = "MARKERS"
 
 
 def _draw_captures(layout: bpy.types.UILayout, settings: MocapSettings) -> None:
-    """Draw a button for each capture of the scene."""
     column, shown = layout.column(align=True), settings.capture_index
-    for index, capture in enumerate(settings.captures):
-        button = column.operator(
-            MOCAP_OT_show_capture.bl_idname, text=capture.name, depress=index == shown, translate=False,
-            icon="RADIOBUT_ON" if index == shown else "RADIOBUT_OFF",
-        )  # fmt: skip
-        button.index = index
+    for index, item in enumerate(settings.captures):
+        icon = "RADIOBUT_ON" if index == shown else "RADIOBUT_OFF"
+        shows = {"text": item.name, "depress": index == shown, "translate": False, "icon": icon}
+        column.operator("mocap.show_capture", **shows).index = index
 
 
-def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, capture: MocapCapture) -> None:
+def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, item: MocapCapture) -> None:
     box = layout.box()
     column = box.column(align=True)
-    column.label(text=capture.name, icon="CHECKMARK", translate=False)
-    seconds = capture.frames / capture.fps if capture.fps else 0.0
-    wrapped(column, context, f"{counted(capture.frames, 'frame')}, {seconds:.1f} s at {capture.fps:g} fps", "TIME")
-    parts = [counted(len(capture.cameras), "camera")] if capture.cameras else []
-    parts += [capture.joint_set] if capture.joint_set else []
-    parts += [counted(capture.markers, "marker")] if capture.markers else []
-    wrapped(column, context, ", ".join(parts), "CAMERA_DATA" if capture.cameras else "EMPTY_DATA")
+    column.label(text=item.name, icon="CHECKMARK", translate=False)
+    seconds = item.frames / item.fps if item.fps else 0.0
+    wrapped(column, context, f"{counted(item.frames, 'frame')}, {seconds:.1f} s at {item.fps:g} fps", "TIME")
+    parts = [counted(len(item.cameras), "camera")] if len(item.cameras) else []
+    parts += [item.joint_set] if item.joint_set else []
+    parts += [counted(item.markers, "marker")] if item.markers else []
+    wrapped(column, context, ", ".join(parts), "CAMERA_DATA" if len(item.cameras) else "EMPTY_DATA")
 
 
-_ICONS = {
-    "known": "CHECKMARK", "unknown": "QUESTION", "computed": "EMPTY_AXIS", "doubled": "DUPLICATE", "unlabelled": "DOT",
-}  # fmt: skip
+@panel("Reading Options", "CAPTURE", parent="capture", order=3, closed=True)
+def reading(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the options, and the button that reads the same recording again."""
+    settings = context.scene.mocap
+    layout.enabled = not current.busy
+    names = ("scene_setup", "joint_set", "unit", "up_axis", *READING_ROWS, "footage_anywhere")
+    draw_settings(layout, context, settings.reading, *names)
+    if settings.capture.source:
+        again = layout.operator("mocap.import_capture", text="Read Again", icon="FILE_REFRESH")
+        again.filepath = settings.capture.source
+    draw_acquisition(layout, context)
+
+
+def _draw_problem_icon(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    layout.alert = True
+    layout.label(icon="ERROR")
+
+
+def _has_problems(context: bpy.types.Context) -> bool:
+    return any(message.is_problem for message in context.scene.mocap.capture.messages)
+
+
+@panel("Problems", "CAPTURE", parent="capture", needs=_has_problems, draw_header=_draw_problem_icon)
+def problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the problems with their remedies."""
+    for message in context.scene.mocap.capture.messages:
+        for found in message.found if message.is_problem else ():
+            draw_finding(layout, context, found)
+
+
+def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    for message in context.scene.mocap.capture.messages:
+        if not message.is_problem:
+            wrapped(layout, context, message.text, "DOT")
+
+
+def _has_notes(context: bpy.types.Context) -> bool:
+    return has_capture(context) and not has_markers(context)
+
+
+@panel("Notes", "CAPTURE", parent="capture", order=1, closed=True, needs=_has_notes)
+def notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the notes of the reader. Markers have them in their own panel."""
+    _draw_notes(layout, context)
 
 
 class MOCAP_UL_markers(bpy.types.UIList):
-    """The capture's markers, a row each."""
+    """The list of markers."""
 
     def draw_item(
         self,
         context: bpy.types.Context,
         layout: bpy.types.UILayout,
-        data: bpy.types.AnyType,
+        data: MocapCapture,
         item: bpy.types.PropertyGroup,
         icon: int,
-        active_data: bpy.types.AnyType,
+        active_data: MocapCapture,
         active_property: str,
     ) -> None:
-        """Draw label, meaning and gaps."""
         row = layout.row()
-        row.label(text=item.name.rpartition(":")[2], icon=_ICONS[item.meaning], translate=False)
+        row.label(text=item.name.rpartition(":")[2], icon=MEANINGS[item.meaning], translate=False)
         gaps = row.row()
         gaps.alignment = "RIGHT"
         if item.gaps:
             gaps.label(text=f"{counted(item.gaps, 'gap')}, {item.missing_percent:.1f} %", translate=False)
 
 
-class MarkersPanel(StagePanel):
-    """A panel about the capture's markers."""
-
-    stage = "CAPTURE"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there are markers."""
-        return bool(settings.capture.marker_items)
-
-
-class VIEW3D_PT_mocap_markers(MarkersPanel, bpy.types.Panel):
-    """The capture's markers."""
-
-    bl_idname = "VIEW3D_PT_mocap_markers"
-    bl_label = "Markers"
-    bl_order = 1
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw what was recognised, the markers, and how they are shown."""
-        layout, capture = self.layout, context.scene.mocap.capture
-        for line in recognised(capture):
-            wrapped(layout, context, line)
-        for message in capture.messages:
-            if not message.is_problem:
-                wrapped(layout, context, message.text, "DOT")
-        row = layout.row(align=True)
-        row.prop(capture, "show_names", icon="FONT_DATA")
-        colours = row.row(align=True)
-        colours.enabled = context.scene.mocap.review.take is not None
-        colours.prop(capture, "show_residuals", icon="COLOR")
+@panel("Markers", "CAPTURE", parent="capture", order=1, needs=has_markers)
+def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw a summary of the markers, the notes, and the display options."""
+    item = context.scene.mocap.capture
+    for line in summarise(item):
+        wrapped(layout, context, line)
+    _draw_notes(layout, context)
+    row = layout.row(align=True)
+    row.prop(item, "show_names", icon="FONT_DATA")
+    colours = row.row(align=True)
+    colours.enabled = context.scene.mocap.review.take is not None
+    colours.prop(item, "show_residuals", icon="COLOR")
 
 
-class VIEW3D_PT_mocap_labels(MarkersPanel, bpy.types.Panel):
-    """The capture's markers, one by one."""
-
-    bl_idname = "VIEW3D_PT_mocap_labels"
-    bl_label = "Labels"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
-    bl_order = 2
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the list."""
-        capture = context.scene.mocap.capture
-        self.layout.template_list(
-            MOCAP_UL_markers.__name__, "", capture, "marker_items", capture, "marker_index", rows=6, maxrows=12
-        )
-        if 0 <= capture.marker_index < len(capture.marker_items):
-            self.layout.prop(capture.marker_items[capture.marker_index], "bone")
-        self._draw_labels(capture)
-
-    def _draw_labels(self, capture: MocapCapture) -> None:
-        """Draw the labels assigned to points: the solve labels the others around them."""
-        column = self.layout.column(align=True)
-        row = column.row(align=True)
-        row.operator(MOCAP_OT_pick_point.bl_idname, icon="EYEDROPPER")
-        row.prop(capture, "told_name", text="")
-        row.operator(MOCAP_OT_tell_point.bl_idname, text="", icon="CHECKMARK")
-        for index, item in enumerate(capture.told):
-            line = column.row(align=True)
-            text = f"{item.name} from frame {item.frame + capture.frame_start}: {item.marker or 'no marker'}"
-            line.label(text=text, icon="DOT", translate=False)
-            line.operator(MOCAP_OT_untell_point.bl_idname, text="", icon="X").index = index
-
-
-def recognised(capture: MocapCapture) -> list[str]:
-    """Return what is known about the markers of a capture: how many of which kind, subjects, gaps."""
+def summarise(capture: MocapCapture) -> list[str]:
+    """Return the numbers of markers by meaning, the subjects and the gaps of a capture."""
     items = list(capture.marker_items)
-    counts = {kind: sum(item.meaning == kind for item in items) for kind in _ICONS}
+    counts = {kind: sum(item.meaning == kind for item in items) for kind in MEANINGS}
     lines = [", ".join(f"{count} {kind}" for kind, count in counts.items() if count)]
     if capture.subjects:
         lines.append(f"Subjects: {capture.subjects}")
@@ -269,17 +163,33 @@ def recognised(capture: MocapCapture) -> list[str]:
         worst = max(gaps, key=lambda item: item.missing_percent)
         label = worst.name.rpartition(":")[2]
         count = counted(sum(item.gaps for item in gaps), "gap")
-        lines.append(
-            f"{count} in {counted(len(gaps), 'marker')}; most in {label}, which "
-            f"{worst.missing_percent:.0f} % of the frames do not see"
-        )
+        most = f"{label} misses most, {worst.missing_percent:.0f} % of the frames"
+        lines.append(f"{count} in {counted(len(gaps), 'marker')}. {most}")
     return lines
 
 
-class MOCAP_UL_people(bpy.types.UIList):
-    """One row a person."""
+@panel("Labels", "CAPTURE", parent="capture", order=2, closed=True, needs=has_markers)
+def labels(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the list of markers, and the labels from the user."""
+    item = context.scene.mocap.capture
+    lists = (MOCAP_UL_markers.__name__, "", item, "marker_items", item, "marker_index")
+    layout.template_list(*lists, rows=6, maxrows=12)
+    if 0 <= item.marker_index < len(item.marker_items):
+        layout.prop(item.marker_items[item.marker_index], "bone")
+    column = layout.column(align=True)
+    row = column.row(align=True)
+    row.operator("mocap.pick_point", icon="EYEDROPPER")
+    row.prop(item, "label_name", text="")
+    row.operator("mocap.label_point", text="", icon="CHECKMARK")
+    for index, label in enumerate(item.point_labels):
+        line = column.row(align=True)
+        text = f"{label.name} from frame {label.frame + item.frame_start}: {label.marker or 'no marker'}"
+        line.label(text=text, icon="DOT", translate=False)
+        line.operator("mocap.remove_point_label", text="", icon="X").index = index
 
-    bl_idname = "MOCAP_UL_people"
+
+class MOCAP_UL_people(bpy.types.UIList):
+    """The list of people."""
 
     def draw_item(
         self,
@@ -293,114 +203,69 @@ class MOCAP_UL_people(bpy.types.UIList):
         index: int = 0,
         flt_flag: int = 0,
     ) -> None:
-        """Draw name, whether they are solved, and how many views see them on average."""
         solved = data.review_of(index).take is not None
         row = layout.split(factor=0.6, align=True)
         row.prop(item, "name", text="", emboss=False, icon="OUTLINER_OB_ARMATURE" if solved else "USER")
         row.label(text=f"{item.views:.1f}", icon="CAMERA_DATA", translate=False)
 
 
-class VIEW3D_PT_mocap_people(StagePanel, bpy.types.Panel):
-    """Who is seen."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_people"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
-    bl_label = "People"
-    bl_order = 2
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there are several people."""
-        return bool(settings.capture.people)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw the list."""
-        layout, capture = self.layout, context.scene.mocap.capture
-        rows = min(6, max(2, len(capture.people)))
-        layout.template_list("MOCAP_UL_people", "", capture, "people", capture, "person_shown", rows=rows)
-        person = capture.person
-        if person is not None and capture.person_index != capture.person_shown:
-            layout.label(text=f"Active body: {person.name}", icon="INFO", translate=False)
+def _has_people(context: bpy.types.Context) -> bool:
+    return bool(len(context.scene.mocap.capture.people))
 
 
-def draw_solve_all(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
-    """Draw the buttons that solve everybody, where there are several people or captures."""
+@panel("People", "CAPTURE", parent="capture", order=2, needs=_has_people)
+def people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the list of people."""
+    item = context.scene.mocap.capture
+    rows = min(6, max(2, len(item.people)))
+    layout.template_list(MOCAP_UL_people.__name__, "", item, "people", item, "person_shown", rows=rows)
+    person = item.person
+    if person is not None and item.person_index != item.person_shown:
+        layout.label(text=f"Active body: {person.name}", icon="INFO", translate=False)
+
+
+@panel("Cameras", "CAPTURE", order=1, needs=lambda context: len(context.scene.mocap.capture.cameras))
+def cameras(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw a row per camera, the excluded ranges, and the calibration."""
+    scene, narrow = context.scene, is_narrow(context)
+    if scene.mocap.review.armature is None:
+        draw_next(layout, context, "Look through the cameras and check that the points are on the person.")
     column = layout.column(align=True)
-    if settings.capture.people:
-        text = f"Solve All {len(settings.capture.people)} People"
-        column.operator(MOCAP_OT_solve_all.bl_idname, text=text, icon="COMMUNITY").scope = "CAPTURE"
-    if len(settings.captures) > 1:
-        text = f"Solve All {len(settings.captures)} Captures"
-        column.operator(MOCAP_OT_solve_all.bl_idname, text=text, icon="SEQUENCE").scope = "SCENE"
+    for index, item in enumerate(scene.mocap.capture.cameras):
+        row = column.row(align=True)
+        row.prop(item, "use", text="")
+        view = row.row(align=True)
+        view.alert = item.seen_percent < _FEW_PERCENT
+        text, here = f"{item.name} {item.seen_percent:.0f} %", item.object is not None and scene.camera == item.object
+        icon = "NONE" if narrow else "FILE_MOVIE" if item.has_footage else "CAMERA_DATA"
+        shows = {"text": text, "translate": False, "icon": icon, "depress": here}
+        view.operator("mocap.view_camera", **shows).index = index
+        row.operator("mocap.leave_out_range", text="", icon="TIME", emboss=False).index = index
+        if item.detections is not None:
+            row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
+    for index, item in enumerate(scene.mocap.capture.left_out):
+        row = first = column.row(align=True)
+        row.label(text=item.name, icon="HIDE_ON", translate=False)
+        row = column.row(align=True) if narrow else row
+        row.prop(item, "first", text="")
+        row.prop(item, "last", text="")
+        first.operator("mocap.use_range", text="", icon="X", emboss=False).index = index
+    layout.prop(scene.mocap.capture, "show_agreement", icon="VIEW_CAMERA")
+    _draw_calibration(layout, context)
+    if in_camera_view(context):
+        layout.operator("mocap.leave_camera", icon="LOOP_BACK")
 
 
-_FEW_PERCENT = 60
-"""Frames that a view sees the person in, percent, below which its row is red; chosen by hand."""
-_CAMERA_VERBS = ("refine-cameras", "check-cameras")
-
-
-class VIEW3D_PT_mocap_cameras(StagePanel, bpy.types.Panel):
-    """The capture's cameras."""
-
-    stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_cameras"
-    bl_label = "Cameras"
-    bl_order = 1
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there are cameras."""
-        return bool(settings.capture.cameras)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        """Draw one row a camera."""
-        layout, scene = self.layout, context.scene
-        if scene.mocap.review.armature is None:
-            draw_next(layout, context, "Look through the cameras: the points should lie on the person.")
-        column, narrow = layout.column(align=True), is_narrow(context)
-        for index, item in enumerate(scene.mocap.capture.cameras):
-            row = column.row(align=True)
-            row.prop(item, "use", text="")
-            here = item.object is not None and scene.camera == item.object
-            view = row.row(align=True)
-            view.alert = item.seen_percent < _FEW_PERCENT
-            button = view.operator(
-                MOCAP_OT_view_camera.bl_idname, text=f"{item.name} {item.seen_percent:.0f} %", translate=False,
-                icon="NONE" if narrow else "FILE_MOVIE" if item.has_footage else "CAMERA_DATA", depress=here,
-            )  # fmt: skip
-            button.index = index
-            row.operator(MOCAP_OT_leave_out_range.bl_idname, text="", icon="TIME", emboss=False).index = index
-            if item.detections is not None:
-                row.prop(item.detections, "hide_viewport", text="", icon="HIDE_OFF", emboss=False)
-        for index, item in enumerate(scene.mocap.capture.left_out):
-            row = column.row(align=True)
-            row.label(text=item.name, icon="HIDE_ON", translate=False)
-            if narrow:
-                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
-                row = column.row(align=True)
-            row.prop(item, "first", text="")
-            row.prop(item, "last", text="")
-            if not narrow:
-                row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
-        layout.prop(scene.mocap.capture, "show_agreement", icon="VIEW_CAMERA")
-        _draw_refinement(layout, context)
-        if in_camera_view(context):
-            layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")
-
-
-def _draw_refinement(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the calibration's correction, its progress, and what it brought."""
-    if draw_progress(layout, _CAMERA_VERBS):
+def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    if draw_progress(layout, ("refine-cameras", "check-cameras")):
         return
-    capture = context.scene.mocap.capture
-    layout.operator(MOCAP_OT_check_cameras.bl_idname, icon="CHECKMARK")
-    for found in findings_in(capture.doubts):
+    item = context.scene.mocap.capture
+    layout.operator("mocap.check_cameras", icon="CHECKMARK")
+    for found in findings_in(item.check_findings):
         draw_finding(layout, context, found)
-    for word in capture.checked.splitlines():
-        wrapped(layout, context, word, "DOT")
+    draw_lines(layout, context, item.checked)
     row = layout.row(align=True)
-    row.operator(MOCAP_OT_refine_cameras.bl_idname, icon="CON_CAMERASOLVER")
-    if capture.original:
-        row.operator(MOCAP_OT_restore_cameras.bl_idname, text="", icon="LOOP_BACK")
-        wrapped(layout, context, f"Refined: {capture.refined_text()}.", "CHECKMARK")
+    row.operator("mocap.refine_cameras", icon="CON_CAMERASOLVER")
+    if item.original:
+        row.operator("mocap.restore_cameras", text="", icon="LOOP_BACK")
+        wrapped(layout, context, f"Refined: {item.refined_text()}.", "CHECKMARK")

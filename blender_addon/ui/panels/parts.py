@@ -1,131 +1,110 @@
-"""Pieces the panels share: the tab, wrapped text, alerts, the progress of a run."""
+"""Parts of panels: the panel itself, the progress and failure of runs, findings, and buttons with a remedy."""
 
 from __future__ import annotations
 
-import textwrap
-from typing import ClassVar
+from collections.abc import Callable
+from typing import Any
 
-import blf
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic, sentence, warnings_in
 from ..._exchange.errors import sentence as failure_sentence
-from ..operators.base import MOCAP_OT_dismiss, current
+from ..layout import draw_button, wrapped
+from ..operators.base import current
 from ..operators.fixes import Fix, fix_of, reading_fixes
-from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..preferences import shows_acquisition
 from ..project_files import waits_for_saving
 from ..translation import CONTEXT
 
-_TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
-"""Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
-TALLEST = 1.6
-"""Height of the button that is the next step, in usual ones."""
-_FEWEST = 8
-"""Letters of a line, however narrow the sidebar is."""
+Draw = Callable[[bpy.types.UILayout, bpy.types.Context], None]
+ACQUIRE = "ACQUIRE"
+"""The tab of devices and rendered captures, which the preferences enable."""
 
 
-class MocapPanel:
-    """Where the panels are."""
+def panel(
+    label: str,
+    stage: str = "",
+    *,
+    parent: str = "",
+    order: int = 0,
+    closed: bool = False,
+    header: bool = True,
+    needs: Callable[[bpy.types.Context], Any] = lambda context: True,
+    draw_header: Draw | None = None,
+) -> Callable[[Draw], Any]:
+    """Return a decorator that makes a panel of the function that draws it, ``VIEW3D_PT_mocap_<function>``.
 
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "MoCap"
+    Args:
+        label: of the panel.
+        stage: of ``properties.STAGES`` in which it is shown, or ``ACQUIRE``, "" for all stages.
+        parent: name of the function of the panel around it, "" for none.
+        order: among the panels of one parent.
+        closed: whether it is closed at first.
+        header: whether it has a header.
+        needs: whether there is anything to show.
+        draw_header: draws into its header.
+    """
 
+    def poll(cls: type, context: bpy.types.Context) -> bool:
+        shown = shows_acquisition(context) if stage == ACQUIRE else stage in ("", context.scene.mocap.stage)
+        return shown and bool(needs(context))
 
-class AcquisitionPanel(MocapPanel):
-    """A panel about devices and rendered captures, in a tab of its own that the preferences switch on."""
+    def make(draw: Draw) -> Any:
+        name = f"VIEW3D_PT_mocap_{draw.__name__}"
+        options = ({"DEFAULT_CLOSED"} if closed else set()) | (set() if header else {"HIDE_HEADER"})
+        members: dict[str, Any] = {
+            "__doc__": draw.__doc__,
+            "__module__": draw.__module__,
+            "bl_space_type": "VIEW_3D",
+            "bl_region_type": "UI",
+            "bl_category": "Acquire" if stage == ACQUIRE else "MoCap",
+            "bl_idname": name,
+            "bl_label": label,
+            "bl_order": order,
+            "bl_options": options,
+            "poll": classmethod(poll),
+            "draw": lambda self, context: draw(self.layout, context),
+        }
+        if stage not in ("", ACQUIRE):
+            members["stage"] = stage
+        if parent:
+            members["bl_parent_id"] = f"VIEW3D_PT_mocap_{parent}"
+        if draw_header is not None:
+            members["draw_header"] = lambda self, context: draw_header(self.layout, context)
+        return type(name, (bpy.types.Panel,), members)
 
-    bl_category = "Acquire"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs the preference."""
-        return shows_acquisition(context)
-
-
-class StagePanel(MocapPanel):
-    """A panel of one stage of the work."""
-
-    stage: ClassVar[str]
-    """Of ``properties.STAGES``."""
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs the stage to be open, and what the panel is about."""
-        return context.scene.mocap.stage == cls.stage and cls.has_subject(context.scene.mocap)
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there is what the panel is about."""
-        return True
-
-
-class BodyPanel(StagePanel):
-    """A panel about the solved body."""
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there is a solved body."""
-        return settings.review.armature is not None
-
-
-class TakePanel(StagePanel):
-    """A panel about the take that the body plays."""
-
-    stage = "EDIT"
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there is a solved take."""
-        return settings.review.take is not None
-
-
-def wrapped(
-    layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
-) -> None:
-    """Draw a text on as many lines as the sidebar's width asks for; the icon stands before the first."""
-    column = layout.column(align=True)
-    column.alert = alert
-    column.scale_y = 0.8
-    for number, line in enumerate(_lines(context, text, with_icon=icon != "NONE")):
-        column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
+    return make
 
 
-def fits(context: bpy.types.Context, text: str) -> bool:
-    """Return whether the sidebar has room for a text on one line."""
-    return len(_lines(context, text, with_icon=False)) == 1
+def has_capture(context: bpy.types.Context) -> bool:
+    """Return whether there is a capture."""
+    return bool(context.scene.mocap.capture.file)
 
 
-def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[str]:
-    """Return a text in lines that the sidebar has room for, as wide as its letters are."""
-    scale = context.preferences.system.ui_scale or 1.0  # 0 without a screen
-    blf.size(0, _TEXT_PT * scale)
-    room = context.region.width - (_MARGIN_PX + _ICON_PX * with_icon) * scale
-    letters = int(room * len(text) / max(blf.dimensions(0, text)[0], 1.0))
-    for count in range(max(letters, _FEWEST), _FEWEST - 1, -1):
-        lines = textwrap.wrap(text, count)
-        if all(blf.dimensions(0, line)[0] <= room for line in lines):
-            return lines or [""]
-    return textwrap.wrap(text, _FEWEST) or [""]
+def has_markers(context: bpy.types.Context) -> bool:
+    """Return whether the capture has markers."""
+    return bool(len(context.scene.mocap.capture.marker_items))
+
+
+def has_body(context: bpy.types.Context) -> bool:
+    """Return whether there is a solved body."""
+    return context.scene.mocap.review.armature is not None
+
+
+def has_take(context: bpy.types.Context) -> bool:
+    """Return whether there is a solved take."""
+    return context.scene.mocap.review.take is not None
 
 
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button that solves, with the person's name where there are several."""
-    button = layout.column()
-    button.scale_y = TALLEST
+    """Draw the button that solves, with the person's name if there are several."""
     person = context.scene.mocap.capture.person
     label = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
-    button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **label)
+    draw_button(layout, "mocap.solve", "PLAY", **label)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Return whether the run under way, which is drawn on top of all panels, does one of these verbs; show it.
-
-    Args:
-        layout: where it is shown.
-        verbs: of the solver's command line.
-    """
+    """Draw a note if a run of these verbs is in progress, which the top panel shows, and return whether it is."""
     run = current.run
     if run is None or run.verb not in verbs:
         return False
@@ -134,29 +113,23 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
-    """Draw what went wrong in the last run, if it did one of these verbs.
-
-    Args:
-        layout: where it is drawn.
-        context: of the sidebar.
-        verbs: of the solver's command line.
-    """
+    """Draw the error of the last run with its remedies, if it was of these verbs."""
     run = current.last_for(context.scene, verbs)
     if run is None or run.error is None:
         return
     box = layout.box()
     cancelled = run.error.get("code") == "cancelled"
-    text = "Cancelled; nothing was changed." if cancelled else failure_sentence(run.error)
+    text = "Cancelled. Nothing was changed." if cancelled else failure_sentence(run.error)
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
     for fix in reading_fixes(run.error):
         draw_fix(box, fix)
     if not cancelled:
-        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
-    box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
+        box.operator("mocap.show_log", icon="TEXT")
+    box.operator("mocap.dismiss", icon="X")
 
 
 def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "MODIFIER") -> None:
-    """Draw the button of a remedy, with its own text if none is given."""
+    """Draw the button of a remedy."""
     row = layout.row()
     row.enabled = not current.busy
     button = row.operator(fix.operator, text=text or fix.text, icon=icon, text_ctxt=CONTEXT)
@@ -164,28 +137,16 @@ def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "
         setattr(button, name, value)
 
 
-def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw where the takes of a file that is not saved wait."""
-    if folder := waits_for_saving(context.scene):
-        text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
-        wrapped(layout, context, text, "INFO")
-
-
-def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
-    """Draw what to do next."""
-    wrapped(layout, context, text, "FORWARD")
-
-
-def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, whose: str = "") -> None:
-    """Draw a diagnostic, and under it the button that remedies it.
-
-    Args:
-        layout: where it is drawn.
-        context: of the sidebar.
-        found: the diagnostic.
-        whose: what its sentence begins with, where there are several takes.
-    """
+def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, take: str = "") -> None:
+    """Draw a diagnostic, with the name of its take if there are several, and its remedy."""
     is_warning = bool(warnings_in([found]))
-    wrapped(layout, context, whose + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
+    wrapped(layout, context, take + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
     if is_warning and (fix := fix_of(found)) is not None:
         draw_fix(layout, fix)
+
+
+def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the session folder of an unsaved file."""
+    if folder := waits_for_saving(context.scene):
+        text = f"This file is not saved. Its takes are in {folder} until you save it."
+        wrapped(layout, context, text, "INFO")

@@ -162,6 +162,6 @@ def test_open_report_opens_what_a_solve_wrote_and_nothing_else(
     (solved.folder / "link.html").symlink_to(tmp_path / "elsewhere.html")
     for path in (*(solved.folder / name for name in ("page.html", "run.sh", "link.html")), tmp_path / "elsewhere.html"):
         solved_take["report_file"] = str(path)
-        with pytest.raises(RuntimeError, match="This is not a report that a solve wrote beside the take"):
+        with pytest.raises(RuntimeError, match="This file is not a report of the solver"):
             bpy.ops.mocap.open_report()
     assert len(opened) == 1

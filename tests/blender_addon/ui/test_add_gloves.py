@@ -14,7 +14,6 @@ from blender_addon.animation.takes import SolveFiles, take_file
 from blender_addon.body.controls.limbs import finger_control, has_finger_controls
 from blender_addon.conventions.file_paths import file_of
 from blender_addon.ui.operators.import_results import take_motion
-from blender_addon.ui.panels.review import VIEW3D_PT_mocap_fingers
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
@@ -41,8 +40,8 @@ def plain(mocap, drawn, tmp_path: Path) -> bpy.types.Action:
 
 @pytest.mark.slow
 def test_gloves_give_a_take_its_fingers(mocap, plain, drawn, tmp_path: Path) -> None:
-    assert VIEW3D_PT_mocap_fingers.poll(bpy.context) and not has_finger_controls(mocap.review.armature)
-    assert "Add Gloves" in draw_panel(VIEW3D_PT_mocap_fingers, 283).drawn
+    assert bpy.types.VIEW3D_PT_mocap_fingers.poll(bpy.context) and not has_finger_controls(mocap.review.armature)
+    assert "Add Gloves" in draw_panel(bpy.types.VIEW3D_PT_mocap_fingers, 283).drawn
     names = [hands_bvh(tmp_path / "Left.bvh", drawn, 0, "LeftHand{finger}{number}").name,
              manus_csv(tmp_path / "glove_right.csv", drawn, 1).name]  # fmt: skip
     chosen = [{"name": name} for name in names]

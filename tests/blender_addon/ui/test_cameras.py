@@ -67,7 +67,9 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
         shown = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_cameras, 400).drawn)
         assert ("squares do not have the stated size" in shown) == wrong
-        assert mocap.capture.doubted == doubted and (mocap.capture.doubts != "") == (wrong or doubted != "")
+        assert mocap.capture.suspect_cameras == doubted and (mocap.capture.check_findings != "") == (
+            wrong or doubted != ""
+        )
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 
 
@@ -120,7 +122,7 @@ def test_a_camera_is_doubtful_where_a_diagnostic_names_it_and_not_where_its_name
     told = [(message.is_problem, message.cameras) for message in mocap.capture.messages]
     assert (True, "left") in told and (False, "right") in told
     shades = [viewport.shade_of(mocap.capture, item) for item in mocap.capture.cameras]
-    assert shades == [viewport.SURE, viewport.SURE, viewport.DOUBTFUL, viewport.SURE]
+    assert shades == [viewport.GOOD, viewport.GOOD, viewport.SUSPECT, viewport.GOOD]
 
 
 def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> None:
@@ -131,13 +133,13 @@ def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> 
     message = capture.messages.add()
     message.text, message.cameras, message.is_problem = "The image is mirrored.", second.name, True
     shades = [shade for _, shade in viewport.shaded_cameras(bpy.context)]
-    assert shades == [viewport.SURE, viewport.DOUBTFUL, viewport.UNUSED]
+    assert shades == [viewport.GOOD, viewport.SUSPECT, viewport.UNUSED]
     message.is_problem = False
-    capture.doubted = f"{first.name}1"
-    assert viewport.shade_of(capture, first) == viewport.SURE
-    capture.doubted = f"{second.name}1\n{first.name}"
-    assert viewport.shade_of(capture, first) == viewport.DOUBTFUL
-    assert viewport.shade_of(capture, second) == viewport.SURE
+    capture.suspect_cameras = f"{first.name}1"
+    assert viewport.shade_of(capture, first) == viewport.GOOD
+    capture.suspect_cameras = f"{second.name}1\n{first.name}"
+    assert viewport.shade_of(capture, first) == viewport.SUSPECT
+    assert viewport.shade_of(capture, second) == viewport.GOOD
     capture.show_agreement = False
     assert list(viewport.shaded_cameras(bpy.context)) == []
 

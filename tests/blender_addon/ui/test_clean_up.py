@@ -14,7 +14,6 @@ from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.lanes import read_lane
 from blender_addon.errors import TakeMissing
 from blender_addon.review.floor_height import sole_height
-from blender_addon.ui.panels import review, solve
 from blender_addon.ui.scene_job import prepare_job
 from blender_addon.ui.setting_properties import ROWS
 from tests.support.narrow_layout import NarrowContext
@@ -34,7 +33,7 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
 
 def test_every_setting_of_a_solve_is_drawn_in_a_panel(solved_take, mocap) -> None:
     mocap.solve.preset, drawn = "CUSTOM", list[str]()
-    panels = (solve.VIEW3D_PT_mocap_solve_settings, review.VIEW3D_PT_mocap_clean_up)
+    panels = (bpy.types.VIEW3D_PT_mocap_solve_settings, bpy.types.VIEW3D_PT_mocap_clean_up)
     for mocap.solve.method, panel in product(("global", "sliding"), panels):
         layout = Layout()
         panel.draw(SimpleNamespace(layout=layout), NarrowContext(400))
@@ -101,6 +100,7 @@ def test_gaps_are_markers_and_the_users_own_stay(solved_take, mocap, scene) -> N
     mocap.review.below = 0.02
     assert len(frames) == 30 and confidence.min() > 0.02
     assert bpy.ops.mocap.mark_gaps() == {"FINISHED"} and bpy.ops.mocap.mark_gaps() == {"FINISHED"}
-    assert [(m.name, m.frame) for m in scene.timeline_markers] == [("gap in the fence", 3), ("gap bridged 10-14", 10)]
+    marks = [(m.name, m.frame) for m in scene.timeline_markers]
+    assert marks == [("gap in the fence", 3), ("gap interpolated 10-14", 10)]
     assert bpy.ops.mocap.clear_marks() == {"FINISHED"}
     assert [m.name for m in scene.timeline_markers] == ["gap in the fence"]

@@ -15,7 +15,6 @@ from blender_addon.solving.detector import find_python
 from blender_addon.ui import preferences
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.videos import MOCAP_OT_set_up_detector
-from blender_addon.ui.panels import videos as videos_panel
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 from tests.support.stub_wheels import litert_wheels
@@ -34,7 +33,7 @@ def home(mocap, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
 
 def drawn() -> list[str]:
     layout = Layout()
-    videos_panel.VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+    bpy.types.VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), NarrowContext(400))
     return layout.drawn
 
 

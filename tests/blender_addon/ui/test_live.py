@@ -101,7 +101,7 @@ def test_another_file_ends_the_run(started):
 
 def test_a_missing_recording_is_named(mocap, tmp_path):
     mocap.live.source = str(tmp_path / "nowhere.c3d")
-    with pytest.raises(RuntimeError, match="not there"):
+    with pytest.raises(RuntimeError, match="does not exist"):
         bpy.ops.mocap.live_start()
     assert not live.busy and not bpy.data.collections
 
@@ -172,7 +172,7 @@ def asked(monkeypatch) -> list:
 def test_cameras_and_videos_are_passed_on_with_calibration_detector_and_recording(mocap, asked, tmp_path):
     settings = mocap.live
     settings.kind = "CAMERAS"
-    with pytest.raises(RuntimeError, match="Name the cameras"):
+    with pytest.raises(RuntimeError, match="Enter the cameras"):
         bpy.ops.mocap.live_start()
     video, calibration = tmp_path / "a film.mp4", tmp_path / "calibration.toml"
     for path in (video, calibration):

@@ -14,7 +14,7 @@ from blender_addon._exchange.motion_file import read_motion
 from blender_addon.scene.marker_cloud import labels_of
 from blender_addon.ui.operators.base import SolverOperator
 from blender_addon.ui.operators.import_capture import SUFFIXES
-from blender_addon.ui.panels.capture import recognised
+from blender_addon.ui.panels.capture import summarise
 from blender_addon.ui.viewport import name_places
 from solver_backend.body.label_places import read_label_places
 from solver_backend.io.markers.c3d_writer import write_c3d
@@ -69,10 +69,10 @@ def test_a_c3d_is_recognised_and_stands_in_the_scene(imported, take, cloud):
     kinds = {item.name: item.meaning for item in imported.marker_items}
     assert list(kinds) == list(cloud.labels) == labels_of(imported.cloud)
     assert kinds["Demo:ARMBAND"] == "unknown" and list(kinds.values()).count("known") == 41
-    lines = recognised(imported)
+    lines = summarise(imported)
     assert lines[:2] == ["41 known, 1 unknown", "Subjects: Demo"] and "gaps in" in lines[2]
     said = [message.text for message in imported.messages]
-    assert any("Lengths are read as mm" in text for text in said) and any("Z points up" in text for text in said)
+    assert any("Lengths are in mm" in text for text in said) and any("Z points up" in text for text in said)
     hidden = int(np.isnan(cloud.positions[:, :, 0]).sum())
     total = sum(item.missing_percent for item in imported.marker_items) / 100 * FRAMES
     assert total == pytest.approx(hidden, abs=0.1) and hidden > 10

@@ -85,7 +85,7 @@ def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
     monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
     drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, _NARROW).drawn)
-    assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
+    assert "1 frame to review" in drawn and "12 frames interpolated" in drawn
     assert not cut_off() and not taken_for_blenders()
 
 

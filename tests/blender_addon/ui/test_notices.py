@@ -11,7 +11,7 @@ import pytest
 
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import take_capture
-from blender_addon.ui.panels import run, solve
+from blender_addon.ui.panels import run
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 
@@ -32,7 +32,7 @@ def spoiled(mocap, tmp_path: Path) -> Path:
 
 
 def is_reported(path: Path) -> bool:
-    return any(path.name in text for text in drawn(run.VIEW3D_PT_mocap_run))
+    return any(path.name in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
 
 
 def test_an_error_of_another_file_is_not_shown(mocap, spoiled, tmp_path: Path) -> None:
@@ -55,23 +55,23 @@ def test_a_result_is_shown_for_its_own_capture_alone(mocap, solved_take, solved,
     )
     current.last = cast(Any, run)
     current.about = bpy.context.scene.name, mocap.capture.file
-    assert any("3 frames to look at" in text for text in drawn(solve.VIEW3D_PT_mocap_result))
+    assert any("3 frames to review" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_result))
     copy = tmp_path / "capture.npz"
     copy.write_bytes((solved.folder / "capture.npz").read_bytes())
     take_capture(bpy.context.scene, {**solved.read, "capture": str(copy), "name": "second"})
-    assert not solve.VIEW3D_PT_mocap_result.poll(bpy.context)
+    assert not bpy.types.VIEW3D_PT_mocap_result.poll(bpy.context)
 
 
 def test_another_frame_rate_is_said_on_top_in_headers_and_where_it_is_set(mocap, solved_take, scene) -> None:
-    assert not any("Follow" in text or "follow_rate" in text for text in drawn(run.VIEW3D_PT_mocap_run))
+    assert not any("Follow" in text or "follow_rate" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
     scene.render.fps = 24
-    assert any("wrong speed" in text for text in drawn(run.VIEW3D_PT_mocap_run))
+    assert any("too fast or slow" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
     for name in run.HEADERS:
         assert run.draw_rate_button in getattr(bpy.types, name).draw._draw_funcs, name
     scene.frame_end = 30
     assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
     assert scene.frame_end == 13, "half a second at 24 fps"
-    assert not any("wrong speed" in text for text in drawn(run.VIEW3D_PT_mocap_run))
+    assert not any("too fast or slow" in text for text in drawn(bpy.types.VIEW3D_PT_mocap_run))
 
 
 def test_a_range_that_is_not_the_takes_stays(mocap, solved_take, scene) -> None:

@@ -10,7 +10,6 @@ import pytest
 from blender_addon.conventions.naming import counted
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import take_capture, take_motion
-from blender_addon.ui.panels import run, solve
 from blender_addon.ui.translation import CONTEXT
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
@@ -37,18 +36,18 @@ def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_t
     layout = Layout()
     panel = SimpleNamespace(layout=layout)
     mocap.solve.preset = "FAST"
-    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
+    bpy.types.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
     assert "label:Iterations: 2" in layout.drawn and "label:Camera Weighting: off" in layout.drawn
     assert "prop:MocapSolve.iterations" not in layout.drawn
     mocap.solve.preset = "CUSTOM"
-    solve.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
+    bpy.types.VIEW3D_PT_mocap_solve_settings.draw(panel, NarrowContext(400))
     assert "prop:MocapSolve.iterations" in layout.drawn
 
 
 def test_settings_without_effect_in_the_method_are_not_shown_and_not_sent(solved_take, mocap) -> None:
     def drawn() -> list[str]:
         layout = Layout()
-        solve.VIEW3D_PT_mocap_solve_settings.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+        bpy.types.VIEW3D_PT_mocap_solve_settings.draw(SimpleNamespace(layout=layout), NarrowContext(400))
         return [line for line in layout.drawn if line.startswith("prop:MocapSolve")]
 
     mocap.solve.preset, mocap.solve.method, mocap.solve.interpolation = "CUSTOM", "sliding", 3
@@ -66,7 +65,7 @@ def test_the_run_under_way_is_on_top_with_its_cancel(mocap, monkeypatch) -> None
     )
     monkeypatch.setattr(current, "run", under_way)
     layout = Layout()
-    run.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+    bpy.types.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
     assert "progress:Global bundle, 3 s left" in layout.drawn and any(d.startswith("operator:") for d in layout.drawn)
 
 

@@ -173,7 +173,7 @@ def test_a_folder_that_takes_nothing_leaves_everything_where_it_was(mocap, unsav
     (tmp_path / "shot" / "mocap").touch()  # in the way
     save(tmp_path / "shot" / "a.blend")
     assert {key: unsaved[key] for key in PATHS} == before and all(Path(path).is_file() for path in before.values())
-    assert "stayed where they were" in project_files.following.failure
+    assert "were not moved" in project_files.following.failure
     (tmp_path / "shot" / "mocap").unlink()
     save(tmp_path / "shot" / "a.blend")
     assert project_files.following.failure == ""

@@ -37,7 +37,9 @@ def test_a_motion_is_laid_on_a_character_by_the_buttons(mocap, rig, solved_take)
 
 def test_the_target_is_mapped_when_it_is_chosen(mocap, rig, solved_take):
     table = {row.name: row.bone for row in mocap.retarget.table}
-    assert table["left_foot"] == f"{PREFIX}LeftFoot" and mocap.retarget.label == "Mixamo" and not mocap.retarget.doubts
+    assert (
+        table["left_foot"] == f"{PREFIX}LeftFoot" and mocap.retarget.label == "Mixamo" and not mocap.retarget.warnings
+    )
     assert bpy.ops.mocap.retarget() == {"FINISHED"}, "nothing else is to be pressed"
     box = bpy.data.objects.new("Box", bpy.data.armatures.new("Box"))
     bpy.context.scene.collection.objects.link(box)
@@ -45,11 +47,11 @@ def test_the_target_is_mapped_when_it_is_chosen(mocap, rig, solved_take):
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_retarget, 283).drawn
     assert "Choose the bones" in " ".join(drawn) and "Retarget" not in drawn
     mocap.retarget.target = None
-    assert not len(mocap.retarget.table) and not mocap.retarget.doubts
+    assert not len(mocap.retarget.table) and not mocap.retarget.warnings
 
 
 def test_left_and_right_stand_beside_each_other(mocap, rig, solved_take):
-    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_rig_table, 283).drawn
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_bone_table, 283).drawn
     assert "foot" in drawn and "left foot" not in drawn and "pelvis" in drawn
     at = drawn.index("foot")
     assert drawn[at + 1 : at + 3] == ["", ""], "two fields behind one word"
@@ -88,7 +90,7 @@ def test_a_map_is_kept_as_a_preset_that_finds_the_rig_again(mocap, rig, tmp_path
     assert mocap.retarget.label == "Held/in ä" and mocap.retarget.map_text == kept, "it comes before our own preset"
     assert {row.name: row.bone for row in mocap.retarget.table}["left_toe"] == ""
     assert bpy.ops.mocap.save_preset(name="Held/in ä") == {"FINISHED"}, "it is replaced"
-    assert "Save Preset" in draw_panel(bpy.types.VIEW3D_PT_mocap_rig_table, 283).drawn
+    assert "Save Preset" in draw_panel(bpy.types.VIEW3D_PT_mocap_bone_table, 283).drawn
     rig.data.bones[f"{PREFIX}LeftHand"].name = "hand of another rig"
     mocap.retarget.target = None
     mocap.retarget.target = rig
@@ -97,7 +99,7 @@ def test_a_map_is_kept_as_a_preset_that_finds_the_rig_again(mocap, rig, tmp_path
 
 def test_presets_without_a_folder_are_named(mocap, rig, monkeypatch):
     monkeypatch.setattr(recognition, "user_presets_folder", lambda *, make=False: None)
-    with pytest.raises(RuntimeError, match="no folder for a user's presets"):
+    with pytest.raises(RuntimeError, match="no folder for user presets"):
         bpy.ops.mocap.save_preset()
 
 

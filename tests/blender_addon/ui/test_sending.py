@@ -138,24 +138,24 @@ def test_other_machines_need_blenders_leave(mocap):
     if bpy.app.online_access:
         pytest.skip("this Blender may go online")
     assert str(allowed_address("vmc://localhost")) == "vmc://localhost:39539"
-    with pytest.raises(CommandLineInvalid, match="may not go online"):
+    with pytest.raises(CommandLineInvalid, match="set to stay offline"):
         allowed_address("vmc://192.168.1.7")
     mocap.live.kind, mocap.live.listen = "VMC", "vmc://0.0.0.0"
-    with pytest.raises(RuntimeError, match="may not go online"):
+    with pytest.raises(RuntimeError, match="set to stay offline"):
         bpy.ops.mocap.live_start()
     assert not live.busy
 
 
 def test_nothing_is_sent_unasked(mocap):
-    assert sending_options(mocap.live) == sending_options(mocap.rig) == []
+    assert sending_options(mocap.live) == sending_options(mocap.sensors) == []
     mocap.live.send = True
     assert sending_options(mocap.live) == ["--send", "vmc://127.0.0.1:39539"]
 
 
 @pytest.mark.parametrize(("kind", "send"), [("FILE", True), ("VMC", True), ("VMC", False)])
 def test_nothing_is_cut_off_in_a_narrow_sidebar(mocap, kind, send):
-    mocap.live.kind, mocap.live.send, mocap.rig.send, mocap.live.face_mesh = kind, send, send, "Kopf"
-    for panel in ("live", "rig"):
+    mocap.live.kind, mocap.live.send, mocap.sensors.send, mocap.live.face_mesh = kind, send, send, "Kopf"
+    for panel in ("live", "sensor_array"):
         assert not draw_panel(getattr(bpy.types, f"VIEW3D_PT_mocap_{panel}"), 200).cut
 
 

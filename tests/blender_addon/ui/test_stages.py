@@ -117,7 +117,7 @@ def test_acquisition_is_a_tab_that_is_asked_for(mocap, monkeypatch) -> None:
     from blender_addon.ui import preferences
 
     wanted = SimpleNamespace(acquisition=False)
-    monkeypatch.setattr(preferences, "_preferences", lambda context: cast(Any, wanted))
+    monkeypatch.setattr(preferences, "preferences_of", lambda context: cast(Any, wanted))
     assert not [cls for cls in shown_panels() if cls.bl_category == "Acquire"]
     wanted.acquisition = True
     assert {"Live", "Sensor Array", "Studio"} <= {
@@ -140,7 +140,7 @@ def test_a_warning_has_a_button_where_its_remedy_is_one(mocap, solved, scene, mo
     assert bpy.ops.mocap.leave_camera_out(camera=names[1]) == {"FINISHED"}
     assert [item.use for item in mocap.capture.cameras] == [True, False, True, True]
     mocap.review.take["diagnostics"] = "{no JSON"
-    assert "6 cm above" in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, WIDE).drawn), "the sentences stay"
+    assert not bpy.types.VIEW3D_PT_mocap_result.poll(bpy.context)
 
 
 def test_a_failed_reading_offers_the_option_that_it_asks_for(mocap, monkeypatch) -> None:
@@ -212,14 +212,14 @@ def test_the_next_step_of_edit_is_the_tallest_button(mocap, solved_take, monkeyp
     from blender_addon.review import ranges
 
     assert mocap.stage == "EDIT"
-    for found, said in (([(3, 9), (20, 25)], "2 ranges to review"), ([], "Go On to Deliver")):
+    for found, said in (([(3, 9), (20, 25)], "2 ranges to review"), ([], "Continue to Deliver")):
         monkeypatch.setattr(ranges, "doubtful_ranges", lambda take, below, found=found: found)
         ours = [cls for cls in shown_panels() if cls.bl_category == "MoCap"]
         tall = {text: height for cls in ours for text, height in heights(cls).items()}
         assert tall[said] == max(tall.values()) == pytest.approx(1.6)
         assert [text for text, height in tall.items() if height == tall[said]] == [said]
     mocap.stage = "DELIVER"
-    assert "Go On to Deliver" not in on_top()
+    assert "Continue to Deliver" not in on_top()
 
 
 def test_the_result_says_that_nothing_is_left_to_review(mocap, solved_take, monkeypatch) -> None:

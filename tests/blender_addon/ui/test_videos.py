@@ -13,7 +13,7 @@ import pytest
 
 from blender_addon.solving.road_file import read_road
 from blender_addon.ui.operators.base import SolverOperator, current
-from blender_addon.ui.panels.videos import Previews, VIEW3D_PT_mocap_videos
+from blender_addon.ui.panels.videos import Previews
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from solver_backend.videos.files.video import probe, read_pictures
@@ -42,7 +42,7 @@ def take(tmp_path: Path) -> Path:
 
 
 def by_model(mocap: bpy.types.PropertyGroup, model: Path) -> None:
-    mocap.videos.detector, mocap.videos.model, mocap.videos.sync = "model", str(write_rtmpose(model)), "none"
+    mocap.videos.detector, mocap.videos.model, mocap.videos.clocks = "model", str(write_rtmpose(model)), "none"
 
 
 def test_a_road_that_ends_early_shows_what_was_done_and_why_it_ended(mocap, take, tmp_path):
@@ -50,7 +50,7 @@ def test_a_road_that_ends_early_shows_what_was_done_and_why_it_ended(mocap, take
     assert bpy.ops.mocap.capture_from_videos(directory=str(take)) == {"FINISHED"}
     assert current.last.error["code"] == "no_detections" and "30 are needed" in current.last.error["message"]
     steps = {step.name: step for step in mocap.videos.steps}
-    assert list(steps) == ["detect", "sync"] and "24 pictures by RTMPose" in steps["detect"].words
+    assert list(steps) == ["detect", "sync"] and "24 pictures by RTMPose" in steps["detect"].notes
     for step in steps.values():
         assert [Path(picture.name).parent for picture in step.pictures] == [take / "mocap" / "pictures"]
     assert not mocap.captures
@@ -143,7 +143,7 @@ def test_recorded_videos_become_a_capture_that_is_ready_to_solve(mocap, shared_d
         write_timed_video(folder / source.path.name, pictures, np.arange(PICTURES) / source.fps)
     (folder.parent / "calibration").mkdir()
     (folder.parent / "calibration" / "Calib.qca.txt").write_bytes((shared_data / CALIBRATION).read_bytes())
-    mocap.videos.sync = "none"
+    mocap.videos.clocks = "none"
     assert bpy.ops.mocap.capture_from_videos(directory=str(folder.parent)) == {"FINISHED"}, current.last.error
     capture = mocap.capture
     assert (capture.frames, len(capture.cameras), capture.joint_set) == (PICTURES, 4, "MEDIAPIPE_33")
@@ -245,11 +245,11 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
     for opened in (False, True):
         mocap.videos.steps[0].open = opened
         layout = Layout()
-        VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), context)
+        bpy.types.VIEW3D_PT_mocap_videos.draw(SimpleNamespace(layout=layout), context)
         drawn.append(layout.drawn)
         assert sum(call == ("operator", "mocap.video_step") for call in layout.drawn) == 4
         assert [said for name, said in layout.drawn if said in ("Keypoints", "Sync", "Calibration", "Capture")]
     words = [" ".join(said for name, said in layout if name == "label") for layout in drawn]
     assert "cam2.mp4" not in words[0]
-    assert "cam2.mp4: nobody is found in 60 %" in words[1] and "40 pictures by RTMPose." in words[1]
+    assert "cam2.mp4: no person in 60 %" in words[1] and "40 pictures by RTMPose." in words[1]
     assert all("--stature" not in word for word in mocap.videos.arguments())

@@ -227,7 +227,7 @@ def test_solving_a_range_again_writes_the_job_the_solver_is_promised(mocap, take
     assert job["settings"]["betas"] == pytest.approx(list(take["betas"]), abs=1e-5)
     set_scene_frame_rate(scene, 30.0)  # the keys stay where they are, so a scene frame is now two of the capture's
     review.first, review.last = 40, 90
-    with pytest.raises(RuntimeError, match="lie outside the take"):
+    with pytest.raises(RuntimeError, match="are outside the take"):
         bpy.ops.mocap.resolve_range()
 
 
@@ -300,7 +300,7 @@ def test_every_setting_of_the_solver_is_in_the_panel(mocap):
         if row.in_panel:
             prop = mocap.solve.bl_rna.properties[name]
             words = prop.description.removesuffix(row.metavar or " ").removesuffix(": ")
-            assert (prop.name, words.removesuffix("; several with commas between")) == (row.label, row.description)
+            assert (prop.name, words.removesuffix(", separated by commas")) == (row.label, row.description)
 
 
 def test_the_log_is_a_text_of_the_file(mocap, solved):

@@ -51,7 +51,11 @@ def test_what_one_camera_left_open_is_a_warning_of_every_export(
     selected.action[DIAGNOSTICS] = json.dumps([found.as_dict(), noted.as_dict()])
     assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "walk.csv"), format="csv") == {"FINISHED"}
     out = capfd.readouterr().out
-    assert "Info: Wrote 60 frames" in out and "Warning: One camera: distance" in out and "Read as metres" not in out
+    assert (
+        "Info: Wrote 60 frames" in out
+        and "Warning: One camera: depth is estimated" in out
+        and "Read as metres" not in out
+    )
 
 
 def test_errors_are_sentences_and_nothing_is_overwritten(selected: BakedTake, tmp_path: Path) -> None:
@@ -98,6 +102,6 @@ def test_registering_leaves_no_menu_entry_behind(scene: bpy.types.Scene) -> None
     menu: Any = bpy.types.TOPBAR_MT_file_export
     before = len(menu._dyn_ui_initialize())
     blender_addon.register()
-    assert len(menu._dyn_ui_initialize()) == before + 2, "take and markers"
+    assert len(menu._dyn_ui_initialize()) == before + 1, "take and markers"
     blender_addon.unregister()
     assert len(menu._dyn_ui_initialize()) == before

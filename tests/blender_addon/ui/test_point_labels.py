@@ -45,21 +45,21 @@ def test_the_nearest_point_to_a_click_is_chosen(imported):
 
 def test_a_point_that_is_not_seen_has_no_name(imported):
     imported.marker_index = -1
-    with pytest.raises(RuntimeError, match="Choose a point first"):
-        bpy.ops.mocap.tell_point()
-    assert len(imported.told) == 0
+    with pytest.raises(RuntimeError, match="Select a point first"):
+        bpy.ops.mocap.label_point()
+    assert len(imported.point_labels) == 0
 
 
 @pytest.mark.slow
 def test_what_is_said_binds_in_the_next_solve(imported, mocap):
     scene = bpy.context.scene
     scene.frame_set(imported.frame_start + 10)
-    imported.marker_index, imported.told_name = 3, "ARIEL"
+    imported.marker_index, imported.label_name = 3, "ARIEL"
     for _ in range(2):  # saying it again replaces it
-        assert bpy.ops.mocap.tell_point() == {"FINISHED"}
-    imported.marker_index, imported.told_name = 4, "NONE"
-    assert bpy.ops.mocap.tell_point() == {"FINISHED"}
-    said = [(item.point, item.frame, item.marker) for item in imported.told]
+        assert bpy.ops.mocap.label_point() == {"FINISHED"}
+    imported.marker_index, imported.label_name = 4, "NONE"
+    assert bpy.ops.mocap.label_point() == {"FINISHED"}
+    said = [(item.point, item.frame, item.marker) for item in imported.point_labels]
     assert said == [(3, 10, "ARIEL"), (4, 10, "")]
     mocap.solve.preset = "FAST"
     assert bpy.ops.mocap.solve() == {"FINISHED"}
@@ -69,5 +69,5 @@ def test_what_is_said_binds_in_the_next_solve(imported, mocap):
     motion = read_motion(job.out)
     assert "ARIEL" in motion.marker_labels
     assert len(motion.marker_labels) <= len(labels_of(imported.cloud))
-    assert bpy.ops.mocap.untell_point(index=0) == {"FINISHED"}
-    assert [item.marker for item in imported.told] == [""]
+    assert bpy.ops.mocap.remove_point_label(index=0) == {"FINISHED"}
+    assert [item.marker for item in imported.point_labels] == [""]

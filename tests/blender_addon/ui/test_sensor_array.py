@@ -18,7 +18,7 @@ from tests.support.recorded_markers import recorded
 from tests.support.waved_wand import Waving, as_tables, sensors, waved
 
 _LONGEST_S = 300.0
-PANEL = "VIEW3D_PT_mocap_rig"
+PANEL = "VIEW3D_PT_mocap_sensor_array"
 
 
 def until(done: Callable[[], bool]) -> None:
@@ -39,18 +39,18 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture
 def rig(mocap, recording):
     """Return the settings of a scene whose rig is a recording."""
-    mocap.rig.kind, mocap.rig.source = "FOLDER", str(recording)
-    yield mocap.rig
+    mocap.sensors.kind, mocap.sensors.source = "FOLDER", str(recording)
+    yield mocap.sensors
     live.abandon()
 
 
 @pytest.mark.slow
 def test_a_recording_is_shown_recorded_and_imported(rig, mocap):
-    assert bpy.ops.mocap.rig_start(part="TAKE") == {"FINISHED"}
+    assert bpy.ops.mocap.start_sensors(part="TAKE") == {"FINISHED"}
     run = live.run
     assert run is not None
     with pytest.raises(RuntimeError, match="stop it first"):
-        bpy.ops.mocap.rig_start(part="WAND")
+        bpy.ops.mocap.start_sensors(part="WAND")
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
     until(lambda: not live.busy)
     assert live.failure == "" and live.recorded == "" and run.shown > 0
@@ -62,7 +62,7 @@ def test_a_recording_is_shown_recorded_and_imported(rig, mocap):
 
 @pytest.mark.slow
 def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
-    assert bpy.ops.mocap.rig_start(part="WAND") == {"FINISHED"}
+    assert bpy.ops.mocap.start_sensors(part="WAND") == {"FINISHED"}
     run, figure = live.run, live.figure
     assert run is not None and figure is not None
     assert bpy.data.objects[figure.armature].hide_viewport
@@ -81,7 +81,7 @@ def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
 def test_a_wand_that_is_none_is_a_sentence_and_changes_nothing(rig, recording):
     rig.wand = str(recording)  # eight markers: no wand
     with pytest.raises(RuntimeError, match="something else, was lit"):
-        bpy.ops.mocap.rig_calibrate()
+        bpy.ops.mocap.calibrate_sensors()
     assert rig.calibration == "" and not current.busy
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
 
@@ -96,21 +96,21 @@ def test_a_waved_wand_calibrates(rig, tmp_path):
     for c, name in enumerate(cameras.names):
         write_calibration(tmp_path / "wand" / f"{name}.toml", cameras.subset([c]))
     rig.wand = str(tmp_path / "wand")
-    assert bpy.ops.mocap.rig_calibrate() == {"FINISHED"}
+    assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
     first = Path(bpy.path.abspath(rig.calibration))
     assert first.name == "rig_01.toml" and first.is_file()
-    assert bpy.ops.mocap.rig_calibrate() == {"FINISHED"}
+    assert bpy.ops.mocap.calibrate_sensors() == {"FINISHED"}
     assert Path(bpy.path.abspath(rig.calibration)).name == "rig_02.toml" and first.is_file()
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
 
 
 def test_what_is_not_there_is_named(rig, mocap, tmp_path):
     rig.source = str(tmp_path / "nowhere")
-    with pytest.raises(RuntimeError, match="not there"):
-        bpy.ops.mocap.rig_start(part="TAKE")
+    with pytest.raises(RuntimeError, match="does not exist"):
+        bpy.ops.mocap.start_sensors(part="TAKE")
     assert not live.busy and not bpy.data.collections
     rig.source = str(tmp_path)
-    assert bpy.ops.mocap.rig_start(part="TAKE") == {"FINISHED"}
+    assert bpy.ops.mocap.start_sensors(part="TAKE") == {"FINISHED"}
     until(lambda: not live.busy)
     assert "not a recording of sensors" in live.failure and rig.take == ""
     drawn = draw_panel(getattr(bpy.types, PANEL), 200)
@@ -122,9 +122,9 @@ def test_what_is_not_there_is_named(rig, mocap, tmp_path):
 def test_cameras_without_a_name_or_a_kind_are_refused(rig):
     rig.kind, rig.oaks = "OAK", ""
     with pytest.raises(RuntimeError, match="find cameras"):
-        bpy.ops.mocap.rig_start(part="TAKE")
+        bpy.ops.mocap.start_sensors(part="TAKE")
     rig.oaks = "webcam:0=front"
-    assert bpy.ops.mocap.rig_start(part="TAKE") == {"FINISHED"}
+    assert bpy.ops.mocap.start_sensors(part="TAKE") == {"FINISHED"}
     until(lambda: not live.busy)
     assert "no kind of sensor 'webcam'" in live.failure
 
@@ -132,5 +132,5 @@ def test_cameras_without_a_name_or_a_kind_are_refused(rig):
 @pytest.mark.parametrize("kind", ["FOLDER", "OAK"])
 def test_nothing_is_cut_off_in_a_narrow_sidebar(rig, kind):
     rig.kind, rig.gamma = kind, "//gamma_01"
-    rig.said = "left is off by 1.4 px: its lens was calibrated in another mode than that of the recording."
+    rig.findings = "left is off by 1.4 px: its lens was calibrated in another mode than that of the recording."
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
