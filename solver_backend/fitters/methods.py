@@ -21,7 +21,6 @@ from solver_backend.fitters.model.states import state_layout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.recipes.bundle import ON_THE_MANIFOLD
-from solver_backend.fitters.recipes.noise_aware import pose_prior, solve_noise_aware
 from solver_backend.fitters.recipes.whole_take import solve_known_person, solve_one_view, solve_views
 from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.priors.base import AutoencodingPrior
@@ -114,13 +113,34 @@ def _solve_take(
     return recipe(problem, subject, settings, progress, each)
 
 
+def _solve_noise_aware(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    from solver_backend.fitters.recipes.noise_aware import solve_noise_aware
+
+    return solve_noise_aware(problem, subject, settings, progress, each)
+
+
+def _load_pose_prior() -> AutoencodingPrior:
+    from solver_backend.fitters.recipes.noise_aware import pose_prior
+
+    return pose_prior()
+
+
 METHODS = {
     method.name: method
     for method in (
         Method("global", _solve_take, solves_one_view=True, starts_at=True),
         Method("sliding", solve_sliding_windows, has_curves=True),
         Method("frame", solve_single_frames, per_frame=True),
-        Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, fits_network=True, prior=pose_prior),
+        Method(
+            "noise-aware",
+            _solve_noise_aware,
+            finds_shape=True,
+            per_frame=True,
+            fits_network=True,
+            prior=_load_pose_prior,
+        ),
     )
 }
 """By name."""

@@ -64,20 +64,16 @@ class OwnPoints:
     SETTINGS: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
-    def of(
-        cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray
-    ) -> tuple[OwnPoints, ...]:
-        """Return the own points of a person as one layer; none where there are none.
+    def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
+        """Return the own points of a person.
 
         Args:
             keypoints: of the person.
             located: these.
             sigma_px: standard deviation of a detection, broadcast against (C, F, K + N).
         """
-        if not keypoints.own:
-            return ()
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
-        return (cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px),)
+        return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
     def column(self, point: OwnPoint) -> int:
         """Return the column of an own point."""

@@ -14,8 +14,6 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
-from solver_backend.fitters.hands.layer import split_hands
-from solver_backend.fitters.hands.wide_motion import without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.optimise import Stretches, in_turn
 from solver_backend.fitters.measurements.base import SolvedLayer
@@ -26,7 +24,6 @@ from solver_backend.fitters.methods import (
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.prepare import first_subject, make_origin, prepare
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, Solution, SolvedFrames
-from solver_backend.fitters.recipes.frame_range import solve_again
 from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import load_sposer
@@ -137,6 +134,7 @@ def calibrate_person(
     for capture in captures:
         if capture.markers is None:
             raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
+    from solver_backend.fitters.hands.layer import split_hands
     from solver_backend.fitters.marker_calibration.label_faults import named_alike
     from solver_backend.fitters.marker_calibration.marker_problem import calibrated
 
@@ -160,7 +158,9 @@ def resolve_range(
         JobInvalid, MotionInvalid: the take does not have the frame range; the motion is of another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
+    from solver_backend.fitters.hands.wide_motion import without_fingers
     from solver_backend.fitters.marker_calibration.subject_record import person_of
+    from solver_backend.fitters.recipes.frame_range import solve_again
 
     frame_range.check(capture.num_frames or frame_range.last + 1)  # before anything is measured
     problem = prepare(capture, settings, progress, person=person_of(without_fingers(motion)))
@@ -186,7 +186,9 @@ def resolve_motion(
         MotionInvalid: the motion belongs to another body, or the two are of different lengths.
         NoDetections: too few frames are left beside the pins.
     """
+    from solver_backend.fitters.hands.wide_motion import without_fingers
     from solver_backend.fitters.measurements.markers import measure_motion
+    from solver_backend.fitters.recipes.frame_range import solve_again
 
     body, like = load_chosen_body(settings.body), make_origin(settings.backend)
     frame_range.check(measured.num_frames)

@@ -13,7 +13,6 @@ from solver_backend.body.label_places import places_given
 from solver_backend.exchange.errors import BackendMissing, TakeTooShort
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.wide_motion import without_fingers
 from solver_backend.fitters.measurements.base import Layer, Measurements
 from solver_backend.fitters.methods import METHODS, require_curves, require_network, require_one_view, require_start
 from solver_backend.fitters.model.subject import Subject
@@ -85,7 +84,11 @@ def _measure_views(
         require_one_view(settings, capture.name)
         return measure_one_view(seen, body, fitting, like, settings.betas, progress)
     views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
-    return views if start is None else begin_at(views, without_fingers(start), body, fitting, like)
+    if start is None:
+        return views
+    from solver_backend.fitters.hands.wide_motion import without_fingers
+
+    return begin_at(views, without_fingers(start), body, fitting, like)
 
 
 def _prepare_markers(

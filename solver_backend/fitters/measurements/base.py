@@ -146,6 +146,11 @@ class Measurements:
         return FrameObjective(points, poses, relative)
 
     @property
+    def knows_person(self) -> bool:
+        """Whether shape and landmarks are known before the solve."""
+        return self.subject is not None
+
+    @property
     def num_frames(self) -> int:
         """F."""
         return len(self.points)

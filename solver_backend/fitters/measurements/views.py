@@ -17,13 +17,12 @@ from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetectio
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
 from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.measurements.base import Measurements, RoughMotion, SolvedLayer, seen_frames
+from solver_backend.fitters.measurements.base import Layer, Measurements, RoughMotion, SolvedLayer, seen_frames
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.fitters.measurements.sources import ViewPoints, fit_sigma_px
 from solver_backend.fitters.model.states import FrameStates, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.output.build_motion import PosedTake
-from solver_backend.fitters.own_points import OwnPoints
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
@@ -89,6 +88,11 @@ def measurements_of(
         )
     sigma_px = triangulation.sigma_px
     fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
+    layers: list[Layer] = [*Hands.of_views(cameras, keypoints)]
+    if keypoints.own:
+        from solver_backend.fitters.own_points import OwnPoints
+
+        layers.insert(0, OwnPoints.of(cameras, keypoints, triangulation, fit_px))
     return Measurements(
         landmarks=keypoint_landmarks(body, named.joint_set),
         points=points,
@@ -96,7 +100,7 @@ def measurements_of(
         term=ReprojectionTerm.of(cameras, named, fit_px[..., :count], like),
         fps=named.fps,
         source=ViewPoints(cameras, named),
-        layers=(*OwnPoints.of(cameras, keypoints, triangulation, fit_px), *Hands.of_views(cameras, keypoints)),
+        layers=tuple(layers),
         provenance={
             "diagnostics": [item.as_dict() for item in found],
             "sigma_px": [round(float(s), 3) for s in sigma_px[:count]],

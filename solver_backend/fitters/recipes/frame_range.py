@@ -64,7 +64,7 @@ def solve_range(
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     sampled, objective = before.select(sample), problem.objective.select(sample)
-    learns = problem.measurements.subject is None
+    learns = not problem.measurements.knows_person
     person = ShapePrior(free_betas=False, free_offsets=learns)
     subject = refit_shape(subject, sampled, objective, scale, person)
     layout, moving = range_layout(frame_range, motion.num_frames, window)

@@ -205,7 +205,7 @@ def solve_in_stages(
         points = np.where(located[..., None], measured.points[frames], 0.0)
         return LandmarkFit(person, prior, start, points, located, FitWeights())
 
-    if settings.betas is None and measured.subject is None:
+    if settings.betas is None and not measured.knows_person:
         person, _ = fit_of(person, sample_frames(measured, SHAPE_FRAMES)).fit_shape(FixedVariances(), STEPS)
     progress("Noise-aware fit", 1, 3)
     found, ends = [], []

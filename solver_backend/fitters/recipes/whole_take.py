@@ -11,10 +11,8 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.initial_keys import closer_window, initial_keys, keys_of_frames, paces
 from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, solve_in_single
-from solver_backend.fitters.marker_calibration.rough_motion import RATE_HZ
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.one_view.depth import OneCamera
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem
 from solver_backend.fitters.recipes.bundle import (
     FIXED_CODES,
@@ -72,6 +70,8 @@ def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ..
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    from solver_backend.fitters.one_view.depth import OneCamera
+
     source = problem.measurements.source
     assert isinstance(source, OneCamera)
     feet: Step = partial(find_standing_feet, sight=source.sight)
@@ -121,6 +121,8 @@ class KnownPersonPlan:
     @classmethod
     def of(cls, problem: Problem, settings: SolveSettings) -> KnownPersonPlan:
         """Return the plan of a problem whose person is known."""
+        from solver_backend.fitters.marker_calibration.rough_motion import RATE_HZ
+
         scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
         measured, stride = problem.measurements, problem.frames_of(1, 1)
         rate = problem.fps / stride
