@@ -15,11 +15,12 @@ import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.videos.detect.child.pose_workers import litert_pose
-from solver_backend.videos.detect.child.pose_workers.litert_pose import LiteRtPose, refined
-from solver_backend.videos.detect.child.pose_workers.person_box import (
+from solver_backend.videos.detect.child.pose_workers.litert_pose import (
     NUM_ANCHORS,
+    LiteRtPose,
     aligned,
     found_people,
+    refined,
     whole_picture,
 )
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
