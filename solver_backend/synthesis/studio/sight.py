@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,8 +20,10 @@ from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
-from solver_backend.synthesis.studio.stage import Stage
 from solver_backend.types import SMPL_JOINTS
+
+if TYPE_CHECKING:
+    from solver_backend.synthesis.studio.stage import Stage
 
 CLEARANCE_M = 0.035
 """A sight line ends this far before its point, which lies on the skin or a little below."""
