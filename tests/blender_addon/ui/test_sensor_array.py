@@ -1,4 +1,4 @@
-"""The Rig panel: real children replay recorded sensors, tell a wand's coverage, calibrate, record, and import."""
+"""The Sensor Array panel: real children replay sensors, report the coverage of a wand, calibrate and record."""
 
 from __future__ import annotations
 
