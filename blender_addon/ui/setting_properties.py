@@ -84,9 +84,12 @@ def path(label: str, description: str, *, folder: bool = False, **more: Any) -> 
 
 
 def number(label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any) -> Row:
-    """Return a row with a number between two limits, whole if its default is an integer."""
+    """Return a row with a number between two limits, whole if its default is an integer. The unit is m or Blender's."""
     kind = "whole" if isinstance(default, int) else "number"
-    return _row(kind, label, description, default, more, low=low, high=high, unit=unit)
+    shown: dict[str, Any] = {"unit": unit} if unit else {}
+    if unit == "m":
+        shown = {"unit": "LENGTH", "precision": 3}
+    return _row(kind, label, description, default, shown | more, low=low, high=high)
 
 
 def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> Row:
@@ -181,7 +184,9 @@ def make_property(row: Setting, default: Any, **more: Any) -> Any:
     if row.kind in ("texts", "range"):
         separated = f", separated by commas: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
         return bpy.props.StringProperty(**words | {"description": row.description + separated})
-    if row.kind in ("text", "name_or_file"):
+    if row.kind == "name_or_file":
+        return bpy.props.StringProperty(**words)
+    if row.kind == "text":
         return bpy.props.StringProperty(**words, default=default or "")
     if default is None:
         words["description"] += ", 0 for automatic"
@@ -189,8 +194,7 @@ def make_property(row: Setting, default: Any, **more: Any) -> Any:
     declare = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
     limits = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
     limits = {name: limit for name, limit in limits.items() if limit is not None}
-    length = {"unit": "LENGTH", "precision": 3} if row.unit == "m" else {}
-    return declare(**{**limits, **length, **words, "default": default})
+    return declare(**{**limits, **words, "default": default})
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:

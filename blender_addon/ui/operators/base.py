@@ -118,7 +118,7 @@ class ViewportDrop(FileHandler):
 
 
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
-    """Return a mixin with the properties of Blender's file browser.
+    """Return a mixin with the properties of Blender's file browser, to stand before its helper among the bases.
 
     Args:
         suffixes: of the files to show.

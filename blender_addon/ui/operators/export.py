@@ -77,7 +77,7 @@ _UNSAVED = {"options": {"SKIP_SAVE"}}
 
 
 class MOCAP_OT_export_take(
-    MocapOperator, bpy.types.Operator, ChoosesOutput, choose_file([item.suffix for item in FORMATS.values()])
+    MocapOperator, bpy.types.Operator, choose_file([item.suffix for item in FORMATS.values()]), ChoosesOutput
 ):
     """Export the motion of the selected armature or the shown body to a file for other programs."""
 
@@ -154,7 +154,7 @@ def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 class MOCAP_OT_export_markers(
-    SolverOperator, bpy.types.Operator, ChoosesOutput, choose_file([f".{ending}" for ending in MARKER_FORMATS])
+    SolverOperator, bpy.types.Operator, choose_file([f".{ending}" for ending in MARKER_FORMATS]), ChoosesOutput
 ):
     """Export the markers of the shown take to a file for other programs."""
 

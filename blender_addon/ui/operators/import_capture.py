@@ -26,7 +26,7 @@ SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 """Captures, detections, calibrations, settings, and marker recordings."""
 
 
-class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper, choose_file(SUFFIXES, several=True)):
+class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SUFFIXES, several=True), ImportHelper):
     """Import a folder of detections and a calibration, or a marker recording, with cameras, footage and floor."""
 
     bl_label = "Import Capture"

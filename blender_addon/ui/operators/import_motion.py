@@ -97,7 +97,7 @@ _HANDS = (
 )
 
 
-class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, ImportHelper, choose_file(MOTIONS)):
+class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIONS), ImportHelper):
     """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS) to our body."""
 
     bl_label = "Import Motion"
@@ -214,7 +214,7 @@ class MOCAP_OT_motion_from_rig(BringsMotion, bpy.types.Operator):
             self._skeleton.unlink(missing_ok=True)
 
 
-class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, ImportHelper, choose_file(GLOVES, several=True)):
+class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES, several=True), ImportHelper):
     """Add the fingers of glove recordings (BVH, FBX, glTF, MANUS or Rokoko CSV) to this take as a new take."""
 
     bl_label = "Add Gloves"

@@ -105,7 +105,7 @@ class VideosOperator(SolverOperator):
 
 
 class MOCAP_OT_capture_from_videos(
-    VideosOperator, bpy.types.Operator, ImportHelper, choose_file(SUFFIXES, several=True)
+    VideosOperator, bpy.types.Operator, choose_file(SUFFIXES, several=True), ImportHelper
 ):
     """Detect keypoints in a folder of one video per camera, synchronise and calibrate the cameras, and import it."""
 
