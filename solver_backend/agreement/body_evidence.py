@@ -24,7 +24,7 @@ PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
 """Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
 """Of the trunk's direction in upright pictures (von Mises); share of pictures that are mounted anyhow."""
-FORWARD_WRONG = 0.02
+FORWARD_WRONG = 0.01
 """Probability that a joint definition lies on the wrong side of the body."""
 BENT = 0.06
 """Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition."""

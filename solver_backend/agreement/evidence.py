@@ -23,6 +23,8 @@ from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
+BOUND = 6.0
+"""Nats by which an explanation must beat every other one: odds of 400 to 1."""
 POSES, FRAMES = 40, 120
 """Most independent poses, and most frames that are looked at."""
 MOVED = 0.04
@@ -155,7 +157,7 @@ class Evidence:
             focal.append(float(np.sqrt(np.prod(lens[0] * scale)) * picture.size))
         xy = np.stack(pixels)
         flat = np.clip((xy - lens[1]) / lens[0], -_FAR, _FAR)
-        points = undistort(camera.K, camera.distortion, xy[None], camera.distortion_model)[0]
+        points = undistort(camera, xy[None])[0]
         points = np.where(
             np.isfinite(points), np.clip(points, -_FAR, _FAR), flat
         )  # beyond the lens is far off, not unseen
@@ -196,7 +198,14 @@ class Evidence:
             total += np.stack([self._counts[row[i], row[j]] for row in keys]) * taken[:, None]
         return total
 
-    def _count(self, i: int, j: int, keys: Sequence[Sequence[ViewKey]]) -> None:
+    def pair_counts(self, readings: Sequence[Reading], i: int, j: int) -> np.ndarray:
+        """Return (N, BINS) weights per bin of the distances between two views."""
+        keys = [{view: self.key(reading, view) for view in (i, j)} for reading in readings]
+        self._prepare(key[0] for row in keys for key in row.values())
+        self._count(i, j, keys)
+        return np.stack([self._counts[row[i], row[j]] for row in keys])
+
+    def _count(self, i: int, j: int, keys: Sequence[Sequence[ViewKey] | dict[int, ViewKey]]) -> None:
         missing: dict[tuple[PoseKey, PoseKey], list[tuple[ViewKey, ViewKey]]] = {}
         for pair in dict.fromkeys((row[i], row[j]) for row in keys):
             if pair not in self._counts:
@@ -269,13 +278,28 @@ class Evidence:
         count = max(float((np.isfinite(distance) * self.weight[:, None]).sum()), 1.0)
         return max(1.0, float((z.sum(2) ** 2).sum() / count + (z.sum(1) ** 2).sum() / count - 1))
 
-    def densities(self, reading: Reading) -> np.ndarray:
-        """Return (P,) the mean log density of each frame's distances under the reading's own noise."""
+    def densities(self, reading: Reading, seen: float) -> np.ndarray:
+        """Return (P,) log-likelihood ratios of frames against unrelated views, under the reading's own noise.
+
+        Args:
+            reading: how all files are read.
+            seen: number of distances per frame to which the ratios are normalised.
+        """
         noise = self.noise([reading])
         distance = self.distances(reading)
         density = log_density(distance, float(noise.sigma[0]), float(noise.outliers[0]))
-        known = np.isfinite(distance)
-        return np.where(known, density, 0.0).sum((0, 2)) / np.maximum(known.sum((0, 2)), 1)
+        unrelated = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)
+        return np.where(np.isfinite(distance), density - unrelated, 0.0).sum((0, 2)) / max(seen, 1e-9)
+
+    def view_noise(self, reading: Reading) -> Noise:
+        """Return the noise of the pairs that each view is part of."""
+        keys = [self.key(reading, view) for view in range(self.views)]
+        self.counts([reading])
+        counts = [
+            sum((self._counts[keys[i], keys[j]] for i, j in self.pairs if view in (i, j)), np.zeros(BINS))
+            for view in range(self.views)
+        ]
+        return fit_noise(np.stack(counts))
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Return means of frames over those of each pose, along an axis."""

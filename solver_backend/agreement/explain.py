@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.evidence import UNRELATED_OUTLIERS, Evidence
+from solver_backend.agreement.evidence import BOUND, UNRELATED_NOISE, UNRELATED_OUTLIERS, Evidence
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
     CONVENTIONS,
@@ -22,8 +22,6 @@ from solver_backend.agreement.hypotheses import (
 from solver_backend.agreement.reading import Reading
 from solver_backend.types import Cameras
 
-BOUND = 6.0
-"""Nats by which a reading must beat every other one: odds of 400 to 1."""
 BEAM, ROUNDS = 5, 2
 """Readings that are kept in the search, and faults of single cameras that it finds one after the other."""
 MOVED_OF = 2
@@ -36,8 +34,10 @@ BLOCKS = 8
 """Stretches of time from which the luck of a likelihood ratio is estimated."""
 AS_NOISY = 1.15
 """Times the least noise up to which the simpler of two readings of one body is taken."""
-AGREED_NOISE = 0.03
-"""Noise in person's sizes up to which no shapes of pictures are tried."""
+AGREED_NOISE, AGREED_OUTLIERS = 0.035, 0.15
+"""Noise in person's sizes and outlier rate of every view up to which views agree as written, and nothing is tried."""
+AGREED_BODY = {"upright": -6.0, "handed": -8.0}
+"""Log-likelihoods of the body from which this holds: pictures on their side reach -8, mirror images -9 and less."""
 
 
 _OF_CAMERA = {
@@ -75,6 +75,11 @@ class Scored:
     outliers: float
 
     @property
+    def share(self) -> float:
+        """Return the share of the keypoints that agree between views."""
+        return 1.0 - self.outliers if self.sigma < UNRELATED_NOISE else 0.0
+
+    @property
     def total(self) -> float:
         """Return the log-likelihood less the cost, nats."""
         return self.epipolar + self.body.total - self.cost
@@ -96,6 +101,10 @@ class Explanation:
     """That reading, a phrase."""
     open: tuple[str, ...] = ()
     """The two best explanations where neither wins."""
+    share: float = 0.0
+    """Share of the keypoints that agree between views."""
+    share_written: float = 0.0
+    """The same, as the files are written."""
     table: tuple[Scored, ...] = ()
     """All readings that were judged, the best first."""
 
@@ -105,25 +114,31 @@ class Explanation:
         return bool(self.applied)
 
 
-def explain(cameras: Cameras, detections: Detections) -> Explanation:
+def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = False) -> Explanation:
     """Return the reading under which C views agree best, as written unless another is beyond doubt.
 
     Args:
         cameras: the calibrated cameras of the views, as written.
         detections: everybody in C views, in step.
+        names_stated: the user states which camera is which, so that names are not exchanged.
     """
     evidence = Evidence(cameras, detections)
     written = Reading.as_written(evidence.views)
     if evidence.views < 2 or not evidence.poses:
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
-    return _Search(evidence, written).decide()
+    search = _Search(evidence, written, names_stated=names_stated, is_alone=_is_alone(detections))
+    if search.agrees_as_written():
+        return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
+    return search.decide()
 
 
 class _Search:
     """The search over readings of one capture."""
 
-    def __init__(self, evidence: Evidence, written: Reading) -> None:
+    def __init__(self, evidence: Evidence, written: Reading, *, names_stated: bool, is_alone: bool) -> None:
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
+        self.rows = [row for row in ROWS if not (names_stated and row.code == "camera_names_exchanged")]
+        self.is_alone = is_alone  # of several people the largest may be another in each view
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
 
@@ -149,16 +164,20 @@ class _Search:
         alike = self._rank(alike)
         found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
         for _ in range(ROUNDS):
-            found = self._rank([*found, *self._propose(ROWS, beam), *self._propose(CAMERA_ROWS, beam[:MOVED_OF])])
+            found = self._rank([*found, *self._propose(self.rows, beam), *self._of_cameras(beam)])
             beam, before = list(dict.fromkeys([*found[:BEAM], self.written])), beam
             if beam == before:
                 break
             self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
         best = self.quick.noise(found[:1])
-        if best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS:
-            found = self._rank([*found, *self._refined(self._rank(self._propose([SHAPES_ROW], beam[:2]))[:BEAM])])
+        if self.is_alone and (best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS):
+            shaped = self._rank(self._propose([SHAPES_ROW], beam[:1]), scout)[:BEAM]
+            found = self._rank([*found, *self._refined(shaped)])
         self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
         return self._rank(found)
+
+    def _of_cameras(self, beam: list[Reading]) -> list[Reading]:
+        return self._propose(CAMERA_ROWS, beam[:MOVED_OF]) if self.is_alone else []
 
     def _refined(self, readings: Iterable[Reading]) -> list[Reading]:
         """Return readings with their odd sizes refined to a few per mille, or replaced by standard ones nearby."""
@@ -186,7 +205,9 @@ class _Search:
 
     def luck(self, one: Scored, other: Scored) -> float:
         """Return by how much a likelihood ratio may be luck: its spread over stretches of time, for its rivals."""
-        apart = self.evidence.densities(one.reading) - self.evidence.densities(other.reading)
+        seen = float(np.isfinite(self.evidence.distances(self.written)).sum((0, 2)).mean())
+        first, second = (self.evidence.densities(s.reading, seen) for s in (one, other))
+        apart = first - second
         blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
         if len(blocks) < 3:
             return 0.0
@@ -197,9 +218,18 @@ class _Search:
         """Return the likelihood ratio that is no luck, nats."""
         return one.total - other.total - self.luck(one, other)
 
+    def agrees_as_written(self) -> bool:
+        """Return whether every view agrees with the others as written, and the body is upright and no mirror image."""
+        noise = self.quick.view_noise(self.written)
+        if noise.sigma.max() > AGREED_NOISE or noise.outliers.max() > AGREED_OUTLIERS:
+            return False
+        terms = judge_body(self.quick, self.written).terms
+        return all(terms[name] > least for name, least in AGREED_BODY.items())
+
     def _is_near(self, best: Scored, other: Scored) -> bool:
         """Return whether a reading explains as much as the best: within luck, or one body with about the same noise."""
         alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
+        alike = alike and len(other.reading.left_out) <= len(best.reading.left_out)
         return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:
@@ -211,8 +241,8 @@ class _Search:
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
         chosen = min(near, key=lambda s: (round(s.cost, 6), -s.total))
-        others = [s for s in table if not chosen.body.is_same(s.body)]
-        leads = [self.lead(chosen, s) for s in others]
+        others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
+        leads = [self.lead(table[0], s) for s in others]
         margin, runner_up = min(
             ((n, self.describe(s.reading)) for n, s in zip(leads, others, strict=True)), default=(np.inf, "")
         )
@@ -227,7 +257,8 @@ class _Search:
             Applied(code, views, meaning, chosen.total - self.score(without).total)
             for code, views, meaning, without in changes_of(chosen.reading)
         )
-        return Explanation(chosen.reading, applied, agrees, margin, runner_up, table=tuple(table))
+        shares = chosen.share, written.share
+        return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *shares, tuple(table))
 
     def describe(self, reading: Reading) -> str:
         """Return a reading as a phrase for people."""
@@ -244,6 +275,12 @@ class _Search:
             else:
                 parts.append(meaning if len(views) == len(names) else f"{meaning} ({which})")
         return "; ".join(parts) or "everything is as written"
+
+
+def _is_alone(detections: Detections) -> bool:
+    """Return whether views mostly show one person."""
+    people = detections.people()
+    return bool(people.any()) and float(np.median(people[people > 0])) == 1.0
 
 
 def _exchange_sides(reading: Reading) -> Reading:

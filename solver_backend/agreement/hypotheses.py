@@ -13,8 +13,10 @@ from solver_backend.agreement.moved_camera import refit_pose
 from solver_backend.agreement.reading import PLAIN, Picture, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
 
-LONGEST_DELAY = 30
-"""Frames; cameras that started further apart are found by ``camera_starts``."""
+LEAST_DELAY, LONGEST_DELAY = 3, 30
+"""Frames; smaller delays are measured in the solve, cameras that started further apart by ``camera_starts``."""
+SIDES_ODDS = 3000
+"""To one that a detector does not exchange left and right in all views of upright pictures."""
 MOST_PERMUTED = 4
 """Views up to which all orders of names are tried; of more, exchanges of two and moves round the ring."""
 ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")
@@ -100,7 +102,8 @@ def _late(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
         best = tried[int(evidence.likelihoods(tried)[0].argmax())].late
         middle = best[view] if best else 0
         for lag in range(middle - 2, middle + 3):
-            yield reading.with_delay(view, lag)
+            if abs(lag) >= LEAST_DELAY:
+                yield reading.with_delay(view, lag)
 
 
 def _left_out(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
@@ -137,7 +140,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     views = len(reading.pictures)
     common, sides = reading.common()
     alone = sides and not common.mirrored  # in mirrored pictures a detector finds the other sides
-    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics + alone)
+    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics) + np.log(SIDES_ODDS) * alone
     cost += _picture_cost(common, PLAIN, constraints)
     for picture, exchanged in zip(reading.pictures, reading.sides, strict=True):
         if (picture, exchanged) != (common, sides):

@@ -42,6 +42,11 @@ def log_density(distance: np.ndarray, sigma: float, outliers: float) -> np.ndarr
     return np.log(inner + outliers * OUTLIER_DENSITY)
 
 
+def density_per_bin(sigma: float, outliers: float) -> np.ndarray:
+    """Return (BINS,) the log density of distances in each bin."""
+    return log_density(_CENTRES, sigma, outliers)
+
+
 def expected_density(sigma: float, outliers: float, outlier_density: float = OUTLIER_DENSITY) -> float:
     """Return the mean log density of distances that follow this noise."""
     inner = (1 - outliers) * (np.log(1 - outliers) - np.log(sigma * np.sqrt(2 * np.pi)) - 0.5)

@@ -17,6 +17,7 @@ import numpy as np
 from solver_backend.agreement.camera_starts import largest_gain
 from solver_backend.agreement.detections import Detections, sightings
 from solver_backend.agreement.offset_gains import PairGains, PairTable, pair_gains
+from solver_backend.agreement.rates import standard_ratios
 from solver_backend.agreement.resampled import nearest_rows
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
 from solver_backend.types import Cameras
@@ -33,8 +34,6 @@ LEAST_GAIN = 1.0
 """Frames that match at least: a short overlap may agree by chance."""
 OTHER_RATE, OTHER_SIZE = 0.15, 0.5
 """Logarithms of rates, and of sizes of pictures, up to which readings are neighbours, which gain alike."""
-CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)
-"""Frames a second that cameras have."""
 STILL = 0.1, 0.7
 """Share of what could match, and how far most frames disagree, below which both nothing moves: nothing shows when such
 views were recorded. Of pictures of another size or turn all frames disagree."""
@@ -100,11 +99,6 @@ def views_match(cameras: Cameras, detections: Detections) -> bool:
 
 def _with(readings: Sequence[ViewReading], group: Sequence[int], way: ViewReading) -> list[ViewReading]:
     return [way if c in group else reading for c, reading in enumerate(readings)]
-
-
-def standard_ratios() -> list[float]:
-    """Return the ratios of two rates that cameras have, 1 among them."""
-    return sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
 
 
 def _rates() -> list[ViewReading]:

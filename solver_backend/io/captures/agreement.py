@@ -1,4 +1,4 @@
-"""Cameras and detections that agree: calibrations as they are meant, one frame rate, and rows of one moment."""
+"""Cameras and detections that agree: read as the engine explains them, at one frame rate, and rows of one moment."""
 
 from __future__ import annotations
 
@@ -7,17 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.calibration_fit import AGREES, CalibrationFit
-from solver_backend.agreement.camera_assignment import assigned_by_views
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.picture_flips import find_flip, flipped
-from solver_backend.agreement.rates_by_length import rates_by_length
+from solver_backend.agreement.explain import Applied, Explanation, explain
+from solver_backend.agreement.rates import rates_by_length
+from solver_backend.agreement.reading import Reading, apply_reading
 from solver_backend.agreement.resampled import at_one_rate
 from solver_backend.agreement.unlike_views import ViewReading, explain_unlike, views_match
 from solver_backend.cameras.camera_corrections import corrected
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.solve_settings import SYNC_OFF
-from solver_backend.io.calibration.as_meant import as_fitted, as_meant, fit_as_meant
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.captures.frame_rates import of_the_take, other_rates, stated_ratios
 from solver_backend.io.reader import ReadOptions
@@ -39,15 +37,22 @@ class Agreeing:
     """What was done to detections and their frame rates."""
 
 
+@dataclass(frozen=True)
+class _Files:
+    """Calibration and detections as they are read so far."""
+
+    calibration: Calibration
+    detections: Detections
+    problems: tuple[Diagnostic, ...] = ()
+
+
 def bring_to_agreement(
     calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    One camera alone agrees with itself. A number of frames may be that of another rate. Pictures that are flipped in
-    all views come next. Cameras that match as they are stay. Else cameras may bear each other's names; else the
-    calibration is read as the views in step show; else other frame rates and readings are tried at all offsets. Offsets
-    are found last.
+    Views in step are explained first. Where nothing makes them agree, other frame rates and readings are tried at all
+    offsets. Offsets are found last, and what was explained by none is explained once more.
 
     Args:
         calibration: of C cameras.
@@ -59,115 +64,131 @@ def bring_to_agreement(
     Raises:
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
-    if len(detections.cameras) == 1:
+    count = len(detections.cameras)
+    if count == 1:
         return Agreeing(calibration, InTime(detections), (False,))
-    ratios, problems = np.ones(len(detections.cameras)), ()
+    files, ratios = _Files(calibration, detections), np.ones(count)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
-    fit, flips, written = None, (), calibration
     if searched and (stated_ratios(rates, fps) == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
-        detections, ratios, problems = _at_one_rate(detections, relative, fps, options)
-    if not options.as_calibrated:
-        detections, fit, flips = _unflipped(calibration, detections, options)
-    in_step = fit is not None and fit.written >= AGREES
-    if not in_step:
-        calibration = _unexchanged(calibration, fit, detections, options)
-    known = in_step or calibration is not written or (ratios != 1).any()
-    if not known and not views_match(calibration.cameras, detections):
+        files, ratios = _at_one_rate(files, relative, fps, options)
+    found = None if options.as_calibrated else _explain(files, as_numbered(files.detections, options), options)
+    if found is not None:
+        files = _apply(files, found, options)
+    agrees = found is not None and (found.agrees or found.changed)
+    if not agrees and (ratios == 1).all() and not views_match(files.calibration.cameras, files.detections):
         ratios = stated_ratios(rates, fps)
         if (ratios != 1).any():
-            problems = other_rates(detections, ratios, fps, is_open=False)
-            detections = at_one_rate(detections, ratios.tolist())
-        elif searched and fit is not None:
-            calibration, relative = _explained(calibration, fit, detections, options)
-            detections, ratios, problems = _at_one_rate(detections, relative, fps, options)
-    in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
-    if fit is not None and calibration is written and not in_time.first_rows and (ratios == 1).all():
-        calibration = as_fitted(calibration, fit)  # of the same rows
-    elif not options.as_calibrated:
-        calibration = as_meant(calibration, in_time.detections, options.up_axis)
-    return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), flips + problems)
+            problems = other_rates(files.detections, ratios, fps, is_open=False)
+            resampled = at_one_rate(files.detections, ratios.tolist())
+            files = _Files(files.calibration, resampled, (*files.problems, *problems))
+        elif searched:
+            files, relative = _explain_out_of_step(files, options)
+            files, ratios = _at_one_rate(files, relative, fps, options)
+    in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
+    moved = bool(in_time.first_rows) or bool((ratios != 1).any())
+    if not options.as_calibrated and moved and files.calibration is calibration:
+        rows = replace(files, detections=in_time.detections)
+        files = _apply(rows, _explain(rows, rows.detections, options), options)
+        in_time = replace(in_time, detections=files.detections)
+    elif found is not None and found.reading.left_out and not moved:
+        names = [detections.cameras[view] for view in found.reading.left_out]
+        files = replace(files, problems=(*files.problems, diagnostic("camera_unexplained", cameras=names)))
+    return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
-def _at_one_rate(
-    detections: Detections, relative: np.ndarray, fps: float, options: ReadOptions
-) -> tuple[Detections, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return the detections at the take's rate, (C,) frames of each camera for one of it, and what is to be known.
+def _at_one_rate(files: _Files, relative: np.ndarray, fps: float, options: ReadOptions) -> tuple[_Files, np.ndarray]:
+    """Return the files at the take's rate, and (C,) frames of each camera for one of it.
 
     Args:
-        detections: of C cameras.
+        files: of C cameras.
         relative: (C,) frames of each for one of any of them, as the views show.
         fps: frames a second of the take.
         options: how the capture is read.
     """
     ratios, is_open = of_the_take(relative)
     if (ratios == 1).all():
-        return detections, ratios, ()
-    problems = other_rates(detections, ratios, fps, is_open=is_open and options.fps is None)
-    return at_one_rate(detections, ratios.tolist()), ratios, problems
+        return files, ratios
+    problems = other_rates(files.detections, ratios, fps, is_open=is_open and options.fps is None)
+    resampled = at_one_rate(files.detections, ratios.tolist())
+    return _Files(files.calibration, resampled, (*files.problems, *problems)), ratios
 
 
-def _unflipped(
-    calibration: Calibration, detections: Detections, options: ReadOptions
-) -> tuple[Detections, CalibrationFit, tuple[Diagnostic, ...]]:
-    """Return the detections with what is flipped in all views undone, how they fit in step, and what is wrong."""
-    in_step = as_numbered(detections, options)
-    fit = fit_as_meant(calibration, in_step, options.up_axis)
-    found = find_flip(fit, in_step, calibration.cameras)
-    if found.flip is None:
-        return detections, fit, (diagnostic("person_mirrored"),) if found.is_mirrored else ()
-    detections = flipped(detections, found.flip, found.image_size)
-    fit = fit_as_meant(calibration, as_numbered(detections, options), options.up_axis)
-    return detections, fit, (diagnostic("detections_corrected", found=found.flip.meaning()),)
+def _explain(files: _Files, rows: Detections, options: ReadOptions) -> Explanation:
+    """Return what explains rows that belong together, in the world of the calibration's file."""
+    cameras, to_world = files.calibration.cameras, rotation_to_z_up(options.up_axis or "z")
+    return explain(replace(cameras, R=cameras.R @ to_world), rows, names_stated=bool(options.camera or options.offset))
 
 
-def _unexchanged(
-    calibration: Calibration, fit: CalibrationFit | None, detections: Detections, options: ReadOptions
-) -> Calibration:
-    """Return the calibration with cameras that bear each other's names exchanged, as it is where none do.
-
-    A ring of cameras that bear their neighbours' names nearly agrees, better so under a wrong reading. So exchanges
-    come first; those that only show under a reading are found with it.
-    """
-    if fit is None or options.offset:
-        return calibration
-    names, rows = calibration.cameras.names, as_numbered(detections, options)
-    as_it_is = list(range(len(names)))
-    order = assigned_by_views(calibration.cameras, rows, None)
-    if order in (None, as_it_is) and fit.changed:
-        order = assigned_by_views(calibration.cameras, rows, None, fit.corrections)
-    if order is None or order == as_it_is:
-        return calibration
-    swapped = calibration.cameras.subset(order)
-    others = {name: names[i] for i, name in zip(order, names, strict=True) if names[i] != name}
-    pairs = [f"{name} is the calibration's {other}" for name, other in others.items()]
-    exchanged = diagnostic("camera_names_exchanged", cameras=list(others), pairs=pairs)
-    return replace(
-        calibration,
-        cameras=replace(swapped, names=names),
-        size_known=tuple(calibration.size_known[i] for i in order),
-        problems=(*calibration.problems, exchanged),
-    )
-
-
-def _explained(
-    calibration: Calibration, fit: CalibrationFit, detections: Detections, options: ReadOptions
-) -> tuple[Calibration, np.ndarray]:
-    """Return the calibration, and frames of each camera for one of any of them, under which all views match."""
-    ratios = np.ones(len(detections.cameras))
-    if fit.changed:
-        return as_fitted(calibration, fit), ratios
+def _apply(files: _Files, found: Explanation, options: ReadOptions) -> _Files:
+    """Return the files as an explanation reads them, with what was corrected among the problems."""
+    calibration, names = files.calibration, files.detections.cameras
+    if not found.changed:
+        problems = (diagnostic("explanations_open", one=found.open[0], other=found.open[1]),) if found.open else ()
+        return replace(files, calibration=replace(calibration, problems=(*calibration.problems, *problems)))
+    reading = replace(found.reading, late=())  # delays are measured to parts of a frame elsewhere
     to_world = rotation_to_z_up(options.up_axis or "z")
     in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
-    readings = explain_unlike(in_file, detections)
+    cameras, detections = apply_reading(in_file, files.detections, reading)
+    if reading != Reading.as_written(len(names)):
+        rolls = tuple(reading.correction(view).turn for view in range(len(names)))
+        known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
+        calibration = replace(
+            calibration, cameras=replace(cameras, R=cameras.R @ to_world.T), rolls=rolls, size_known=known
+        )
+    reported = _report(names, found)
+    calibration = replace(calibration, problems=(*calibration.problems, *reported))
+    return _Files(calibration, detections, files.problems)
+
+
+def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
+    """Return one diagnostic for each kind of correction, with its gain and the runner-up."""
+    evidence = {"gain": max(a.gain for a in found.applied), "runner_up": found.runner_up, "margin": found.margin}
+    reported = list[Diagnostic]()
+    corrections = [a for a in found.applied if a.code == "calibration_corrected"]
+    if corrections:
+        everybody = len(corrections) == 1 and len(corrections[0].views) == len(names)
+        meanings = "; ".join(a.meaning if everybody else f"{a.meaning} ({_listed(names, a)})" for a in corrections)
+        shares = {"percent": 100 * found.share, "percent_written": 100 * found.share_written}
+        reported.append(diagnostic("calibration_corrected", result="shares", meanings=meanings, **shares, **evidence))
+    for applied in found.applied:
+        named = [names[view] for view in applied.views]
+        if applied.code == "detections_corrected" and len(named) == len(names):
+            reported.append(diagnostic("detections_corrected", found=applied.meaning, **evidence))
+        elif applied.code == "detections_corrected":
+            code = (
+                "image_mirrored"
+                if any(found.reading.pictures[v].mirrored for v in applied.views)
+                else "sides_exchanged"
+            )
+            reported += [diagnostic(code, cameras=[name], remedy=Remedy.REPAIRED, **evidence) for name in named]
+        elif applied.code == "camera_names_exchanged":
+            owners = [names[found.reading.owners[view]] for view in applied.views]
+            pairs = [f"{name} is the calibration's {owner}" for name, owner in zip(named, owners, strict=True)]
+            reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
+        elif applied.code == "camera_moved":
+            reported.append(diagnostic("camera_moved", cameras=named, remedy=Remedy.REPAIRED, **evidence))
+    return reported
+
+
+def _listed(names: Sequence[str], applied: Applied) -> str:
+    return ", ".join(names[view] for view in applied.views)
+
+
+def _explain_out_of_step(files: _Files, options: ReadOptions) -> tuple[_Files, np.ndarray]:
+    """Return the files, and frames of each camera for one of any of them, under which views match at some offsets."""
+    calibration = files.calibration
+    to_world = rotation_to_z_up(options.up_axis or "z")
+    in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
+    readings = explain_unlike(in_file, files.detections)
     if readings is None:
-        return calibration, ratios
-    if (found := _corrected(detections.cameras, readings)) is not None:
+        return files, np.ones(len(files.detections.cameras))
+    if (found := _corrected(files.detections.cameras, readings)) is not None:
         cameras = corrected(in_file, [reading.correction for reading in readings])
         cameras = replace(cameras, R=cameras.R @ to_world.T)
         rolls = tuple(reading.correction.turn for reading in readings)
         calibration = replace(calibration, cameras=cameras, rolls=rolls, problems=(*calibration.problems, found))
-    return calibration, np.array([reading.rate for reading in readings])
+    return replace(files, calibration=calibration), np.array([reading.rate for reading in readings])
 
 
 def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> Diagnostic | None:

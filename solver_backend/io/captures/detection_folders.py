@@ -10,17 +10,16 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.agreement.calibration_fit import views_agreement
 from solver_backend.agreement.camera_assignment import assigned_by_views
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.epipolar_fit import ComparedViews, report_focal_lengths, report_undistorted
+from solver_backend.agreement.evidence import agreement_share
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.reading_settings import DEFAULTS
 from solver_backend.exchange.time_settings import calibrated_names
-from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
@@ -31,6 +30,7 @@ from solver_backend.io.footage import VideoHeader, find_footage, headers, with_s
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
+from solver_backend.io.recognition.person_unit import in_persons_unit
 from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
@@ -70,7 +70,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     calibration = find_calibration(
         root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera),
         by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
-        agreement=lambda cameras: views_agreement(cameras, as_numbered(read(), options)),
+        agreement=lambda cameras: agreement_share(cameras, as_numbered(read(), options)),
     )  # fmt: skip
     detections = read()
     footage = find_footage(levels[:2], tuple(sources))

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.body_breadth import in_a_room
 from solver_backend.agreement.detections import Detections, compared_keypoints, main_person, well_seen_frames
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.types import Cameras
@@ -19,6 +19,8 @@ STATURES_M = (1.25, 2.15)
 POSSIBLE_M = (0.6, 2.9)
 """Children and giants: with such a person the unit that the cameras' distance shows stays."""
 MEAN_STATURE_M = 1.7
+ARRAY_M = 6.0
+"""Width that cameras are given to triangulate, whose limits are in metres."""
 OFF_LINE = 0.05
 """Median residual over the person's extent up to which views agree."""
 _UNITS = ("m", "cm", "mm", "inch")
@@ -91,3 +93,27 @@ def _length(points: np.ndarray, names: list[str], upper: str, lower: str) -> flo
     ]
     both = np.concatenate(lengths)
     return float(np.nanmedian(both)) if np.isfinite(both).any() else float("nan")
+
+
+def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
+    """Return cameras of any unit as wide apart as those of a room, with the factor; NaN where they are one place."""
+    width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
+    if not width > 0:
+        return cameras, float("nan")
+    return replace(cameras, t=cameras.t * ARRAY_M / width), ARRAY_M / width
+
+
+def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
+    """Return the calibration in the unit that makes the person possible, and the factor by which people are found.
+
+    Args:
+        calibration: of the cameras of the detections.
+        detections: in step.
+        keep: leave the unit as it is.
+    """
+    found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
+    if not found.problems:
+        return calibration, found.to_plausible
+    notes = tuple(note for note in calibration.notes if note.code != "unit_read")
+    problems = (*calibration.problems, *found.problems)
+    return replace(calibration, cameras=found.cameras, notes=notes, problems=problems), 1.0

@@ -110,7 +110,7 @@ def detect(
     cameras: Cameras, points: np.ndarray, take: MotionTake, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return xy (C, F, 25, 2) and confidence (C, F, 25) of points (F, 25, 3) by a detector that errs."""
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    xy = project(cameras, points)
     xy = np.asarray(xy).reshape(len(cameras), *points.shape[:2], 2)
     seen = np.isfinite(xy).all(-1) & ((xy >= 0) & (xy < SIZE)).all(-1)
     height = np.nanmax(xy[..., 1], axis=-1) - np.nanmin(xy[..., 1], axis=-1)

@@ -1,0 +1,284 @@
+"""Files are read as they are meant: every fault comes back exactly, and no good capture is touched."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.explain import Explanation, explain
+from solver_backend.agreement.noise import count_in_bins, fit_noise
+from solver_backend.agreement.reading import PLAIN, Picture, Reading, apply_reading
+from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
+from solver_backend.cameras.projection import project
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Cameras, JointSet
+from tests.support.scenes import ring_of_cameras
+
+DEMO = demo_capture()
+CAMERAS, KEYPOINTS = DEMO.require_multiview()
+FRAMES = slice(40, 160)
+WRITTEN = Reading.as_written(4)
+EVERY = (0, 1, 2, 3)
+
+
+def detections(xy: np.ndarray | None = None) -> Detections:
+    xy = KEYPOINTS.xy[:, FRAMES] if xy is None else xy
+    return Detections(CAMERAS.names, xy[:, :, None], KEYPOINTS.confidence[:, FRAMES][:, :, None], KEYPOINTS.joint_set)
+
+
+def half(seen: Detections, chosen: tuple[int, ...] = EVERY) -> Detections:
+    xy = seen.xy.copy()
+    xy[list(chosen)] = (xy[list(chosen)] + 0.5) / 2 - 0.5
+    return replace(seen, xy=xy)
+
+
+def turned(seen: Detections, chosen: tuple[int, ...] = EVERY) -> Detections:
+    xy = seen.xy.copy()
+    for c in chosen:
+        xy[c] = np.stack([CAMERAS.image_size[c, 1] - 1 - seen.xy[c, ..., 1], seen.xy[c, ..., 0]], axis=-1)
+    return replace(seen, xy=xy)
+
+
+def scaled(seen: Detections, x: float, y: float, bars: float = 0.0, chosen: tuple[int, ...] = EVERY) -> Detections:
+    xy = seen.xy.copy()
+    xy[list(chosen)] = (xy[list(chosen)] + 0.5) * [x, y] - 0.5 + [0, bars]
+    return replace(seen, xy=xy)
+
+
+def mirrored(seen: Detections, chosen: tuple[int, ...] = EVERY, sides: bool = True) -> Detections:
+    xy = seen.xy.copy()
+    for c in chosen:
+        xy[c, ..., 0] = CAMERAS.image_size[c, 0] - 1 - xy[c, ..., 0]
+        xy[c] = xy[c][..., list(seen.joint_set.mirrored(xy.shape[-2])), :] if sides else xy[c]
+    return replace(seen, xy=xy)
+
+
+def pictures_of(*kinds: Picture) -> Reading:
+    return replace(WRITTEN, pictures=kinds * (4 // len(kinds)))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (half, pictures_of(Picture(0.5))),
+        (lambda seen: half(seen, (1,)), pictures_of(PLAIN, Picture(0.5), PLAIN, PLAIN)),
+        (turned, pictures_of(Picture(turn=1))),
+        (lambda seen: turned(seen, (0, 2)), pictures_of(Picture(turn=1), PLAIN)),
+        (lambda seen: half(turned(seen)), pictures_of(Picture(0.5, 1))),
+        (lambda seen: turned(half(seen, (2,)), (0,)), pictures_of(Picture(turn=1), PLAIN, Picture(0.5), PLAIN)),
+    ],
+    ids=["half", "one camera half", "turned", "two turned", "turned and half", "one turned and another half"],
+)
+def test_pictures_of_another_size_or_turned(spoil: Callable[[Detections], Detections], expected: Reading) -> None:
+    found = explain(CAMERAS, spoil(detections()))
+    assert found.reading == expected and found.agrees
+    assert {a.code for a in found.applied} == {"calibration_corrected"} and all(a.gain > 6 for a in found.applied)
+    cameras, _ = apply_reading(CAMERAS, spoil(detections()), found.reading)
+    again = corrected(CAMERAS, [picture.correction for picture in expected.pictures])
+    np.testing.assert_allclose(cameras.K, again.K)
+    np.testing.assert_allclose(cameras.R, again.R)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (lambda seen: scaled(seen, 0.75, 1.0), pictures_of(Picture(shape="squeezed"))),
+        (lambda seen: scaled(seen, 1 / 3, 1 / 3, 140), pictures_of(Picture(1 / 3, shape="boxed"))),
+        (lambda seen: replace(seen, xy=seen.xy - [320, 180]), pictures_of(Picture(shape="middle 2/3"))),
+        (
+            lambda seen: scaled(seen, 0.75, 1.0, 0, (1,)),
+            pictures_of(PLAIN, Picture(shape="squeezed"), PLAIN, PLAIN),
+        ),
+    ],
+    ids=["anamorphic", "a square with bars", "cropped", "one anamorphic"],
+)
+def test_pictures_of_another_shape(spoil: Callable[[Detections], Detections], expected: Reading) -> None:
+    found = explain(CAMERAS, spoil(detections()))
+    assert [picture.shape for picture in found.reading.pictures] == [picture.shape for picture in expected.pictures]
+    sizes = [picture.size for picture in found.reading.pictures]
+    assert sizes == pytest.approx([picture.size for picture in expected.pictures], rel=0.01)
+    assert SHAPES[next(p.shape for p in expected.pictures if p.shape)] in found.applied[0].meaning
+
+
+AXES = np.diag([1.0, -1.0, -1.0])
+
+
+@pytest.mark.parametrize(
+    "written",
+    [
+        replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2)),
+        replace(CAMERAS, R=CAMERAS.R.swapaxes(1, 2), t=CAMERAS.centres),
+        replace(CAMERAS, t=CAMERAS.centres),
+        replace(CAMERAS, R=AXES @ CAMERAS.R, t=CAMERAS.t @ AXES),
+        replace(CAMERAS, R=(AXES @ CAMERAS.R).swapaxes(1, 2), t=CAMERAS.centres),
+    ],
+    ids=["transposed", "camera to world", "positions", "OpenGL", "camera to world in OpenGL's axes"],
+)
+def test_rotations_and_places_written_the_other_way(written: Cameras) -> None:
+    cameras, _ = apply_reading(written, detections(), explain(written, detections()).reading)
+    np.testing.assert_allclose(cameras.R, CAMERAS.R, atol=1e-9)
+    np.testing.assert_allclose(cameras.t, CAMERAS.t, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "meaning"),
+    [
+        (mirrored, "the pictures are mirrored, and left and right are exchanged in the keypoints' names"),
+        (lambda seen: mirrored(seen, (1,)), "the pictures are mirrored, and left and right are exchanged"),
+        (lambda seen: replace(seen, xy=np.array([0, 1079]) + seen.xy * [1, -1]), "v counts from the bottom"),
+        (lambda seen: replace(seen, xy=seen.xy[..., ::-1]), "x and y are exchanged"),
+        (
+            lambda seen: replace(seen, xy=seen.xy[..., list(seen.joint_set.mirrored()), :]),
+            "left and right are exchanged",
+        ),
+    ],
+    ids=["mirrored", "one mirrored", "from below", "x and y", "sides"],
+)
+def test_flipped_pictures_and_exchanged_sides(spoil: Callable[[Detections], Detections], meaning: str) -> None:
+    spoiled = spoil(detections())
+    found = explain(CAMERAS, spoiled)
+    assert [a.code for a in found.applied] == ["detections_corrected"] and found.applied[0].meaning.startswith(meaning)
+    cameras, undone = apply_reading(CAMERAS, spoiled, found.reading)
+    np.testing.assert_allclose(undone.xy, detections().xy, atol=1e-3)
+    np.testing.assert_array_equal(cameras.R, CAMERAS.R)
+
+
+@pytest.mark.parametrize("order", [[1, 0, 2, 3], [1, 2, 3, 0], [2, 3, 0, 1]], ids=["two", "round", "two pairs"])
+def test_cameras_that_bear_each_others_names(order: list[int]) -> None:
+    found = explain(CAMERAS, detections(KEYPOINTS.xy[order][:, FRAMES]))
+    assert list(found.reading.owners) == order
+    assert [a.code for a in found.applied] == ["camera_names_exchanged"]
+    stated = explain(CAMERAS, detections(KEYPOINTS.xy[order][:, FRAMES]), names_stated=True)
+    assert "camera_names_exchanged" not in {a.code for a in stated.applied}
+
+
+def moved(angle: float, by_m: float) -> Cameras:
+    R, t = CAMERAS.R.copy(), CAMERAS.t.copy()
+    turn = exp_so3(np.radians(angle) * np.array([0.3, 0.95, 0.05]))
+    R[2], t[2] = turn @ R[2], turn @ t[2] + by_m * np.array([0.6, -0.8, 0.0])
+    return replace(CAMERAS, R=R, t=t)
+
+
+@pytest.mark.parametrize(("angle", "by_m"), [(15.0, 0.0), (0.0, 0.6), (15.0, 0.6)])
+def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> None:
+    cameras = moved(angle, by_m)
+    found = explain(cameras, detections())
+    assert [(a.code, a.views) for a in found.applied] == [("camera_moved", (2,))]
+    placed, _ = apply_reading(cameras, detections(), found.reading)
+    assert np.degrees(np.arccos((np.trace(placed.R[2] @ CAMERAS.R[2].T) - 1) / 2)) < 1.0
+    np.testing.assert_allclose(placed.centres[2], CAMERAS.centres[2], atol=0.05)
+
+
+def test_a_camera_of_another_take_is_named() -> None:
+    xy = KEYPOINTS.xy[:, FRAMES].copy()
+    xy[1] = xy[1, ::-1] + [150.0, -60.0]
+    found = explain(CAMERAS, detections(xy))
+    assert [(a.code, a.views) for a in found.applied] == [("camera_unexplained", (1,))]
+
+
+def late(seen: Detections) -> Detections:
+    xy = seen.xy.copy()
+    xy[1] = np.roll(xy[1], 20, axis=0)
+    return replace(seen, xy=xy)
+
+
+def test_a_late_camera_is_late_and_nothing_else() -> None:
+    found = explain(CAMERAS, late(detections()))
+    assert [(a.code, a.views) for a in found.applied] == [("camera_late", (1,))]
+    assert replace(found.reading, late=()) == WRITTEN
+
+
+@pytest.mark.parametrize(
+    ("cameras", "seen"),
+    [
+        (CAMERAS, detections()),
+        (replace(CAMERAS, t=100 * CAMERAS.t), detections()),
+        (CAMERAS, detections(np.random.default_rng(1).uniform(0, 1000, KEYPOINTS.xy[:, FRAMES].shape))),
+        (CAMERAS, detections(KEYPOINTS.xy[:, FRAMES] + np.random.default_rng(2).normal(0, 20, (4, 120, 25, 2)))),
+        (CAMERAS, replace(detections(), confidence=np.zeros((4, 120, 1, 25)))),
+    ],
+    ids=["as it should be", "cm", "nonsense", "noise", "nobody"],
+)
+def test_nothing_changes_without_evidence(cameras: Cameras, seen: Detections) -> None:
+    found = explain(cameras, seen)
+    assert not found.changed and found.reading == WRITTEN
+
+
+def test_a_person_in_the_middle_of_a_level_ring_is_told_by_the_body() -> None:
+    points = DEMO.truth["keypoints3d"][FRAMES].copy()
+    points[..., :2] -= points[..., :2].mean(axis=(0, 1))
+
+    def seen_by_ring(shown: np.ndarray) -> tuple[Cameras, Detections]:
+        cameras = ring_of_cameras(height=0.9)
+        px = project(cameras, shown)
+        confidence = np.ones((*px.shape[:2], 1, px.shape[2]))
+        return cameras, Detections(cameras.names, px[:, :, None], confidence, KEYPOINTS.joint_set)
+
+    cameras, seen = seen_by_ring(points)
+    assert not explain(cameras, seen).changed
+    from_below = replace(seen, xy=np.array([0, cameras.image_size[0, 1] - 1]) + seen.xy * [1, -1])
+    found = explain(cameras, from_below)
+    assert [a.meaning for a in found.applied] == ["v counts from the bottom of the pictures"]
+    handstand = (points - [0, 0, 0.9]) * [1, -1, -1] + [0, 0, 0.9]
+    assert not explain(*seen_by_ring(handstand)).changed
+
+
+def test_a_person_who_stands_without_face_and_toes_keeps_the_sides() -> None:
+    """Knee definitions behind the leg's line are one observation, however many frames show them."""
+    body = JointSet.COCO_17
+    names = KEYPOINTS.joint_set.keypoints
+    columns = [names.index(name) for name in body.keypoints]
+    points = np.repeat(DEMO.truth["keypoints3d"][40:41, columns], 120, axis=0)
+    left, up = points[0, 5] - points[0, 6], np.array([0.0, 0.0, 1.0])
+    back = -np.cross(left, up) / np.linalg.norm(np.cross(left, up))
+    for knee in (13, 14):
+        points[:, knee] += 0.04 * back
+    points += 0.01 * np.random.default_rng(0).normal(size=(120, 1, 3))
+    xy = project(CAMERAS, points)
+    confidence = np.ones(xy.shape[:3])
+    confidence[..., :5] = 0.0
+    seen = Detections(CAMERAS.names, xy[:, :, None], confidence[:, :, None], body)
+    assert not explain(CAMERAS.subset([0, 1, 2]), replace(
+        seen, cameras=CAMERAS.names[:3], xy=seen.xy[:3], confidence=seen.confidence[:3]
+    )).changed  # fmt: skip
+
+
+def test_cameras_in_one_place_explain_nothing() -> None:
+    one = replace(CAMERAS, R=np.tile(np.eye(3), (4, 1, 1)), t=np.zeros((4, 3)))
+    found = explain(one, detections())
+    assert isinstance(found, Explanation) and not found.changed and not found.agrees
+
+
+def test_corrections_move_pictures_and_nothing_else() -> None:
+    lens = np.tile([-0.05, 0.1, 0.002, -0.003, 0.0, 0.0, 0.0, 0.0], (4, 1))
+    cameras, points = replace(CAMERAS, distortion=lens), np.random.default_rng(0).uniform(-1, 2, (50, 3))
+    plain = project(cameras, points)
+    seen = corrected(cameras, [CameraCorrection(factor=0.5, turn=1)] * 4)
+    small = (plain + 0.5) / 2 - 0.5
+    height = np.round(cameras.image_size[:, 1, None] / 2)
+    turned_once = np.stack([height - 1 - small[..., 1], small[..., 0]], axis=-1)
+    np.testing.assert_allclose(project(seen, points), turned_once, atol=1e-9)
+
+
+def test_hands_are_flipped_with_the_body() -> None:
+    hands = np.random.default_rng(0).uniform(0, 1000, (4, 120, 1, 2, 21, 3))
+    reading = replace(WRITTEN, pictures=(Picture(mirrored=True),) * 4, sides=(True,) * 4)
+    _, undone = apply_reading(CAMERAS, replace(detections(), hands=hands), reading)
+    assert undone.hands is not None
+    np.testing.assert_allclose(undone.hands[..., 0, :, 0], 1919 - hands[..., 1, :, 0])
+    np.testing.assert_allclose(undone.hands[..., 1:], hands[..., ::-1, :, 1:])
+
+
+def test_noise_and_outlier_rate_are_estimated() -> None:
+    rng = np.random.default_rng(3)
+    distance = np.where(rng.uniform(size=(2, 20_000)) < 0.1, rng.uniform(-2, 2, (2, 20_000)), 0.0)
+    distance = np.where(distance == 0, rng.normal(0, [[0.01], [0.04]], (2, 20_000)), distance)
+    noise = fit_noise(count_in_bins(distance, np.ones(())))
+    np.testing.assert_allclose(noise.sigma, [0.01, 0.04], rtol=0.1)
+    np.testing.assert_allclose(noise.outliers, 0.1, atol=0.02)
