@@ -95,12 +95,16 @@ def _robust_means(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
     The median over the frames is what an inexact calibration causes.
     """
-    square = (distance - quantile(distance, 0.5, axis=1, method="lower")[:, None]) ** 2
-    share = square / (square + scale**2)
+    share = _robust_shares(distance, scale)
     known = np.isfinite(share)
     number = known.sum(axis=(1, 2))
     enough = number >= np.maximum(LEAST_SHARE * number.max(), 1)
     return np.where(enough, np.where(known, share, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1), 1.0)
+
+
+def _robust_shares(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    square = (distance - quantile(distance, 0.5, axis=1, method="lower")[:, None]) ** 2
+    return square / (square + scale**2)
 
 
 def _descended(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:
@@ -298,6 +302,8 @@ LEAST_MOTION, LEAST_MOVING = 6.0, 3
 many keypoints it must be more."""
 LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
 """Smaller drifts, and those that are not sure, are none: slow errors of a detector look like a drift."""
+TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0
+"""Delays from which on "no delay" is tested, and standard errors by which they must explain the stretches better."""
 LARGEST_SIGMA_FRAMES = 0.2
 """A delay less certain than this cannot be reported: too little moves."""
 MEDIAN_FRAMES = 5
@@ -364,10 +370,54 @@ def estimate_delays(
         points = triangulation.of_keypoints(limbs).points[frames]
     search = _Search(cameras, tracks, frames, sigma_px)
     delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
-    known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
+    confirmed = _beats_no_delay(cameras, tracks, frames, np.where(moving & ~beyond, delay, 0.0), sigma_px)
+    known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond)
+
+
+def _beats_no_delay(
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, sigma_px: np.ndarray
+) -> np.ndarray:
+    """Return (C,) whether each delay explains the views better than none, in stretch after stretch of the take.
+
+    Slow movement makes the misfit flat: its minimum lies somewhere, and a deviation by slopes alone does not show it.
+
+    Args:
+        cameras: C cameras.
+        tracks: (C, F, K, 2) px, NaN where missing.
+        frames: (N,) that are compared.
+        delay: (C,) frames.
+        sigma_px: (K,) standard deviation of the detections, px.
+    """
+    confirmed = np.ones(len(cameras), bool)
+    delay = delay - _median(delay)
+    doubtful = np.flatnonzero(np.abs(delay) >= TESTED_FRAMES)
+    if not len(doubtful):
+        return confirmed
+    rays = [
+        np.concatenate([points, np.ones_like(points[..., :1])], axis=-1)
+        for points in (undistort(cameras, tracks_at(tracks, frames + late[:, None])) for late in (delay, 0 * delay))
+    ]
+    place = np.arange(len(frames))[None]
+    pairs = compared_pairs(len(cameras))
+    for view in doubtful:
+        gains = list[np.ndarray]()
+        mixed = rays[0].copy()
+        mixed[view] = rays[1][view]
+        for i, j in pairs:
+            if view in (i, j):
+                then, now = (
+                    _robust_shares(_distances(cameras, i, j, seen, place), LAG_SIGMAS * sigma_px)[0]
+                    for seen in (rays[0], mixed)
+                )
+                gains.append(np.where(np.isfinite(now - then), now - then, np.nan))
+        blocks = [block[np.isfinite(block)] for block in np.array_split(np.stack(gains), BLOCKS, axis=1)]
+        means = np.array([block.mean() for block in blocks if len(block)])
+        error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
+        confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
+    return confirmed
 
 
 @dataclass(frozen=True)

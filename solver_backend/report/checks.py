@@ -223,19 +223,25 @@ class ViewAgreement:
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
     """Return which views agree with the body, frame by frame.
 
-    A view of others counts against the person only where her body lies in its picture: two people in two corners, each
-    in the pictures of two cameras, contradict nobody. Views that the user left out do not count.
+    A view of others counts against the person only where they stand in her place while two views see her: people who
+    come and go, and interpolated frames, contradict nobody. Views that the user left out do not count.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
     inside = ((px >= 0) & (px < capture.cameras.image_size[:, None, None])).all(-1).mean(-1) > 0.5
     seen = (capture.keypoints.confidence > 0).sum(-1) >= MIN_POINTS
+    extents = _extents(px)
     with np.errstate(invalid="ignore"):
-        off = quantile(np.moveaxis(residuals.error_px, -1, 0), 0.5, axis=0) / _extents(px)
+        off = quantile(np.moveaxis(residuals.error_px, -1, 0), 0.5, axis=0) / extents
     others = np.zeros_like(seen)
     for person in capture.people:
         if person.name != capture.person:
-            others |= inside & ((person.keypoints.confidence > 0).sum(-1) >= MIN_POINTS)
+            xy = np.where(person.keypoints.confidence[..., None] > 0, person.keypoints.xy, np.nan)
+            apart = np.linalg.norm(_middles(xy) - _middles(px), axis=-1)
+            with np.errstate(invalid="ignore"):
+                there = (apart < extents / 2) & ((person.keypoints.confidence > 0).sum(-1) >= MIN_POINTS)
+            others |= inside & there
+    others &= seen.sum(0) >= 2  # elsewhere the body is interpolated, and who is seen there may well be somebody else
     settings = motion.provenance.get("settings")
     texts = settings.get("leave_out", ()) if isinstance(settings, dict) else ()
     taken = ~left_out_views(texts or (), capture.cameras.names, motion.num_frames)
@@ -249,6 +255,13 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
     return project(c, motion.keypoints3d)
+
+
+def _middles(px: np.ndarray) -> np.ndarray:
+    """Return (C, F, 2) the middle of the known points of (C, F, K, 2) pixels, NaN where none is."""
+    known = np.isfinite(px).all(-1, keepdims=True)
+    count = known.sum(-2)
+    return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:

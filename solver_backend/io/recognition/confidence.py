@@ -7,26 +7,24 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT = 100.0
-_LOW = 0.5
-"""Below this, one confidence for every keypoint is taken as none; a higher one weighs what is seen as it should."""
+_LOW, _SURE = 0.5, 0.95
+"""Confidences are relative: if this quantile of those that are seen is below the first, it is taken as certain."""
 _TYPICAL_PER_CENT = 10.0
 """Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
-_FLAT, _FEWEST = 1e-3, 100
-"""Relative spread of confidences that show nothing (detectors' is 0.1-0.5), and of how many points it is looked at."""
+_FEWEST = 100
+"""Points that show a scale."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return confidences in 0..1, notes and problems: per cent are divided by 100, other values above 1 taken as 1.
-
-    One small value for every point that is seen is no doubt about all of them: it is taken as 1.
+    """Return confidences in 0..1, notes and problems: low ones and per cent are rescaled, others above 1 count as 1.
 
     Args:
-        confidence: of any shape, 0 where unseen.
+        confidence: of one joint set and take, any shape, 0 where unseen.
     """
     largest = float(confidence.max(initial=0.0))
     seen = confidence[confidence > 0]
-    if len(seen) >= _FEWEST and largest < _LOW and float(seen.min()) >= (1 - _FLAT) * largest:
-        return np.where(confidence > 0, 1.0, 0.0), (), (diagnostic("confidence_flat", largest=largest),)
+    if len(seen) >= _FEWEST and largest <= 1 and (sure := float(np.quantile(seen, _SURE))) < _LOW:
+        return np.minimum(confidence / sure, 1.0), (), (diagnostic("confidence_rescaled", how="low", largest=largest),)
     if largest <= 1:
         return confidence, (), ()
     if largest <= PER_CENT and float(np.median(confidence[confidence > 0])) > _TYPICAL_PER_CENT:

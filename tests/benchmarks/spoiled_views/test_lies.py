@@ -28,7 +28,7 @@ LIMIT_MM = 10.0
 NAMED = {
     "cameras exchanged": "camera_names_exchanged", "sides exchanged": "detections_corrected",
     "v from below": "detections_corrected", "one late": "camera_late", "half size": "calibration_corrected",
-    "cm": "unit_by_person", "one mirrored": "image_mirrored", "confidence 0.01": "confidence_flat",
+    "cm": "unit_by_person", "one mirrored": "image_mirrored", "confidence 0.01": "confidence_rescaled",
 }  # fmt: skip
 """What is wrong, and the diagnostic that names it."""
 

@@ -20,18 +20,21 @@ def doubts(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("value", [0.01, 0.1, 0.45])
-def test_one_value_for_everything_shows_nothing_and_is_reported(rng, value: float) -> None:
+def test_one_low_value_for_everything_counts_as_certain_and_is_reported(rng, value: float) -> None:
     seen = doubts(rng) > 0
     found, notes, problems = on_unit_scale(np.where(seen, value, 0.0))
-    assert np.array_equal(found, seen.astype(float))
-    assert (notes, problems) == ((), (diagnostic("confidence_flat", largest=value),))
+    assert found == pytest.approx(seen.astype(float))
+    assert (notes, problems) == ((), (diagnostic("confidence_rescaled", how="low", largest=value),))
 
 
-def test_confidences_that_differ_stay_however_small(rng) -> None:
-    for scale in (1.0, 0.01):
-        given = scale * doubts(rng)
-        found, *reported = on_unit_scale(given)
-        assert np.array_equal(found, given) and reported == [(), ()]
+def test_confidences_are_relative(rng) -> None:
+    given = doubts(rng)
+    found, *reported = on_unit_scale(given)
+    assert np.array_equal(found, given) and reported == [(), ()]
+    low = [on_unit_scale(scale * given) for scale in (0.01, 0.1, 0.2)]
+    for rescaled, _, problems in low:
+        assert rescaled == pytest.approx(low[0][0]) and rescaled.max() == 1.0
+        assert [item.code for item in problems] == ["confidence_rescaled"]
 
 
 def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
