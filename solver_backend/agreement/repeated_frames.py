@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.detections import MIN_CONFIDENCE, MIN_POINTS, Detections, main_person
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import JobInvalid, TooFewViews
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
-from solver_backend.types import Keypoints2D
+from solver_backend.types import Capture, Keypoints2D
+from solver_backend.types.shapes import Bool
 
 LONGEST = 5
 """Repetitions in a row that are bridged."""
@@ -80,3 +87,150 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
     xy = np.where(seen, np.where(seen, early, 0.0) + share[..., None] * np.where(seen, late - early, 0.0), keypoints.xy)
     hands = None if keypoints.hands is None else np.where(repeated[..., None, None, None], np.nan, keypoints.hands)
     return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
+
+
+_FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """A view that takes no part, in some frames or in all."""
+
+    camera: str
+    """Name of the camera."""
+    first: int | None = None
+    """First frame, from 0; None for the whole take."""
+    last: int | None = None
+    """Last frame, included."""
+
+    @classmethod
+    def parse(cls, text: str) -> LeftOut:
+        """Return what ``CAMERA`` or ``CAMERA:FIRST-LAST`` means.
+
+        Raises:
+            JobInvalid: it means nothing, or ends before it begins.
+        """
+        found = _FORM.fullmatch(text)
+        ends = (None, None) if found is None or found["first"] is None else (int(found["first"]), int(found["last"]))
+        if found is None or (ends[0] is not None and ends[1] is not None and ends[0] > ends[1]):
+            raise JobInvalid(
+                f"'{text}' names no view to be left out.", where="leave_out", hint="Write CAMERA or CAMERA:FIRST-LAST."
+            )
+        return cls(found["camera"], *ends)
+
+
+def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
+    """Return a capture in which views take no part where they are to be left out.
+
+    Args:
+        capture: calibrated cameras and keypoints.
+        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
+
+    Raises:
+        JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
+        TooFewViews: no camera is left.
+    """
+    if not texts:
+        return capture
+    cameras, keypoints = capture.require_views()
+    out = left_out_views(texts, cameras.names, keypoints.num_frames)
+    confidence = np.where(out[..., None], 0.0, keypoints.confidence)
+    if not (confidence > 0).any():
+        raise TooFewViews("No camera with detections is left.", where=capture.name, hint="Keep more cameras.")
+    return replace(capture, keypoints=replace(keypoints, confidence=confidence))
+
+
+def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
+    """Return (C, F) which views of which frames are left out.
+
+    Args:
+        texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
+        names: of C cameras.
+        frames: of the take.
+
+    Raises:
+        JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
+    """
+    out = np.zeros((len(names), frames), bool)
+    for text in texts:
+        item = LeftOut.parse(text)
+        if item.camera not in names:
+            raise JobInvalid(
+                f"There is no camera '{item.camera}' to be left out.", where="leave_out",
+                hint=f"Cameras: {', '.join(names)}.",
+            )  # fmt: skip
+        if item.first is not None and item.first >= frames:
+            raise JobInvalid(f"'{text}' lies beyond the take of {frames} frames.", where="leave_out")
+        stop = None if item.last is None else item.last + 1
+        out[list(names).index(item.camera), item.first : stop] = True
+    return out
+
+
+JUMP, CALM = 0.12, 0.25
+"""How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
+it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames a second."""
+_LEAST_VIEWS = 2
+"""Views that must see the person before and after a cut."""
+
+FAR_QUANTILE = 0.95
+LEAST_FRAMES, TEXT_SHARE = 20, 0.5
+"""Frames from which texts and numbers have clearly other orders; share of how far keypoints move between frames that is
+left by number if they were in the order of texts: 40 to 360 frames of the demo leave 0.03 to 0.24, else 3 and more."""
+
+
+def take_cuts(detections: Detections) -> list[int]:
+    """Return the frames that begin another take.
+
+    Args:
+        detections: everybody, in step; of each frame the largest person counts.
+    """
+    xy, confidence = main_person(detections)
+    if xy.shape[1] < 4:
+        return []
+    seen = confidence >= MIN_CONFIDENCE
+    points = np.where(seen[..., None], xy, np.nan)
+    shared = seen[:, 1:] & seen[:, :-1]
+    enough = shared.sum(-1) >= MIN_POINTS
+    moved = np.linalg.norm(np.diff(points, axis=1), axis=-1)
+    step = np.full(enough.shape, np.nan)
+    extent = np.linalg.norm(np.nanmax(points[:, 1:][enough], 1) - np.nanmin(points[:, 1:][enough], 1), axis=-1)
+    step[enough] = np.nanmedian(moved[enough], axis=-1) / extent
+    known = np.isfinite(step)
+    least, most = np.where(known, step, np.inf).min(0), np.where(known, step, 0.0).max(0)
+    around = np.maximum(np.r_[0.0, most[:-1]], np.r_[most[1:], 0.0])
+    jumps = (known.sum(0) >= _LEAST_VIEWS) & (least > JUMP) & (around < CALM * least)
+    return (np.flatnonzero(jumps) + 1).tolist()
+
+
+def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
+    """Return the warning that frames are in the order of texts (1, 10, 100, 2), where they move far less by number.
+
+    Args:
+        detections: everybody, in step; of each frame the largest person counts.
+    """
+    xy, confidence = main_person(detections)
+    points, count = np.where((confidence >= MIN_CONFIDENCE)[..., None], xy, np.nan), xy.shape[1]
+    if count < LEAST_FRAMES:
+        return ()
+    now = _walked(points)
+    for first in (0, 1):
+        by_number = np.argsort(sorted(range(first, first + count), key=str))
+        if _walked(points[:, by_number]) < TEXT_SHARE * now:
+            return (diagnostic("frames_in_text_order", first=1, third=10, second=2),)
+    return ()
+
+
+def _walked(points: np.ndarray) -> float:
+    """Return how far keypoints (C, F, K, 2) move from a frame to the next in one frame of twenty; 0 of nothing."""
+    moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
+    moved = moved[np.isfinite(moved).any(-1)]
+    return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0
+
+
+def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
+    """Return what is reported of cuts: nothing where there are none."""
+    if not cuts:
+        return ()
+    return (
+        diagnostic("takes_joined", cuts=cuts, first_end=cuts[0] - 1, last_start=cuts[-1], end=num_frames - 1),
+    )  # fmt: skip

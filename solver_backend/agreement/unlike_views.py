@@ -17,8 +17,7 @@ import numpy as np
 from solver_backend.agreement.camera_starts import largest_gain
 from solver_backend.agreement.detections import Detections, sightings
 from solver_backend.agreement.offset_gains import PairGains, PairTable, pair_gains
-from solver_backend.agreement.rates import standard_ratios
-from solver_backend.agreement.resampled import nearest_rows
+from solver_backend.agreement.resampled import nearest_rows, standard_ratios
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
 from solver_backend.types import Cameras
 

@@ -176,7 +176,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a capture's cameras as they were read: corrected, scaled and levelled."""
     from solver_backend.camera_calibration.formats import format_of, write_calibration
     from solver_backend.cli.camera_sources import capture_of
-    from solver_backend.io.recognition.world_check import check_world
+    from solver_backend.io.recognition.world_fit import check_world
 
     overwrite = bool(args.overwrite)
     kind = args.format or format_of(args.out)

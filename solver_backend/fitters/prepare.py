@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.agreement.left_out import without_views
+from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.body.label_places import places_given

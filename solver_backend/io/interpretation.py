@@ -21,12 +21,9 @@ from solver_backend.io.calibration.entry import Calibration, CameraEntry, Stated
 from solver_backend.io.markers.source import MarkerReport, MarkerSource, MarkerTake
 from solver_backend.io.markers.text_table import LARGEST
 from solver_backend.io.reader import ReadOptions
-from solver_backend.io.recognition.length_unit import metres_in
-from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
-from solver_backend.io.recognition.marker_unit import find_unit
-from solver_backend.io.recognition.marker_up_axis import find_up_axis
-from solver_backend.io.recognition.subject_labels import by_subject
-from solver_backend.io.recognition.up_axis import rotation_to_z_up, with_up_axis
+from solver_backend.io.recognition.marker_labels import by_subject, subjects_of, unique_labels
+from solver_backend.io.recognition.marker_unit import find_unit, metres_in
+from solver_backend.io.recognition.marker_up_axis import find_up_axis, rotation_to_z_up, with_up_axis
 from solver_backend.types import MarkerCloud
 
 MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})

@@ -13,7 +13,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.frame_choice import cut_frames
+from solver_backend.io.recognition.frame_numbers import cut_frames
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.types import Capture, Motion
 

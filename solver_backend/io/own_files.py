@@ -16,7 +16,7 @@ from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_unit import find_unit, spread
 from solver_backend.io.recognition.marker_up_axis import find_up_axis
-from solver_backend.io.recognition.world_check import without_world
+from solver_backend.io.recognition.world_fit import without_world
 from solver_backend.types import Capture, MarkerCloud
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.agreement.detections import MIN_POINTS
 from solver_backend.agreement.epipolar_fit import report_focal_lengths
-from solver_backend.agreement.left_out import left_out_views
+from solver_backend.agreement.repeated_frames import left_out_views
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import limb_of, of_one_limb
@@ -21,7 +21,7 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.recognition.gravity import upright_from_person
-from solver_backend.io.recognition.world_check import LEG_SHARE
+from solver_backend.io.recognition.person_scale import LEG_SHARE
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion

@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.world_check import check_world
+from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Capture, JointSet
 from tests.support.words import words
 

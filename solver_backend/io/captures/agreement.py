@@ -9,9 +9,8 @@ import numpy as np
 
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Applied, Explanation, explain
-from solver_backend.agreement.rates import rates_by_length
 from solver_backend.agreement.reading import Reading, apply_reading
-from solver_backend.agreement.resampled import at_one_rate
+from solver_backend.agreement.resampled import at_one_rate, rates_by_length
 from solver_backend.agreement.unlike_views import ViewReading, explain_unlike, views_match
 from solver_backend.cameras.camera_corrections import corrected
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -19,8 +18,8 @@ from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.captures.frame_rates import of_the_take, other_rates, stated_ratios
 from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
 
 @dataclass(frozen=True)

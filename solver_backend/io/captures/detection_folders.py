@@ -16,7 +16,7 @@ from solver_backend.agreement.epipolar_fit import ComparedViews, report_focal_le
 from solver_backend.agreement.evidence import agreement_share
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
-from solver_backend.agreement.take_cuts import report_cuts, report_order, take_cuts
+from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.reading_settings import DEFAULTS
 from solver_backend.exchange.time_settings import calibrated_names
@@ -29,9 +29,9 @@ from solver_backend.io.detections.search import camera_sources, listed_paths
 from solver_backend.io.footage import VideoHeader, find_footage, headers, with_sizes_of
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.frame_choice import cut_frames
-from solver_backend.io.recognition.person_unit import in_persons_unit
-from solver_backend.io.recognition.picture_shares import in_pixels
+from solver_backend.io.recognition.confidence import in_pixels
+from solver_backend.io.recognition.frame_numbers import cut_frames
+from solver_backend.io.recognition.person_scale import in_persons_unit
 from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews

@@ -16,10 +16,9 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People, cleaned_hands, hands_of
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, OwnKeypoints, match_cameras, with_named_hands
 from solver_backend.io.detections.search import CameraSource
-from solver_backend.io.recognition.confidence import on_unit_scale
+from solver_backend.io.recognition.confidence import on_unit_scale, placeholder
 from solver_backend.io.recognition.frame_numbers import counted_together, shared_range
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
-from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.types import JointSet, OwnPoint
 
 MAX_PEOPLE = 12

@@ -26,8 +26,8 @@ from solver_backend.io.markers.text_table import (
     read_numbers,
     triples,
 )
-from solver_backend.io.recognition.length_unit import metres_in
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.io.recognition.marker_unit import metres_in
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
 FILE_TYPE = "pathfiletype"

@@ -22,8 +22,8 @@ from solver_backend.geometry.runs import true_runs
 from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions.bvh import BvhClip, bvh_motion, bvh_skeleton, read_bvh
-from solver_backend.io.recognition.length_unit import METRES, metres_in
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.io.recognition.marker_unit import METRES, metres_in
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _LARGEST = 2_000_000_000

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT = 100.0
@@ -33,3 +36,66 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     if largest > PER_CENT:
         return clipped, (), (diagnostic("confidence_rescaled", how="beyond", largest=largest),)
     return clipped, (diagnostic("confidence_rescaled", how="above", severity=Severity.NOTE, largest=largest),), ()
+
+
+_LEAST_SHARE = 0.01
+"""Share of all points from which one and the same place is looked at."""
+_MOST_KEYPOINTS = 0.5
+"""Share of the keypoints that stand there at some time: of a body that is there hardly two keypoints meet."""
+_SAMPLE = 20_000
+"""Points by which the place is found."""
+
+
+def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
+    """Return the (2,) place in pixels at which most kinds of keypoints stand at some time, None where there is none.
+
+    Args:
+        xy: (..., K, 2) px.
+        confidence: (..., K), 0 where unseen.
+    """
+    count = confidence.shape[-1]
+    points, seen = xy.reshape(-1, count, 2), confidence.reshape(-1, count) > 0
+    seen &= np.isfinite(points).all(-1)
+    rows = np.flatnonzero(seen.any(1))
+    rows = rows[np.unique(np.linspace(0, len(rows) - 1, max(1, _SAMPLE // count)).astype(int))] if len(rows) else rows
+    few, chosen = points[rows], seen[rows]
+    if not chosen.any():
+        return None
+    places, times = np.unique(few[chosen], axis=0, return_counts=True)
+    place = places[times.argmax()]
+    kinds = ((few == place).all(-1) & chosen).any(0).mean()
+    if times.max() < _LEAST_SHARE * chosen.sum() or kinds < _MOST_KEYPOINTS:
+        return None
+    return place
+
+
+_LARGEST = 2.0
+"""Shares lie in 0..1, a little beyond for what is out of the picture; a person two pixels large is none."""
+_QUANTILE = 0.99
+"""Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures."""
+_CENTRED = 0.1
+"""Share of coordinates below 0 from which shares count from the picture's centre: beyond its edges lie few."""
+
+
+def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
+    """Return detections in pixels: shares of width and height, from a corner or the centre, become pixels.
+
+    Args:
+        detections: everybody in every view.
+        image_size: (C, 2) width and height in pixels.
+    """
+    seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
+    if not len(seen) or np.quantile(np.abs(seen), _QUANTILE) > _LARGEST:
+        return detections
+    size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
+    span = "unit"
+    hands, xy = detections.hands, detections.xy
+    if (seen < 0).mean() > _CENTRED:
+        span = "centred"
+        xy = (xy + 1) / 2
+        hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
+    if hands is not None:
+        hands = hands * np.concatenate([size, np.ones_like(size[..., :1])], axis=-1)[..., None, None, :]
+    return replace(
+        detections, xy=xy * size, hands=hands, notes=(*detections.notes, diagnostic("detections_scaled", span=span))
+    )

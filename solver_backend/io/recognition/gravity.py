@@ -9,10 +9,116 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.io.recognition.balance import BalancePoints, body_points, independent_count, leaning
 from solver_backend.io.recognition.person_scale import rest_keypoints
-from solver_backend.types import JointSet
+from solver_backend.types import Cameras, JointSet
 from solver_backend.types.shapes import Float
+
+SEGMENTS = (
+    (0.435, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
+    (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55),
+)  # fmt: skip
+"""Share of the body's mass (of the trunk at once, else of one side's), ends, and where between them it lies; the hand
+goes with the forearm and the foot with the shank (de Leva 1996, mean of both sexes)."""
+HEAD_MASS = 0.068
+CARRIES_AT = 0.45
+"""Where between heel and toe a sole carries who stands still; in the middle, recorded people who stand seem to lean."""
+AHEAD_M = 0.05
+"""How far in front of the ankle a sole carries, where neither heels nor toes are known."""
+CARRIES_M = 0.04
+"""A foot so much above the other one still carries with a weight of ``exp(-1/2)``, where up is known well."""
+LEAST_HEIGHT = 0.7
+"""Of the centre of mass above the support, in lengths of the leg, for somebody who is on their feet."""
+
+
+@dataclass(frozen=True)
+class BalancePoints:
+    """What is needed of F frames in which all of it is known, in the points' unit."""
+
+    centre: Float[np.ndarray, "frames 3"]
+    """(F, 3) centre of mass."""
+    feet: Float[np.ndarray, "2 frames 3"]
+    """(2, F, 3) where the left and the right sole carry."""
+    leg: float
+    """Length of a leg, hip to ankle."""
+
+
+def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
+    """Return centre of mass and soles of the frames in which they are known; F may be 0."""
+    at = {name: points[:, k] for k, name in enumerate(joint_set.keypoints)}
+    both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("shoulder", "hip", "ankle")}
+    total, mass = np.zeros_like(both["hip"]), 0.0
+    for share, a, b, place in SEGMENTS:
+        for side in ("left", "right"):
+            one = share / 2 if (a, b) == ("shoulder", "hip") else share
+            total = total + one * ((1 - place) * at[f"{side}_{a}"] + place * at[f"{side}_{b}"])
+            mass += one
+    trunk = both["shoulder"] - both["hip"]
+    total, mass = total + HEAD_MASS * (both["shoulder"] + 0.5 * trunk), mass + HEAD_MASS
+    feet = np.stack([_sole(at, side, both["hip"] - both["ankle"]) for side in ("left", "right")])
+    centre = total / mass
+    known = np.isfinite(centre).all(-1) & np.isfinite(feet).all((0, -1))
+    legs = [
+        np.linalg.norm(at[f"{s}_{a}"] - at[f"{s}_{b}"], axis=-1)[known]
+        for s in ("left", "right")
+        for a, b in (("hip", "knee"), ("knee", "ankle"))
+    ]
+    leg = float(np.median(sum(legs)) / 2) if known.any() else float("nan")
+    return BalancePoints(centre[known], feet[:, known], leg)
+
+
+def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
+    """Return (F, 3) where a sole carries: between heel and toe, else a little before the ankle."""
+    ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
+    assert ankle is not None
+    across = at["left_hip"] - at["right_hip"]
+    ahead = np.cross(across, up)
+    ahead = ahead / np.maximum(np.linalg.norm(ahead, axis=-1, keepdims=True), 1e-9)
+    guess = ankle + AHEAD_M * ahead
+    if heel is None or toe is None:
+        return guess
+    carrying = (1.0 - CARRIES_AT) * heel + CARRIES_AT * toe
+    return np.where(np.isfinite(carrying), carrying, guess)
+
+
+def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
+    """Return how far the centre of mass is from above its support, as slopes ``d / h``, of frames on the feet.
+
+    The support is the lower foot or, as the other one is nearly as low, the point between both that is nearest to
+    below the centre of mass. How low is low depends on how well up is known: feet that are far apart are at unequal
+    heights where it is tilted.
+
+    Args:
+        body: of F frames.
+        up: unit vector, as known so far.
+        tilt_sigma: how well, radians.
+    """
+    level = np.eye(3) - np.outer(up, up)
+    left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
+    low, other = np.where(left_lower, *body.feet), np.where(left_lower, *body.feet[::-1])
+    gap = other - low
+    flat = gap @ level
+    square = (flat**2).sum(-1)
+    carries = np.exp(-0.5 * (gap @ up) ** 2 / (CARRIES_M**2 + np.tan(tilt_sigma) ** 2 * square))
+    along = np.clip((((body.centre - low) @ level) * flat).sum(-1) / np.maximum(square, 1e-6), 0.0, 1.0)
+    above = body.centre - low - np.minimum(along, carries)[:, None] * gap
+    height = above @ up
+    standing = height > LEAST_HEIGHT * body.leg
+    return (above @ level)[standing] / height[standing, None]
+
+
+def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
+    """Return how many independent values so many correlated ones are worth, by their autocorrelation."""
+    values = values - values.mean(0)
+    count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
+    if count < 4 or variance < 1e-12:
+        return 1.0
+    size = 2 ** int(np.ceil(np.log2(2 * count)))
+    spectrum = np.abs(np.fft.rfft(values, size, axis=0)) ** 2
+    alike = np.fft.irfft(spectrum, size, axis=0)[: count // 2].sum(-1) / (count * variance)
+    below = np.flatnonzero(alike < 0.05)
+    first = int(below[0]) if len(below) else len(alike)
+    return max(1.0, count / (1.0 + 2.0 * float(alike[1:first].sum())))
+
 
 BODY_SIGMA = np.radians(12.0)
 """How far the direction from ankles to shoulders is from gravity, over a take, per axis."""
@@ -187,3 +293,161 @@ def fit_floor(
         share = np.where(residual > 0, LOWEST, 1.0 - LOWEST)
         weight = share * FOOT_SIGMA_M / np.maximum(np.abs(residual), 0.25 * FOOT_SIGMA_M)
     return solution[:2], np.linalg.inv(N)[:2, :2] * alike, float(np.sqrt((where**2).sum(1).mean()))
+
+
+FLOOR_SIGMA = np.radians(1.5)
+"""How far a floor is from level, and how much keypoints of feet tilt it beyond what their scatter shows."""
+ROLL_SIGMA = np.radians(4.0)
+"""Roll of cameras that are set up by eye. Those of ``shared/data/multiview/pose2sim`` roll by 2.5, 2.6, 12 and 24°."""
+WITNESS_MOST = 25.0
+"""What one witness can add, in squared standard deviations: five of them."""
+CONTRADICTS = 4.0
+"""Two standard deviations: a witness counts from here on, for or against."""
+SURE, SURE_WITHOUT_FLOOR = 16.0, 9.0
+"""What all witnesses together must show: four standard deviations; three where the calibration's floor is not under the
+feet either, so that its world was put down by nobody."""
+OFF_FLOOR_M = 0.15
+"""From here on feet do not stand on a floor."""
+LEAST_TILT = np.radians(4.0)
+"""A smaller tilt is within what people and floors do; it stays."""
+_LEVEL_ROUNDS = 10
+BELOW_M = 0.25
+"""Nobody stands so far below a floor; slopes and stairs that lead down stay within it near the origin."""
+
+
+@dataclass(frozen=True)
+class Level:
+    """What a person and cameras show of the world's up and floor."""
+
+    turn: Float[np.ndarray, "3 3"]
+    """(3, 3) from the calibration's world to the one in which person and cameras are upright."""
+    tilt: float
+    """Angle between the calibration's Z and that up, radians."""
+    sigma: float
+    """Root mean square of the angle by which that up is off, radians."""
+    balance: float
+    """How much better the person's up explains the balance than the calibration's Z does, in squared standard
+    deviations; negative where it is worse, 0 where nothing is known."""
+    floor: float
+    """The same of the floor under the feet."""
+    cameras: float
+    """The same of the cameras' roll."""
+    floor_m: float
+    """Height of the floor in the calibration's world, taken as level, metres."""
+    floor_upright_m: float
+    """The same in the turned world."""
+
+    @property
+    def is_tilted(self) -> bool:
+        """Whether the calibration's world is tilted beyond doubt."""
+        witnesses = self.balance, self.floor, self.cameras
+        has_floor = abs(self.floor_m) < OFF_FLOOR_M
+        agree = sum(value >= CONTRADICTS for value in witnesses) >= 2 and min(witnesses) > -CONTRADICTS
+        return self.could_be_tilted and agree and sum(witnesses) >= (SURE if has_floor else SURE_WITHOUT_FLOOR)
+
+    @property
+    def could_be_tilted(self) -> bool:
+        """Whether the tilt is more than the person's stance leaves open."""
+        return self.tilt > max(LEAST_TILT, 2.0 * self.sigma)
+
+    @property
+    def is_above_feet(self) -> bool:
+        """Whether a level floor at z = 0 would be above the feet."""
+        return not self.could_be_tilted and self.floor_m < -BELOW_M
+
+
+def measure_level(
+    points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, cameras: Cameras, fps: float = FPS
+) -> Level:
+    """Return what the witnesses show.
+
+    Args:
+        points: (F, K, 3) metres in the calibration's world, NaN where unknown.
+        joint_set: names of the keypoints.
+        cameras: C cameras in that world.
+        fps: frames a second.
+
+    Raises:
+        NoDetections: shoulders and ankles are never seen together.
+    """
+    upright = upright_from_person(points, joint_set, fps)
+    up, sigma = _add_cameras(upright, cameras.R)
+    turn = turn_to_z(up)
+    z, turned = turn[:, 2], points @ turn.T
+    return Level(
+        turn, float(np.arccos(np.clip(z[2], -1.0, 1.0))), sigma, _balance(turned, joint_set, z, upright.tilt_sigma),
+        _floor(turned[:, foot_keypoints(joint_set)], z, fps), roll_gain(cameras.R, turn[2]),
+        floor_height(points, joint_set), floor_height(turned, joint_set),
+    )  # fmt: skip
+
+
+def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the up that person and cameras show together, and the angle it may be off by.
+
+    In the person's world up is ``(-a, -b, 1)`` with slopes of the variance ``σ²/2`` each; the axis ``(h, v)`` across
+    a picture that is level has ``h · (a, b) = v``. The cameras' spread is learned with the weight of as many rolls of
+    ``ROLL_SIGMA`` as there are cameras, and a camera that rolls far beyond it fades out.
+    """
+    across = R[:, 0] @ upright.R.T
+    h, v = across[:, :2], across[:, 2]
+    prior = np.eye(2) / (0.5 * upright.tilt_sigma**2)
+    slope, weight, variance = np.zeros(2), np.full(len(v), ROLL_SIGMA**-2), ROLL_SIGMA**2
+    for _ in range(_LEVEL_ROUNDS):
+        precision = prior + (h * weight[:, None]).T @ h
+        slope = np.linalg.solve(precision, (h * weight[:, None]).T @ v)
+        rolls = v - h @ slope
+        variance = float((ROLL_SIGMA**2 + np.minimum(rolls**2, ROLL_SIGMA**2).mean()) / 2)
+        weight = 1.0 / (variance * (1.0 + (rolls / (2.0 * ROLL_SIGMA)) ** 2) ** 2)
+    up = upright.R.T @ np.array([-slope[0], -slope[1], 1.0])
+    covariance = np.linalg.inv(prior + (h * weight[:, None]).T @ h)
+    return up / np.linalg.norm(up), float(np.sqrt(np.trace(covariance)))
+
+
+def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
+    """Compare the mean lean of the centre of mass over the feet with the new up and with ``z``, in the turned world."""
+    body = body_points(points, joint_set)
+    if len(body.centre) <= 4:
+        return 0.0
+    lean = leaning(body, np.array([0.0, 0.0, 1.0]), max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
+    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on the feet shows no balance
+        return 0.0
+    mean, spread = robust_mean(lean)
+    up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)
+    sigma = np.sqrt(BALANCE_SIGMA**2 + spread**2 / independent_count(lean))
+    return _gain(_angle(up, z) / sigma, _angle(up, np.array([0.0, 0.0, 1.0])) / sigma)
+
+
+def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
+    """Compare the plane under the feet with both, in the turned world: its slope along the tilt, by its covariance."""
+    if z[2] < 0.1:  # the calibration's floor would be a wall
+        return 0.0
+    slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
+    precision = np.linalg.inv(covariance + FLOOR_SIGMA**2 * np.eye(2))
+    wrong = slope + z[:2] / z[2]  # the plane across z has the slope -(zx, zy) / zz
+    return _gain(float(np.sqrt(wrong @ precision @ wrong)), float(np.sqrt(slope @ precision @ slope)))
+
+
+def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
+    """Return how much better ``up`` explains the roll of cameras than the world's Z, in squared standard deviations.
+
+    People stand upright in pictures, portrait ones too, so x lies across. A camera that rolls under both, as one does
+    whose pictures are turned, does not decide: each counts up to 3 standard deviations.
+
+    Args:
+        R: (C, 3, 3) world to camera.
+        up: (3,) unit vector of the world.
+    """
+
+    def rolls(direction: np.ndarray) -> np.ndarray:
+        return np.minimum(np.arcsin(np.clip(np.abs(R[:, 0] @ direction), 0.0, 1.0)) / ROLL_SIGMA, 3.0)
+
+    gain = rolls(np.array([0.0, 0.0, 1.0])) ** 2 - rolls(up) ** 2
+    return float(np.clip(gain.sum(), -WITNESS_MOST, WITNESS_MOST))
+
+
+def _gain(old: float, new: float) -> float:
+    return float(np.clip(old**2 - new**2, -WITNESS_MOST, WITNESS_MOST))
+
+
+def _angle(a: np.ndarray, b: np.ndarray) -> float:
+    return float(np.arccos(np.clip(a @ b, -1.0, 1.0)))

@@ -8,9 +8,27 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.io.recognition.length_unit import METRES, metres_in
 from solver_backend.io.recognition.marker_up_axis import raised_part
+
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
+"""Metres in a unit."""
+
+
+def metres_in(unit: str) -> float:
+    """Return the metres in a unit.
+
+    Raises:
+        JobInvalid: the unit is unknown.
+    """
+    if unit not in METRES:
+        raise JobInvalid(
+            f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit",
+            hint="A unit of its own, such as the squares of a board, is a number of metres: --scale.",
+        )  # fmt: skip
+    return METRES[unit]
+
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
 """Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""

@@ -17,7 +17,7 @@ from solver_backend.exchange import plausible
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError
 from solver_backend.io.recognition.confidence import on_unit_scale
-from solver_backend.io.recognition.world_check import check_world
+from solver_backend.io.recognition.world_fit import check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3

@@ -15,8 +15,7 @@ from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
 from solver_backend.exchange.time_settings import offsets_by_camera
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.camera_names import listing, name_key
-from solver_backend.io.recognition.frame_choice import cut_frames
-from solver_backend.io.recognition.frame_numbers import different_frames
+from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
 from solver_backend.types import Cameras, Capture, stacked_hands
 
 SOLVED_S, SOLVED_FRAMES = 0.2, 10

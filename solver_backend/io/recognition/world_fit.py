@@ -2,27 +2,229 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.cameras.camera_corrections import unrolled
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
-from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
 from solver_backend.io.recognition.one_camera import fit_one_camera
-from solver_backend.io.recognition.person_scale import scale_from_stature
-from solver_backend.io.recognition.up_axis import rotation_to_z_up, with_up_axis
-from solver_backend.io.recognition.world_check import (
-    PLAUSIBLE_STATURE_M,
-    WorldCheck,
-    check_world,
-    nothing_checked,
-)
+from solver_backend.io.recognition.person_scale import LEG_SHARE, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
+
+SAMPLED_FRAMES = 100
+PLAUSIBLE_STATURE_M = (1.0, 2.3)
+LIMB_RATIOS = (0.65, 1.55)
+"""Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
+the demo and of four recorded takes 0.95 to 1.19."""
+_LIMBS = tuple(
+    (f"{side} {limb}", *[f"{side}_{part}" for part in parts])
+    for side in ("left", "right")
+    for limb, parts in (("arm", ("shoulder", "elbow", "wrist")), ("leg", ("hip", "knee", "ankle")))
+)
+FLOOR_TOLERANCE_M = 0.25
+LEAST_UPRIGHT = 0.9
+"""Cosine of the angle to an axis below which somebody does not stand along it."""
+LARGEST_RESIDUAL_PX = 40.0
+LARGEST_BIAS_PX = 15.0
+FAR_OFF_PX = 100.0
+"""A camera that sees everything so far from where the others do is not a little off: refining does not reach so far."""
+BIAS_FRAMES, BIAS_CAMERAS = 40, 24
+"""Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
+_CODES = frozenset(
+    {
+        "person_triangulated",
+        "stature_unlikely",
+        "limb_halves_odd",
+        "person_along_axis",
+        "floor_off",
+        "views_disagree",
+        "cameras_shifted",
+        "cameras_elsewhere",
+        "nothing_located",
+    }
+)
+"""What a check of the world reports; another check replaces it."""
+_UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
+"""What the unit is taken for, by the factor that makes a person out of what was measured."""
+
+
+def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return what was found but for an earlier check of the world."""
+    return tuple(item for item in found if item.code not in _CODES)
+
+
+@dataclass(frozen=True)
+class WorldCheck:
+    """Figures of the triangulated person; NaN where they cannot be measured."""
+
+    stature_m: float
+    """From the lengths of thigh and shank."""
+    height_m: float
+    """95th percentile of the height of the highest over the lowest keypoint."""
+    lowest_m: float
+    """5th percentile over the frames of the height of the lowest keypoint."""
+    upright: tuple[float, float, float]
+    """Median direction from ankles to shoulders, in world axes."""
+    residual_px: float
+    """Median reprojection error."""
+    points: np.ndarray
+    """(F, K, 3) keypoints of the sampled frames, metres."""
+    fps: float
+    """Sampled frames a second."""
+    off_px: dict[str, float]
+    """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
+    limbs: Mapping[str, float] = field(default_factory=dict)
+    """Of each arm and leg: length of the upper half against the lower one."""
+
+    def notes(self) -> tuple[Diagnostic, ...]:
+        """Return the figures."""
+        if not np.isfinite(self.stature_m):
+            return ()
+        return (
+            diagnostic(
+                "person_triangulated", stature=self.stature_m, span=self.height_m, lowest=self.lowest_m,
+                size=self.residual_px,
+            ),
+        )  # fmt: skip
+
+    def problems(self) -> tuple[Diagnostic, ...]:
+        """Return each figure that is implausible."""
+        found: list[Diagnostic] = []
+        low, high = PLAUSIBLE_STATURE_M
+        if np.isfinite(self.stature_m) and not low < self.stature_m < high:
+            units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
+            reason = f"may have been read as {units[0]}" if units else "may have a wrong unit"
+            found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
+        else:
+            found += self._placement()
+        least, most = LIMB_RATIOS
+        found += [
+            diagnostic(
+                "limb_halves_odd", limb=limb, ratio=ratio, middle=middle.replace("_", " "), end=end.replace("_", " ")
+            )
+            for (limb, _, middle, end) in _LIMBS
+            if np.isfinite(ratio := self.limbs.get(limb, np.nan)) and not least < ratio < most
+        ]
+        found += disagreement(self.residual_px)
+        wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
+        far = {name: off for name, off in wrong.items() if off > FAR_OFF_PX}
+        near = {name: off for name, off in wrong.items() if name not in far}
+        for code, some in (("cameras_shifted", near), ("cameras_elsewhere", far)):
+            if some and self.residual_px <= LARGEST_RESIDUAL_PX:
+                found.append(diagnostic(code, cameras=list(some), shifts={n: round(off) for n, off in some.items()}))
+        return tuple(found)
+
+    def up_axis(self) -> str:
+        """Return the axis that the person stands along, such as '-y'; 'z' where that is not clear."""
+        axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
+        value = self.upright[axis]
+        low, high = PLAUSIBLE_STATURE_M
+        clear = abs(value) > LEAST_UPRIGHT and low < self.stature_m < high
+        return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
+
+    def _placement(self) -> list[Diagnostic]:
+        name = self.up_axis().upper()
+        if name != "Z":
+            return [diagnostic("person_along_axis", axis=name)]
+        if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
+            return [diagnostic("floor_off", lowest=self.lowest_m)]
+        return []
+
+
+def disagreement(residual_px: float) -> tuple[Diagnostic, ...]:
+    """Return what is found where the median residual is that of views that do not belong together."""
+    return (diagnostic("views_disagree", size=residual_px),) if residual_px > LARGEST_RESIDUAL_PX else ()
+
+
+def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:
+    """Return the figures of a person that one camera sees: none is measured."""
+    nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
+    return WorldCheck(unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {})
+
+
+def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
+    """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+    """
+    frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
+    xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
+    most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / max(len(cameras), 1)) ** 2)))
+    few = slice(None, None, len(frames) // most + 1)
+    found = triangulate(cameras, xy, confidence)
+    points = np.asarray(found.points)
+    named = {name: points[:, k] for k, name in enumerate(keypoints.joint_set.keypoints)}
+    residual = np.asarray(found.residual_px)
+    z = points[..., 2]
+    some = np.isfinite(z).sum(axis=1) >= 8
+    lowest = np.min(np.where(np.isfinite(z[some]), z[some], np.inf), axis=1)
+    highest = np.max(np.where(np.isfinite(z[some]), z[some], -np.inf), axis=1)
+    return WorldCheck(
+        stature_m=_legs(named) / LEG_SHARE,
+        height_m=float(quantile(highest - lowest, 0.95, axis=0)),
+        lowest_m=float(quantile(lowest, 0.05, axis=0)),
+        upright=_is_upright(named),
+        residual_px=float(quantile(residual.ravel(), 0.5, axis=0)),
+        points=points,
+        fps=keypoints.fps * len(frames) / keypoints.num_frames,
+        limbs={limb: _half_ratio(named, *parts) for limb, *parts in _LIMBS},
+        off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
+    )
+
+
+def _biases(
+    cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, sigma_px: np.ndarray
+) -> Iterator[tuple[str, float]]:
+    """Yield name and shift in pixels of each of three or more cameras against the others."""
+    everyone = list(range(len(cameras)))
+    for c in everyone if len(cameras) > 2 else []:
+        others = [i for i in everyone if i != c]
+        points = np.asarray(triangulate(cameras.subset(others), xy[others], confidence[others], sigma_px).points)
+        own = cameras.subset([c])
+        expected = project(own, points)[0]
+        shift = (xy[c] - expected)[np.isfinite(xy[c] - expected).all(-1)]
+        if len(shift):
+            yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
+
+
+def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
+    """Return how long a limb's upper half is against its lower one, by medians; NaN where it is unseen."""
+    if not {upper, middle, end} <= named.keys():
+        return float("nan")
+    halves = (np.linalg.norm(named[a] - named[b], axis=-1) for a, b in ((upper, middle), (middle, end)))
+    lengths = [float(quantile(half, 0.5, axis=0)) for half in halves]
+    return lengths[0] / lengths[1]
+
+
+def _legs(named: dict[str, np.ndarray]) -> float:
+    """Return the median length of thigh and shank of both sides in metres."""
+    total = 0.0
+    for upper, lower in (("hip", "knee"), ("knee", "ankle")):
+        lengths = [np.linalg.norm(named[f"{s}_{upper}"] - named[f"{s}_{lower}"], axis=-1) for s in ("left", "right")]
+        both = np.concatenate(lengths)
+        total += float(quantile(both.ravel(), 0.5, axis=0))
+    return total
+
+
+def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
+    up = sum(named[f"{s}_shoulder"] - named[f"{s}_ankle"] for s in ("left", "right"))
+    direction = np.asarray(up) / np.maximum(np.linalg.norm(up, axis=-1, keepdims=True), 1e-9)
+    known = direction[np.isfinite(direction).all(-1)]
+    x, y, z = np.median(known, axis=0).tolist() if len(known) else (np.nan, np.nan, np.nan)
+    return x, y, z
+
 
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z within which a world whose floor is under the feet is not looked at closer."""

@@ -40,12 +40,8 @@ from solver_backend.sensors.wand.views import (
     middle_from_lights,
     values_and_velocities,
 )
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.convolution import convolved
-from solver_backend.videos.sync.errors import SyncUnknown
-from solver_backend.videos.sync.graph import clocks_of_pairs
-from solver_backend.videos.sync.resample import at_times
-from solver_backend.videos.sync.signals import Signal, pair_lag
+from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
+from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, pair_lag
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 RATE_HZ = 120.0

@@ -21,8 +21,7 @@ from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, Keypoints2D
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.resample import at_times, common_times
+from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.video_detections import VideoDetections
 
 CROPPED_SHARE = 0.02

@@ -19,7 +19,7 @@ from solver_backend.live.recorder import Recorder, pack_head, pack_row, read_row
 from solver_backend.live.recordings import poses_at, rate_of
 from solver_backend.live.views_session import ViewMoment, ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
-from solver_backend.videos.sync.resample import at_times
+from solver_backend.videos.sync.clocks import at_times
 
 _FORMAT, _VERSION = "manifold_mocap_live_views", 2
 _TURNS = 3 * (1 + NUM_BODY_JOINTS)

@@ -9,11 +9,9 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.types import JointSet
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.convolution import convolved
-from solver_backend.videos.sync.graph import clocks_of_pairs
-from solver_backend.videos.sync.resample import at_times
-from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal
+from solver_backend.videos.files.video import Sound, VideoInfo, read_pictures
+from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
+from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal, convolved
 from solver_backend.videos.sync.speeds import person_size
 
 RATE_HZ = 240.0
@@ -174,3 +172,63 @@ def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
     bend = before - 2.0 * top + after
     part = float(np.clip(0.5 * (before - after) / bend, -0.5, 0.5)) if bend < 0 else 0.0
     return at - len(agreement) // 2 + part, float(top)
+
+
+FLASH_RATE_HZ = 240.0
+"""Brightness is compared at so many moments a second."""
+COARSE = 16
+"""Every so many rows and columns are looked at."""
+CLIP_SIGMAS = 8.0
+"""Spreads at which a change of brightness is clipped; chosen by hand."""
+
+
+def brightness_signal(info: VideoInfo) -> Signal:
+    """Return how fast the median brightness of a video changes; a flash is a step up and a step down.
+
+    Args:
+        info: of the video; times count from its first picture.
+    """
+    times, level = [], []
+    for picture in read_pictures(info):
+        times.append(picture.time_s)
+        level.append(float(np.median(picture.rgb[::COARSE, ::COARSE])))
+    times_s = np.array(times) - times[0]
+    wanted = np.arange(int(times_s[-1] * FLASH_RATE_HZ) + 1) / FLASH_RATE_HZ
+    change = np.gradient(np.interp(wanted, times_s, np.array(level))) if len(wanted) > 1 else np.zeros(1)
+    spread = max(float(np.std(change)), 1e-9)
+    change = np.clip(change, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)
+    return Signal((change - change.mean())[:, None], FLASH_RATE_HZ)
+
+
+SOUND_RATE_HZ = 2000
+"""Samples a second of the onsets: half a millisecond, and peaks are found between samples."""
+BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
+PIECE_S = 8.0
+SOUND_FLOOR_S = 0.005
+"""Sound needs 3 ms for a metre, and microphones stand some metres apart."""
+SOUND_SMOOTHING_S = 0.002
+"""Standard deviation of the smoothing of loudness, seconds; chosen by hand."""
+
+
+def onsets(sound: Sound) -> Signal:
+    """Return how fast the logarithm of the loudness rises in three bands, whatever a microphone's gain.
+
+    ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median; made by one FFT over the whole.
+
+    Reference: Klapuri 1999 (onsets by relative differences of bands).
+    """
+    samples = np.asarray(sound.samples, dtype=np.float64)
+    step = sound.rate_hz // SOUND_RATE_HZ
+    frequency = np.fft.rfftfreq(len(samples), 1.0 / sound.rate_hz)
+    spectrum = np.fft.rfft(samples)
+    reach = max(round(3 * SOUND_SMOOTHING_S * sound.rate_hz), 1)
+    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SOUND_SMOOTHING_S * sound.rate_hz)) ** 2)
+    columns = []
+    for low, high in BANDS_HZ:
+        band = np.fft.irfft(np.where((frequency >= low) & (frequency < high), spectrum, 0.0), len(samples))
+        envelope = np.convolve(np.abs(band), kernel / kernel.sum(), "same")[::step]
+        rise = np.diff(np.log(envelope + np.median(envelope) + 1e-9), prepend=0.0)
+        rise[0] = 0.0
+        columns.append(np.maximum(rise, 0.0))
+    values = np.stack(columns, axis=1)
+    return Signal(values - values.mean(axis=0), float(SOUND_RATE_HZ), sound.start_s)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,6 +12,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_json
+from solver_backend.videos.sync.signals import PairLag, SyncUnknown
 
 SIGMAS = 2.0
 """Standard deviations up to which a clock's difference is none: 95 %."""
@@ -130,3 +132,119 @@ def _texts(values: Any) -> list[str]:
     if not isinstance(values, list) or not all(isinstance(item, str) for item in values):
         raise TypeError("names are lists of texts")
     return values
+
+
+CONTRADICTION_S = 0.05
+"""A pair's lag this far from what the others measure is wrong."""
+
+
+def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:
+    """Return the clocks that fit the lags of pairs (i, j) best.
+
+    Pairs enter by their information; the pair that contradicts the rest most is left out until none does. Cameras that
+    no pair connects to the first are an error.
+
+    Raises:
+        SyncUnknown: a camera is connected by no pair.
+    """
+    kept, findings = dict(pairs), list[Diagnostic]()
+    middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
+    while True:
+        _require_connected(names, kept, method)
+        state, covariance = _solved(len(names), kept, middle_s)
+        off = {(i, j): abs(_at(p, middle_s) - (state[j, 0] - state[i, 0])) for (i, j), p in kept.items()}
+        worst = max(off, key=lambda pair: off[pair])
+        without = {pair: p for pair, p in kept.items() if pair != worst}
+        if off[worst] < CONTRADICTION_S or not _connected(len(names), without):
+            break
+        findings.append(diagnostic("clocks_disagree", cameras=[names[c] for c in worst], method=method))
+        kept = without
+    if off[worst] >= CONTRADICTION_S:
+        findings.append(diagnostic("clocks_contradict", method=method, off_ms=1e3 * off[worst]))
+    return Clocks(names, state[:, 0], state[:, 1], covariance, middle_s, method, tuple(findings))
+
+
+def _at(pair: PairLag, middle_s: float) -> float:
+    return pair.lag_s + pair.rate * (middle_s - pair.middle_s)
+
+
+def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return offsets and rates (C, 2) and covariances (C, 2, 2), the first camera's zero."""
+    normal, right = np.zeros((2 * count, 2 * count)), np.zeros(2 * count)
+    for (i, j), pair in pairs.items():
+        moved = np.array([[1.0, middle_s - pair.middle_s], [0.0, 1.0]])
+        information = np.linalg.inv(moved @ pair.covariance @ moved.T)
+        rows = np.zeros((2, 2 * count))
+        rows[:, 2 * i : 2 * i + 2], rows[:, 2 * j : 2 * j + 2] = -np.eye(2), np.eye(2)
+        normal += rows.T @ information @ rows
+        right += rows.T @ information @ np.array([_at(pair, middle_s), pair.rate])
+    state, covariance = np.zeros((count, 2)), np.zeros((count, 2, 2))
+    inverse = np.linalg.inv(normal[2:, 2:])
+    state[1:] = (inverse @ right[2:]).reshape(-1, 2)
+    for c in range(1, count):
+        covariance[c] = inverse[2 * c - 2 : 2 * c, 2 * c - 2 : 2 * c]
+    return state, covariance
+
+
+def _connected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> set[int]:
+    """Return the cameras that are connected to the first if all are, else nothing."""
+    reached = {0}
+    for _ in range(count):
+        reached |= {b for pair in pairs for a, b in (pair, pair[::-1]) if a in reached}
+    return reached if len(reached) == count else set()
+
+
+def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> None:
+    if _connected(len(names), pairs):
+        return
+    joined = {c for pair in pairs for c in pair}
+    alone = [names[c] for c in range(len(names)) if c not in joined] or list(names)
+    raise SyncUnknown(
+        f"By {method} the cameras cannot be synchronised: nothing in {', '.join(alone)} agrees with another.",
+        where=", ".join(names),
+        hint="Clap in sight of all cameras and film again, or try another method of --sync.",
+    )
+
+
+EXACT_SHARE = 0.01
+"""A moment this near a picture, as a share of the interval, is that picture."""
+LONGEST_GAP_S = 0.1
+"""Between pictures further apart nothing is known."""
+
+
+def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:
+    """Return (F,) the moments, 1/fps apart, that all videos show; empty where there are none.
+
+    They begin with a picture of the video that starts last, so that detections of cameras in step are not touched.
+
+    Args:
+        first_to_last: each video's first and last time on its own clock, which begins with its first picture.
+        clocks: of the cameras, in the same order.
+        fps: moments a second.
+    """
+    spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
+    start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
+    return start + np.arange(max(int(np.floor((stop - start) * fps + EXACT_SHARE)) + 1, 0)) / fps
+
+
+def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
+    """Return (N, ...) values at wanted moments, linear between neighbouring pictures; NaN where one of them is missing.
+
+    Args:
+        values: (F, ...), NaN where missing.
+        times_s: (F,) ascending, uneven if the rate is.
+        wanted_s: (N,); beyond the first and last picture is NaN.
+    """
+    if len(times_s) < 2:
+        return np.full((len(wanted_s), *values.shape[1:]), np.nan)
+    after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
+    gap = times_s[after] - times_s[after - 1]
+    with np.errstate(divide="ignore", invalid="ignore"):  # two pictures of one time: neither lies between them
+        share = (wanted_s - times_s[after - 1]) / gap
+    outside = (share < -EXACT_SHARE) | (share > 1 + EXACT_SHARE)
+    exact = (np.abs(share) <= EXACT_SHARE) | (np.abs(share - 1) <= EXACT_SHARE)
+    share = np.where(exact, np.round(share), share)
+    unknown = outside | ((gap > LONGEST_GAP_S) & ~exact)
+    share, unknown = (a.reshape(-1, *[1] * (values.ndim - 1)) for a in (share, unknown))
+    low, high = np.where(share < 1, values[after - 1], 0.0), np.where(share > 0, values[after], 0.0)
+    return np.where(unknown, np.nan, (1 - share) * low + share * high)

@@ -18,11 +18,8 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.convolution import convolved
-from solver_backend.videos.sync.errors import SyncUnknown
-from solver_backend.videos.sync.resample import at_times, common_times
-from solver_backend.videos.sync.signals import RATE_SIGMA
+from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
+from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved
 
 LAG_SIGMA_SHARE = 0.005
 """How far detections scatter where whole lags are compared, as a share of the picture's width."""

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.errors import MocapError
+
 LEAST_CORRELATION = 0.25
 """Pieces, and wholes, that agree less show nothing."""
 LEAST_OVERLAP = 0.3
@@ -147,3 +149,24 @@ def _vertex(three: np.ndarray) -> float:
     """Return where the parabola through three neighbouring values has its top, in samples from the middle one."""
     bend = three[0] - 2 * three[1] + three[2]
     return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0 else 0.0
+
+
+def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarray:
+    """Return values convolved along an axis with an odd symmetric kernel; as many as before, zeros beyond the ends.
+
+    Args:
+        values: any shape, however short.
+        kernel: (2 n + 1,).
+    """
+    reach = len(kernel) // 2
+
+    def one(row: np.ndarray) -> np.ndarray:
+        return np.convolve(row, kernel)[reach : reach + len(row)]
+
+    return np.apply_along_axis(one, axis, np.asarray(values, dtype=np.float64))
+
+
+class SyncUnknown(MocapError):
+    """Nothing in the recording shows how the cameras' clocks differ."""
+
+    code = "sync_unknown"

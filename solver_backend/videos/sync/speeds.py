@@ -1,4 +1,4 @@
-"""Keypoints' upward speeds: nearly the same in every level camera, calibrated or not."""
+"""Clocks of cameras without any calibration: by how fast keypoints move in each view."""
 
 from __future__ import annotations
 
@@ -7,11 +7,8 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.types import FEET, LIMBS, JointSet
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.convolution import convolved
-from solver_backend.videos.sync.graph import clocks_of_pairs
-from solver_backend.videos.sync.resample import at_times
-from solver_backend.videos.sync.signals import Signal, pair_lag
+from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
+from solver_backend.videos.sync.signals import Signal, convolved, pair_lag
 
 RATE_HZ = 120.0
 """Speeds are compared at so many moments a second."""

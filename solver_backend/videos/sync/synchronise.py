@@ -13,16 +13,12 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras
 from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
-from solver_backend.videos.sync.clap import WRISTS, claps, clocks_by_claps
-from solver_backend.videos.sync.clocks import Clocks
-from solver_backend.videos.sync.errors import SyncUnknown
-from solver_backend.videos.sync.flash import brightness_signal
+from solver_backend.videos.sync.clap import PIECE_S as SOUND_PIECE_S
+from solver_backend.videos.sync.clap import SOUND_FLOOR_S as SOUND_FLOOR_S
+from solver_backend.videos.sync.clap import WRISTS, brightness_signal, claps, clocks_by_claps, onsets
+from solver_backend.videos.sync.clocks import Clocks, clocks_of_pairs
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.videos.sync.graph import clocks_of_pairs
-from solver_backend.videos.sync.signals import Signal, pair_lag
-from solver_backend.videos.sync.sound import FLOOR_S as SOUND_FLOOR_S
-from solver_backend.videos.sync.sound import PIECE_S as SOUND_PIECE_S
-from solver_backend.videos.sync.sound import onsets
+from solver_backend.videos.sync.signals import Signal, SyncUnknown, pair_lag
 from solver_backend.videos.sync.speeds import clocks_by_speeds
 from solver_backend.videos.video_detections import VideoDetections
 

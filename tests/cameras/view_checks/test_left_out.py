@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.agreement.left_out import without_views
+from solver_backend.agreement.repeated_frames import without_views
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.agreement.view_faults import NamedLike
-from solver_backend.agreement.view_repair import repair_views
+from solver_backend.agreement.view_faults import NamedLike, repair_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.scenes import detected, ring_of_cameras, walker

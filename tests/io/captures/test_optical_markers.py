@@ -15,7 +15,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.trc import write_trc
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.io.recognition.subject_labels import by_subject
+from solver_backend.io.recognition.marker_labels import by_subject
 from solver_backend.types import MarkerCloud
 from tests.support.skeleton_labels import SUIT
 from tests.support.words import words

@@ -15,7 +15,7 @@ from solver_backend.io.detections.column_table import read_point_rows as read_po
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.picture_shares import in_pixels
+from solver_backend.io.recognition.confidence import in_pixels
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text

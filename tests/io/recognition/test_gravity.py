@@ -8,8 +8,7 @@ import pytest
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.balance import body_points, independent_count, leaning
-from solver_backend.io.recognition.gravity import upright_from_person
+from solver_backend.io.recognition.gravity import body_points, independent_count, leaning, upright_from_person
 from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.recordings import BALANCING_TRIAL

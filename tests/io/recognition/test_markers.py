@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.marker_labels import (
     is_model_output,
     is_unnamed,
@@ -14,9 +13,8 @@ from solver_backend.io.recognition.marker_labels import (
     subjects_of,
     unique_labels,
 )
-from solver_backend.io.recognition.marker_unit import find_unit, unit_named
-from solver_backend.io.recognition.marker_up_axis import find_up_axis
-from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
+from solver_backend.io.recognition.marker_unit import METRES, find_unit, unit_named
+from solver_backend.io.recognition.marker_up_axis import UP_AXES, find_up_axis, rotation_to_z_up
 
 BODY = {"LFHD": 1.7, "RSHO": 1.4, "C7": 1.5, "LASI": 1.0, "LKNE": 0.5, "LANK": 0.08, "RTOE": 0.03}
 """Heights of markers in metres."""

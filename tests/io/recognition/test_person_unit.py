@@ -11,7 +11,7 @@ import pytest
 from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.person_unit import PersonUnit, stature_between, unit_by_person
+from solver_backend.io.recognition.person_scale import PersonUnit, stature_between, unit_by_person
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.trial_files import write_trial
 from tests.support.words import words

@@ -14,10 +14,9 @@ from solver_backend.exchange.world_settings import LEVELS, WorldSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.io.recognition.level import measure_level
-from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
-from solver_backend.io.recognition.world_check import check_world
-from solver_backend.io.recognition.world_fit import find_people, fit_world, scale_world
+from solver_backend.io.recognition.gravity import measure_level
+from solver_backend.io.recognition.marker_up_axis import UP_AXES, rotation_to_z_up
+from solver_backend.io.recognition.world_fit import check_world, find_people, fit_world, scale_world
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 from solver_backend.synthesis.simulation.cast import cast_person

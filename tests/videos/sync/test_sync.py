@@ -13,13 +13,11 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound, VideoWithoutSound
-from solver_backend.videos.sync.clocks import Clocks, read_clocks
-from solver_backend.videos.sync.errors import SyncUnknown
+from solver_backend.videos.sync.clap import PIECE_S, onsets
+from solver_backend.videos.sync.clap import SOUND_FLOOR_S as FLOOR_S
+from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs, common_times, read_clocks
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
-from solver_backend.videos.sync.graph import clocks_of_pairs
-from solver_backend.videos.sync.resample import at_times, common_times
-from solver_backend.videos.sync.signals import PairLag, Signal, pair_lag
-from solver_backend.videos.sync.sound import FLOOR_S, PIECE_S, onsets
+from solver_backend.videos.sync.signals import PairLag, Signal, SyncUnknown, pair_lag
 from solver_backend.videos.sync.speeds import clocks_by_speeds
 from solver_backend.videos.sync.synchronise import by_flash, by_sound, in_step, synchronise
 from solver_backend.videos.video_detections import VideoDetections
