@@ -291,15 +291,12 @@ class Evidence:
         unrelated = expected_density(UNRELATED_NOISE, UNRELATED_OUTLIERS)
         return np.where(np.isfinite(distance), density - unrelated, 0.0).sum((0, 2)) / max(seen, 1e-9)
 
-    def view_noise(self, reading: Reading) -> Noise:
-        """Return the noise of the pairs that each view is part of."""
+    def pair_noise(self, reading: Reading) -> Noise:
+        """Return the noise of each pair of views that is compared."""
         keys = [self.key(reading, view) for view in range(self.views)]
         self.counts([reading])
-        counts = [
-            sum((self._counts[keys[i], keys[j]] for i, j in self.pairs if view in (i, j)), np.zeros(BINS))
-            for view in range(self.views)
-        ]
-        return fit_noise(np.stack(counts))
+        counts = np.stack([self._counts[keys[i], keys[j]] for i, j in self.pairs])
+        return fit_noise(counts[counts.sum(1) > 0]) if counts.any() else fit_noise(counts[:1])
 
     def per_pose(self, values: np.ndarray, axis: int) -> np.ndarray:
         """Return means of frames over those of each pose, along an axis."""

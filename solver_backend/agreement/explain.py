@@ -34,8 +34,9 @@ BLOCKS = 8
 """Stretches of time from which the luck of a likelihood ratio is estimated."""
 AS_NOISY = 1.15
 """Times the least noise up to which the simpler of two readings of one body is taken."""
-AGREED_NOISE, AGREED_OUTLIERS = 0.035, 0.15
-"""Noise in person's sizes and outlier rate of every view up to which views agree as written, and nothing is tried."""
+AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
+"""Noise in person's sizes, times that of the best pair, and outlier rate of every pair of views up to which they agree
+as written, and nothing is tried."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Log-likelihoods of the body from which this holds: pictures on their side reach -8, mirror images -9 and less."""
 
@@ -220,8 +221,9 @@ class _Search:
 
     def agrees_as_written(self) -> bool:
         """Return whether every view agrees with the others as written, and the body is upright and no mirror image."""
-        noise = self.quick.view_noise(self.written)
-        if noise.sigma.max() > AGREED_NOISE or noise.outliers.max() > AGREED_OUTLIERS:
+        noise = self.quick.pair_noise(self.written)
+        most = min(AGREED_NOISE, AGREED_TIMES * float(noise.sigma.min()))
+        if noise.sigma.max() > most or noise.outliers.max() > AGREED_OUTLIERS:
             return False
         terms = judge_body(self.quick, self.written).terms
         return all(terms[name] > least for name, least in AGREED_BODY.items())

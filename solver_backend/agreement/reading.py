@@ -71,6 +71,11 @@ class Reading:
         """Return the reading that takes every file literally."""
         return cls((PLAIN,) * views, tuple(range(views)), (False,) * views)
 
+    @property
+    def is_of_one_camera(self) -> bool:
+        """Return whether a camera is moved, late or left out, which another frame rate or start explains, too."""
+        return bool(self.moved or self.late or self.left_out)
+
     def correction(self, view: int) -> CameraCorrection:
         """Return the correction of a view's calibrated camera."""
         return replace(self.pictures[view].correction, pose=self.pose, graphics=self.graphics)
@@ -100,10 +105,6 @@ class Reading:
     def common(self) -> tuple[Picture, bool]:
         """Return the picture and the sides that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]
-
-    def is_mirrored_alike(self) -> bool:
-        """Return whether all views are mirrored in the same way."""
-        return len(set(zip(self.pictures, self.sides, strict=True))) == 1
 
 
 def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) -> tuple[Cameras, Detections]:

@@ -14,6 +14,7 @@ from solver_backend.agreement.resampled import at_one_rate, rates_by_length
 from solver_backend.agreement.unlike_views import ViewReading, explain_unlike, views_match
 from solver_backend.cameras.camera_corrections import corrected
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.captures.frame_rates import of_the_take, other_rates, stated_ratios
@@ -50,8 +51,9 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    Views in step are explained first. Where nothing makes them agree, other frame rates and readings are tried at all
-    offsets. Offsets are found last, and what was explained by none is explained once more.
+    Views in step are explained first. Where nothing makes them agree, or a camera alone is moved, late or unexplained,
+    other frame rates and readings are tried at all offsets. Offsets are found last. A single camera is explained after
+    that, in the rows that belong together.
 
     Args:
         calibration: of C cameras.
@@ -61,21 +63,25 @@ def bring_to_agreement(
         options: how the capture is read.
 
     Raises:
+        CalibrationInvalid: all cameras are in one point.
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
     count = len(detections.cameras)
     if count == 1:
         return Agreeing(calibration, InTime(detections), (False,))
+    if not np.ptp(calibration.cameras.centres, axis=0).any():
+        raise CalibrationInvalid(
+            "The calibration places all cameras in one point: it has intrinsics alone.", where=str(calibration.source),
+            hint="Calibrate the positions of the cameras, too, for example with calibrate-cameras.",
+        )  # fmt: skip
     files, ratios = _Files(calibration, detections), np.ones(count)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated_ratios(rates, fps) == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
         files, ratios = _at_one_rate(files, relative, fps, options)
     found = None if options.as_calibrated else _explain(files, as_numbered(files.detections, options), options)
-    if found is not None:
-        files = _apply(files, found, options)
-    agrees = found is not None and (found.agrees or found.changed)
-    if not agrees and (ratios == 1).all() and not views_match(files.calibration.cameras, files.detections):
+    settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
+    if not settled and (ratios == 1).all() and not views_match(files.calibration.cameras, files.detections):
         ratios = stated_ratios(rates, fps)
         if (ratios != 1).any():
             problems = other_rates(files.detections, ratios, fps, is_open=False)
@@ -84,15 +90,15 @@ def bring_to_agreement(
         elif searched:
             files, relative = _explain_out_of_step(files, options)
             files, ratios = _at_one_rate(files, relative, fps, options)
+    if found is not None and settled:
+        files = _apply(files, found, options)
     in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
-    moved = bool(in_time.first_rows) or bool((ratios != 1).any())
-    if not options.as_calibrated and moved and files.calibration is calibration:
+    if found is not None and files.calibration is calibration and not settled:
         rows = replace(files, detections=in_time.detections)
-        files = _apply(rows, _explain(rows, rows.detections, options), options)
+        if in_time.first_rows or (ratios != 1).any():
+            found = _explain(rows, rows.detections, options)
+        files = _apply(rows, found, options)
         in_time = replace(in_time, detections=files.detections)
-    elif found is not None and found.reading.left_out and not moved:
-        names = [detections.cameras[view] for view in found.reading.left_out]
-        files = replace(files, problems=(*files.problems, diagnostic("camera_unexplained", cameras=names)))
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
@@ -167,6 +173,8 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
             reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
         elif applied.code == "camera_moved":
             reported.append(diagnostic("camera_moved", cameras=named, remedy=Remedy.REPAIRED, **evidence))
+        elif applied.code == "camera_unexplained":
+            reported.append(diagnostic("camera_unexplained", cameras=named, **evidence))
     return reported
 
 

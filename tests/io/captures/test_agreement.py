@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet
@@ -156,3 +157,27 @@ def test_names_of_a_ring_turned_on(tmp_path: Path, places: int, turned: bool) ->
     corrections = [item.values["meanings"] for item in capture.problems if item.code == "calibration_corrected"]
     assert corrections == (["the recorded pictures are turned by 90° clockwise from those calibrated"] * turned)
     assert median_error_m(capture, 60) < 0.03
+
+
+def test_cameras_in_one_place_are_refused_by_name(tmp_path: Path) -> None:
+    cameras = replace(CAMERAS, R=np.tile(np.eye(3), (4, 1, 1)), t=np.zeros((4, 3)))
+    people = [(KEYPOINTS.xy[:, :30], KEYPOINTS.confidence[:, :30])]
+    write_trial(tmp_path, cameras=cameras, people=people, names=NAMES, calibrated=NAMES)
+    with pytest.raises(CalibrationInvalid, match="places all cameras in one point"):
+        load_capture(tmp_path)
+
+
+def test_a_moved_camera_is_placed_by_the_others_and_named(tmp_path: Path) -> None:
+    t = CAMERAS.t.copy()
+    t[1] += [0.4, -0.4, 0.1]
+    people = [(KEYPOINTS.xy[:, :120], KEYPOINTS.confidence[:, :120])]
+    moved = replace(CAMERAS, t=t)
+    write_trial(tmp_path, cameras=moved, people=people, names=NAMES, calibrated=NAMES)
+    capture = load_capture(tmp_path)
+    assert median_error_m(capture, 0) < 0.03
+    (found,) = [item for item in capture.problems if item.code == "camera_moved"]
+    assert found.where.cameras == (NAMES[1],) and found.values["gain"] > 6
+    (tmp_path / "again").mkdir()
+    write_trial(tmp_path / "again" / "trial", cameras=moved, people=people, names=NAMES, calibrated=NAMES)
+    kept = load_capture(tmp_path / "again" / "trial", as_calibrated=True)
+    assert "camera_moved" not in {item.code for item in kept.problems}
