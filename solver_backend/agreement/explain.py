@@ -178,7 +178,8 @@ class _Search:
         return self._rank(found)
 
     def _of_cameras(self, beam: list[Reading]) -> list[Reading]:
-        return self._propose(CAMERA_ROWS, beam[:MOVED_OF]) if self.is_alone else []
+        starts = dict.fromkeys([*beam[:MOVED_OF], self.written])
+        return self._propose(CAMERA_ROWS, starts) if self.is_alone else []
 
     def _refined(self, readings: Iterable[Reading]) -> list[Reading]:
         """Return readings with their odd sizes refined to a few per mille, or replaced by standard ones nearby."""

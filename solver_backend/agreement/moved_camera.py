@@ -6,6 +6,7 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import triangulate_rays
 from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.noise import LEAST_NOISE
 from solver_backend.agreement.reading import Pose, Reading
 from solver_backend.geometry.rotations import exp_so3
 
@@ -13,6 +14,8 @@ LEAST_POINTS = 24
 """Points that a pose is fitted to at least."""
 MATERIAL = 0.05
 """Median distance in person's sizes by which a camera must see the person elsewhere to count as moved."""
+AS_FAR = 2.5
+"""Times the other views' own distances up to which a fitted pose explains a camera: they made the points themselves."""
 _ROUNDS = 15
 _ROBUST = 0.03
 """Scale of the Cauchy weights, in person's sizes."""
@@ -41,9 +44,23 @@ def refit_pose(evidence: Evidence, reading: Reading, view: int) -> Pose | None:
     starts = [(R, t), _turned(R, t, X, rays)]
     fitted = [_fit(*start, X, rays, seen.size) for start in starts]
     R, t = min(fitted, key=lambda pose: float(np.median(_distances(*pose, X, rays, seen.size))))
-    if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > 0.5 * np.median(as_written):
+    usual = max(_usual_distance(others, reading, view, points), LEAST_NOISE)
+    if not np.isfinite(t).all() or np.median(_distances(R, t, X, rays, seen.size)) > AS_FAR * usual:
         return None
     return (*R.ravel().round(9).tolist(), *t.round(9).tolist())
+
+
+def _usual_distance(others: Evidence, reading: Reading, view: int, points: np.ndarray) -> float:
+    """Return the median distance of what the other views see from their points (P, J, 3), in person's sizes."""
+    found = list[np.ndarray]()
+    for other in range(others.views):
+        if other != view:
+            points_key, pose_key = others.key(reading, other)
+            seen = others.points(points_key)
+            known = np.isfinite(points).all(-1) & np.isfinite(seen.rays).all(-1)
+            found.append(_distances(*others.pose_of(pose_key), points[known], seen.rays[known], seen.size))
+    together = np.concatenate(found)
+    return float(np.median(together)) if len(together) else np.inf
 
 
 def _distances(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> np.ndarray:
