@@ -24,13 +24,13 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
 BOUND = 6.0
-"""Nats by which an explanation must beat every other one: odds of 400 to 1."""
+"""Least lead of an explanation over every other one, nats: odds of 400 to 1."""
 POSES, FRAMES = 40, 120
 """Most independent poses, and most frames that are looked at."""
 MOVED = 0.04
 """Least distance between two independent poses, in the person's size."""
 EACH, NEIGHBOURS = 8, 3
-"""Cameras up to which every pair is compared; of more, each is compared with so many neighbours on either side."""
+"""Most cameras of which every pair is compared. In larger arrays each has so many neighbours on either side."""
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person's sizes and outlier rate beyond which views do not show one body."""
 LEAST_JOINTS = 4
@@ -39,7 +39,7 @@ _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ank
 _FAR = 5.0
 """Unit plane coordinate beyond which a reading places no keypoint."""
 _BATCH = 256
-"""Readings of a pair whose distances are held at once."""
+"""Readings of a pair that are in memory at once."""
 
 PointsKey = tuple[int, int, Picture, bool, int]
 """View, calibrated camera, picture, exchanged sides, frames late."""
@@ -67,14 +67,14 @@ def body_columns(names: Sequence[str]) -> np.ndarray:
 
 
 class Evidence:
-    """Distances between the views of a capture in any reading; statistics of views and pairs are computed once."""
+    """Distances between the views of a capture in any reading. Statistics of views and pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
         """Choose the frames that are compared.
 
         Args:
             cameras: A calibrated cameras as written.
-            detections: everybody in C views; the largest person of each picture counts.
+            detections: all people in C views. The largest person of each picture counts.
         """
         self.cameras, self.joint_set = cameras, detections.joint_set
         names = detections.joint_set.keypoints
@@ -314,7 +314,7 @@ def _shape_map(camera: Cameras, picture: Picture) -> tuple[np.ndarray, np.ndarra
 
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
-    """Return the share of the keypoints whose distances from epipolar lines are noise; 0 if nothing is compared."""
+    """Return the share of the keypoints that are no outliers. 0 if nothing is compared."""
     evidence = Evidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
@@ -324,7 +324,7 @@ def agreement_share(cameras: Cameras, detections: Detections) -> float:
 
 
 def _person_size(xy: np.ndarray) -> np.ndarray:
-    """Return (C,) the median size of the person in the pictures of each view, px; 1 where nobody is seen."""
+    """Return (C,) the median size of the person in the pictures of each view, px. 1 if the view is empty."""
     sizes = np.ones(len(xy))
     for view, points in enumerate(xy):
         shown = points[np.isfinite(points[..., 0]).sum(-1) >= LEAST_JOINTS]
@@ -363,7 +363,7 @@ def independent_poses(xy: np.ndarray, person_px: np.ndarray) -> tuple[np.ndarray
 
 
 def _pose_distances(points: np.ndarray) -> np.ndarray:
-    """Return (P, P) distances of poses in person's sizes; poses that no view shares are far apart."""
+    """Return (P, P) distances of poses in person's sizes. Poses without a common view are far apart."""
     views = []
     for view in points:
         gap = np.linalg.norm(view[:, None] - view[None], axis=-1)

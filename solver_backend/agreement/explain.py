@@ -1,4 +1,4 @@
-"""Search the reading that explains a capture, and decide whether it is beyond doubt."""
+"""Search the reading that explains a capture, and decide if it is certain."""
 
 from __future__ import annotations
 
@@ -23,22 +23,22 @@ from solver_backend.agreement.reading import Reading
 from solver_backend.types import Cameras
 
 BEAM, ROUNDS = 5, 2
-"""Readings that are kept in the search, and faults of single cameras that it finds one after the other."""
+"""Readings that the search keeps, and faults of single cameras that it finds in sequence."""
 MOVED_OF = 2
-"""Best readings from which a moved camera is sought: each pose is a fit."""
+"""Best readings that a moved camera is searched from. Each pose needs a fit."""
 JUDGED = 14
-"""Most likely readings whose bodies are compared."""
+"""Most likely readings that are triangulated."""
 SCOUTED = 12
-"""Poses on which the many common readings are compared first."""
+"""Poses of the first comparison of the many common readings."""
 BLOCKS = 8
-"""Stretches of time from which the luck of a likelihood ratio is estimated."""
+"""Blocks of time that estimate the luck of a likelihood ratio."""
 AS_NOISY = 1.15
-"""Times the least noise up to which the simpler of two readings of one body is taken."""
+"""Largest noise ratio at which the simpler of two readings of one body wins."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
-"""Noise in person's sizes, times that of the best pair, and outlier rate of every pair of views up to which they agree
-as written, and nothing is tried."""
+"""Largest noise in person's sizes, ratio to the best pair, and outlier rate of a pair of views that agrees. If all pairs
+agree, no reading is tried."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
-"""Log-likelihoods of the body from which this holds: pictures on their side reach -8, mirror images -9 and less."""
+"""Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 
 
 _OF_CAMERA = {
@@ -54,9 +54,9 @@ class Applied:
     code: str
     """Of its diagnostic."""
     views: tuple[int, ...]
-    """Views that it concerns."""
+    """Views with the fault."""
     meaning: str
-    """What is corrected, a phrase for people; empty where the code says it."""
+    """The correction, a phrase for people. Empty if the code says it."""
     gain: float
     """Log-likelihood ratio against the reading without it, nats."""
 
@@ -67,9 +67,9 @@ class Scored:
 
     reading: Reading
     epipolar: float
-    """Log-likelihood ratio against views that show nothing in common, nats."""
+    """Log-likelihood ratio against unrelated views, nats."""
     cost: float
-    """What its changes have to earn, nats."""
+    """Cost of its changes, nats."""
     body: BodyEvidence
     sigma: float
     """Noise in person's sizes."""
@@ -91,13 +91,13 @@ class Explanation:
     """How a capture is read, and why."""
 
     reading: Reading
-    """As it is solved; as written where nothing wins."""
+    """The reading to solve. The files are taken literally if no reading wins."""
     applied: tuple[Applied, ...]
-    """What explains it."""
+    """Hypotheses that explain the capture."""
     agrees: bool
-    """Whether the views show one body in this reading."""
+    """The views show one body in this reading."""
     margin: float
-    """Log-likelihood ratio against the best reading that gives another body, nats; inf where there is none."""
+    """Log-likelihood ratio against the best reading of another body, nats. Infinite if there is none."""
     runner_up: str
     """That reading, a phrase."""
     open: tuple[str, ...] = ()
@@ -111,16 +111,16 @@ class Explanation:
 
     @property
     def changed(self) -> bool:
-        """Return whether anything is read otherwise than written."""
+        """Return whether any hypothesis was applied."""
         return bool(self.applied)
 
 
 def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = False) -> Explanation:
-    """Return the reading under which C views agree best, as written unless another is beyond doubt.
+    """Return the reading that explains C views. The files are taken literally unless another reading is certain.
 
     Args:
-        cameras: the calibrated cameras of the views, as written.
-        detections: everybody in C views, in step.
+        cameras: calibrated cameras of the views.
+        detections: all people in C views, synchronised.
         names_stated: the user states which camera is which, so that names are not exchanged.
     """
     evidence = Evidence(cameras, detections)
@@ -157,7 +157,7 @@ class _Search:
         return [candidate for reading in readings for row in rows for candidate in row.candidates(self.quick, reading)]
 
     def search(self) -> list[Reading]:
-        """Return readings by their likelihood: of all files alike first, then of single cameras, twice."""
+        """Return readings by their likelihood: common readings first, then two rounds of single cameras."""
         scout = self.quick.quick(SCOUTED)
         alike = self._rank([*CONVENTIONS.candidates(scout, self.written), self.written], scout)[: 2 * JUDGED]
         alike = self._rank([*alike, self.written])
@@ -206,7 +206,7 @@ class _Search:
         return Scored(reading, float(ratios[1]) * self.constraints, self._cost(reading), body, sigma, outliers)
 
     def luck(self, one: Scored, other: Scored) -> float:
-        """Return by how much a likelihood ratio may be luck: its spread over stretches of time, for its rivals."""
+        """Return the luck in a likelihood ratio, from its spread over blocks of time and its number of rivals."""
         seen = float(np.isfinite(self.evidence.distances(self.written)).sum((0, 2)).mean())
         first, second = (self.evidence.densities(s.reading, seen) for s in (one, other))
         apart = first - second
@@ -236,7 +236,7 @@ class _Search:
         return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
 
     def decide(self) -> Explanation:
-        """Return the reading that wins, as written where none does."""
+        """Return the winning reading, or the literal one if none wins."""
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
@@ -264,7 +264,7 @@ class _Search:
         return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *shares, tuple(table))
 
     def describe(self, reading: Reading) -> str:
-        """Return a reading as a phrase for people."""
+        """Describe a reading for people."""
         names, parts = self.evidence.cameras.names, list[str]()
         for code, views, meaning, _ in changes_of(reading):
             which = ", ".join(names[v] for v in views)

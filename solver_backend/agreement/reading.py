@@ -1,4 +1,4 @@
-"""How the files of a capture are read: an immutable state that cameras and detections follow from."""
+"""Readings of a capture: immutable states that determine cameras and detections."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.cameras.camera_corrections import CameraCorrection, correcte
 from solver_backend.types import Cameras
 
 MIRROR_MEANINGS = ("the pictures are mirrored", "x and y are exchanged", "v counts from the bottom of the pictures", "")
-"""Meaning of mirrored pictures by quarter turns; nobody exchanges x and y from the far corner."""
+"""Meaning of mirrored pictures by quarter turns. The last one does not occur."""
 Change = tuple[object, ...]
 Pose = tuple[float, ...]
 """Nine numbers of a rotation by rows, three of a translation: hashable."""
@@ -23,7 +23,7 @@ class Picture:
     """How the recorded pictures of a camera differ from the calibrated ones."""
 
     size: float = 1.0
-    """Size over that of the calibrated pictures."""
+    """Size relative to the calibrated pictures."""
     turn: int = 0
     """Quarter turns, clockwise."""
     mirrored: bool = False
@@ -33,12 +33,12 @@ class Picture:
 
     @property
     def correction(self) -> CameraCorrection:
-        """Return the correction of the camera; detections of mirrored pictures are turned back instead."""
+        """Return the correction of the camera. Detections of mirrored pictures are turned back instead."""
         return CameraCorrection(self.size, 0 if self.mirrored else self.turn, shape=self.shape)
 
     @property
     def mirror_meaning(self) -> str:
-        """Return what is wrong with the detections of mirrored pictures, a phrase; empty if nothing is."""
+        """Return what is wrong with the detections of mirrored pictures, a phrase. Empty if nothing is."""
         return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
@@ -47,22 +47,22 @@ PLAIN = Picture()
 
 @dataclass(frozen=True)
 class Reading:
-    """How the files of C recorded views are read."""
+    """One interpretation of the files of C recorded views."""
 
     pictures: tuple[Picture, ...]
     """One per view."""
     owners: tuple[int, ...]
     """The calibrated camera of each view."""
     sides: tuple[bool, ...]
-    """Whether left and right are exchanged in the keypoint names of a view."""
+    """Left and right are exchanged in the keypoint names of a view."""
     pose: str = "world to camera"
     """How the file writes poses, one of ``POSES``."""
     graphics: bool = False
-    """Camera axes are those of OpenGL and Blender."""
+    """The file uses the camera axes of OpenGL and Blender."""
     moved: tuple[Pose | None, ...] = ()
-    """Pose of each view that was moved after the calibration, None where it was not; () where none was."""
+    """Fitted pose of each view that was moved after the calibration, else None. Empty if none was."""
     late: tuple[int, ...] = ()
-    """Frames by which each view is late; () where none is."""
+    """Delay of each view in frames. Empty if none is late."""
     left_out: tuple[int, ...] = ()
     """Views that nothing explains."""
 
@@ -111,8 +111,8 @@ def apply_reading(cameras: Cameras, detections: Detections, reading: Reading) ->
     """Return the cameras and the detections of C views as a reading takes them.
 
     Args:
-        cameras: A calibrated cameras as written.
-        detections: everybody in C views.
+        cameras: A calibrated cameras.
+        detections: all people in C views.
         reading: of these files.
     """
     read = corrected(

@@ -1,4 +1,4 @@
-"""Cameras and detections that agree: read as the engine explains them, at one frame rate, and rows of one moment."""
+"""Make cameras and detections agree: apply the explanation, one frame rate and one time."""
 
 from __future__ import annotations
 
@@ -25,21 +25,21 @@ from solver_backend.io.recognition.start_times import InTime, as_numbered, bring
 
 @dataclass(frozen=True)
 class Agreeing:
-    """What a recording is solved from."""
+    """Input of a solve."""
 
     calibration: Calibration
-    """As it is meant."""
+    """After all corrections."""
     in_time: InTime
     """Detections at moments that cameras recorded together."""
     resampled: tuple[bool, ...]
     """Of each camera, whether its rows are no longer the frames of its video."""
     problems: tuple[Diagnostic, ...] = ()
-    """What was done to detections and their frame rates."""
+    """Corrections of detections and frame rates."""
 
 
 @dataclass(frozen=True)
 class _Files:
-    """Calibration and detections as they are read so far."""
+    """Calibration and detections after some corrections."""
 
     calibration: Calibration
     detections: Detections
@@ -51,15 +51,15 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    Views in step are explained first. Where nothing makes them agree, or a camera alone is moved, late or unexplained,
+    Views in step are explained first. If they do not agree, or a single camera is moved, late or unexplained,
     other frame rates and readings are tried at all offsets. Offsets are found last. A single camera is explained after
     that, in the rows that belong together.
 
     Args:
         calibration: of C cameras.
         detections: of the same, each from its own first frame where frames differ.
-        fps: frames a second of the take.
-        rates: (C,) frames a second that the videos state, None where they state nothing.
+        fps: frame rate of the take.
+        rates: (C,) frame rates that the videos state, else None.
         options: how the capture is read.
 
     Raises:
@@ -108,7 +108,7 @@ def _at_one_rate(files: _Files, relative: np.ndarray, fps: float, options: ReadO
     Args:
         files: of C cameras.
         relative: (C,) frames of each for one of any of them, as the views show.
-        fps: frames a second of the take.
+        fps: frame rate of the take.
         options: how the capture is read.
     """
     ratios, is_open = of_the_take(relative)
