@@ -35,14 +35,14 @@ BLOCKS = 8
 AS_NOISY = 1.15
 """Largest noise ratio at which the simpler of two readings of one body wins."""
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
-"""Largest noise in person's sizes, ratio to the best pair, and outlier rate of a pair of views that agrees. If all pairs
-agree, no reading is tried."""
+"""Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
+tried if all pairs do."""
 AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 
 
 _OF_CAMERA = {
-    "camera_moved": "{} was moved after the calibration", "camera_late": "{} is late",
+    "camera_placed": "{} was moved after the calibration", "camera_late": "{} is late",
     "camera_unexplained": "nothing explains {}",
 }  # fmt: skip
 

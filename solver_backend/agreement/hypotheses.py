@@ -120,7 +120,7 @@ ROWS = (
 )
 CAMERA_ROWS = (
     Hypothesis("camera_late", _late),
-    Hypothesis("camera_moved", _moved),
+    Hypothesis("camera_placed", _moved),
     Hypothesis("camera_unexplained", _left_out),
 )
 """No faults of files: they explain a camera that nothing else does."""
@@ -195,5 +195,5 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     late = tuple(view for view, lag in enumerate(reading.late) if lag)
     changes += [("camera_late", (view,), "", replace(reading, late=())) for view in late]
     changes += [("camera_unexplained", (view,), "", replace(reading, left_out=())) for view in reading.left_out]
-    changes += [("camera_moved", (view,), "", replace(reading, moved=())) for view in moved]
+    changes += [("camera_placed", (view,), "", replace(reading, moved=())) for view in moved]
     return changes

@@ -169,7 +169,7 @@ def moved(angle: float, by_m: float) -> Cameras:
 def test_a_moved_camera_is_placed_by_the_others(angle: float, by_m: float) -> None:
     cameras = moved(angle, by_m)
     found = explain(cameras, detections())
-    assert [(a.code, a.views) for a in found.applied] == [("camera_moved", (2,))]
+    assert [(a.code, a.views) for a in found.applied] == [("camera_placed", (2,))]
     placed, _ = apply_reading(cameras, detections(), found.reading)
     assert np.degrees(np.arccos((np.trace(placed.R[2] @ CAMERAS.R[2].T) - 1) / 2)) < 1.0
     np.testing.assert_allclose(placed.centres[2], CAMERAS.centres[2], atol=0.05)

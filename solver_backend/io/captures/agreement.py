@@ -171,8 +171,8 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
             owners = [names[found.reading.owners[view]] for view in applied.views]
             pairs = [f"{name} is the calibration's {owner}" for name, owner in zip(named, owners, strict=True)]
             reported.append(diagnostic("camera_names_exchanged", cameras=named, pairs=pairs, **evidence))
-        elif applied.code == "camera_moved":
-            reported.append(diagnostic("camera_moved", cameras=named, remedy=Remedy.REPAIRED, **evidence))
+        elif applied.code == "camera_placed":
+            reported.append(diagnostic("camera_placed", cameras=named, remedy=Remedy.REPAIRED, **evidence))
         elif applied.code == "camera_unexplained":
             reported.append(diagnostic("camera_unexplained", cameras=named, **evidence))
     return reported

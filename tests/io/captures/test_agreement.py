@@ -175,9 +175,9 @@ def test_a_moved_camera_is_placed_by_the_others_and_named(tmp_path: Path) -> Non
     write_trial(tmp_path, cameras=moved, people=people, names=NAMES, calibrated=NAMES)
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
-    (found,) = [item for item in capture.problems if item.code == "camera_moved"]
+    (found,) = [item for item in capture.problems if item.code == "camera_placed"]
     assert found.where.cameras == (NAMES[1],) and found.values["gain"] > 6
     (tmp_path / "again").mkdir()
     write_trial(tmp_path / "again" / "trial", cameras=moved, people=people, names=NAMES, calibrated=NAMES)
     kept = load_capture(tmp_path / "again" / "trial", as_calibrated=True)
-    assert "camera_moved" not in {item.code for item in kept.problems}
+    assert "camera_placed" not in {item.code for item in kept.problems}
