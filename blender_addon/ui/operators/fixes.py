@@ -84,7 +84,9 @@ _FLOOR = Fix(MOCAP_OT_feet_to_floor.bl_idname, "Feet to Floor")
 _FIXES = {
     _REFINE: "camera_turned camera_disagrees camera_moved cameras_shifted",
     _FLOOR: "feet_above_floor floor_too_high foot_below_floor",
-    _again("As Written", "as_calibrated", "on"): "calibration_corrected camera_placed detections_corrected camera_names_exchanged",
+    _again("As Written", "as_calibrated", "on"): (
+        "calibration_corrected camera_placed detections_corrected camera_names_exchanged"
+    ),
     _again("Keep Its Level", "level", "off"): "world_levelled floor_by_feet",
     _again("Level by the Person", "level", "on", is_choice=False): "floor_off person_tilted",
     _again("As Recorded", "sync", "off"): "starts_apart start_ambiguous",
