@@ -229,6 +229,11 @@ class _Search:
         terms = judge_body(self.quick, self.written).terms
         return all(terms[name] > least for name, least in AGREED_BODY.items())
 
+    def _pairs_agree(self, reading: Reading) -> bool:
+        """Return whether no pair of views is unrelated."""
+        noise = self.quick.pair_noise(reading)
+        return bool(noise.sigma.max() < UNRELATED_NOISE and noise.outliers.max() < UNRELATED_OUTLIERS)
+
     def _is_near(self, best: Scored, other: Scored) -> bool:
         """Return whether a reading explains as much as the best: within luck, or one body with about the same noise."""
         alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
@@ -249,18 +254,20 @@ class _Search:
         margin, runner_up = min(
             ((n, self.describe(s.reading)) for n, s in zip(leads, others, strict=True)), default=(np.inf, "")
         )
-        agrees = chosen.epipolar >= BOUND
-        explanation = Explanation(self.written, (), written.epipolar >= BOUND, margin, runner_up, table=tuple(table))
+        related = chosen.epipolar >= BOUND
+        agrees = self._pairs_agree(self.written)
+        explanation = Explanation(self.written, (), agrees, margin, runner_up, table=tuple(table))
         if chosen.reading == self.written:
             return explanation
-        if not agrees or margin < BOUND:
-            best = (self.describe(chosen.reading), runner_up) if agrees else ()
+        if not related or margin < BOUND:
+            best = (self.describe(chosen.reading), runner_up) if related else ()
             return replace(explanation, open=best)
         applied = tuple(
             Applied(code, views, meaning, chosen.total - self.score(without).total)
             for code, views, meaning, without in changes_of(chosen.reading)
         )
         shares = chosen.share, written.share
+        agrees = self._pairs_agree(chosen.reading)
         return Explanation(chosen.reading, applied, agrees, margin, runner_up, (), *shares, tuple(table))
 
     def describe(self, reading: Reading) -> str:
