@@ -43,8 +43,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.live.session_loop import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
-    from solver_backend.videos.detect.detect_videos import joint_set_of
-    from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector
+    from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector, joint_set_of
     from solver_backend.videos.streaming.moments import LiveMoments
     from solver_backend.videos.streaming.recording import ViewsRecording, motion_of
 

@@ -64,9 +64,10 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["poses"] = statistics.summary()
     if sender is not None:
         data |= sender.summary()
-    if args.record is not None and any(end.written for end in chain.ends.values()):
-        data["recorded"] = str(args.record)
-        if args.solve is not None and not stopped:
+    if args.record is not None:
+        written = any(end.written for end in chain.ends.values())
+        data["recorded" if written else "not_recorded"] = str(args.record)
+        if written and args.solve is not None and not stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
     stream.require_whole()
     # Standard output may be another program's points: for people it holds nothing else.
