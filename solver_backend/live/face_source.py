@@ -127,7 +127,7 @@ def _with_side(name: str) -> str:
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
-"""What asks the app to send (ifacialmocap.com/for-developer)."""
+"""Request that makes the app send (ifacialmocap.com/for-developer)."""
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 

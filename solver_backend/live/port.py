@@ -137,7 +137,7 @@ class NamedOnce:
     """Counts of faults by kind."""
 
     counts: dict[str, int] = field(default_factory=dict)
-    """How often something was wrong with what came, by kind."""
+    """Number of faults by kind."""
     news: list[tuple[str, str]] = field(default_factory=list)
     """Kind and sentence of what was wrong for the first time. Whoever reports it takes it out."""
 

@@ -21,7 +21,7 @@ Item = ParamSpec("Item")
 
 
 class RecordingFormat(Protocol[Item]):
-    """How items become bytes, and a recording becomes a file."""
+    """Conversion of items to bytes, and of a recording to a file."""
 
     pieces: ClassVar[str]
 

@@ -26,7 +26,7 @@ from solver_backend.videos.sync.clocks import Clocks
 
 @dataclass(frozen=True)
 class SensorTake:
-    """What a folder of sensors shows."""
+    """Result of a folder of sensors."""
 
     cloud: MarkerCloud
     """Points without names, with covariances. The residual is each point's standard deviation."""
@@ -136,7 +136,7 @@ def _moments(
 
 
 INTERLEAVE_S = 160e-6
-"""By how much each time-of-flight sensor exposes later than the one before, so that its light does not reach another
+"""Exposure delay between successive time-of-flight sensors, so that the light of one does not reach another
 (thesis 5.3.2, after the Azure Kinect's documentation)."""
 LARGEST_INTERLEAVE_S = 0.02
 """Seconds between two sensors' exposures at most. Chosen by hand."""

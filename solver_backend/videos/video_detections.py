@@ -1,4 +1,4 @@
-"""What a detector found in one video, and its file."""
+"""Detections of one video, and their file format."""
 
 from __future__ import annotations
 

@@ -62,7 +62,7 @@ class Bodies:
 
 @dataclass(frozen=True)
 class Held:
-    """Where C cameras are expected, by an earlier calibration."""
+    """Expected poses of C cameras from an earlier calibration."""
 
     cameras: Cameras
     turn_sigma: float
@@ -82,7 +82,7 @@ class Held:
 
 @dataclass(frozen=True)
 class Unknowns:
-    """What is solved for beside the bodies."""
+    """Unknowns in addition to the bodies."""
 
     poses: Bool[np.ndarray, " cameras"]
     """(C,) cameras whose pose is unknown."""
@@ -207,7 +207,7 @@ class _Task:
     columns: np.ndarray
     """Numbers of ``CAMERA_PARAMETERS`` that are unknown for any camera."""
     turning: slice
-    """Which of a body's six numbers are unknown: points alone do not turn."""
+    """Unknown numbers of a body's six. Single points do not turn."""
 
     def whole(self, values: np.ndarray) -> np.ndarray:
         """Return values (C columns, ...) of the unknown numbers with zeros for the others, (19C, ...)."""

@@ -21,7 +21,7 @@ FOCAL, CENTRE = (0, 1), (2, 3)
 
 @dataclass(frozen=True)
 class LensModel:
-    """Which coefficients of a distortion model are fitted, the others being zero."""
+    """Fitted coefficients of a distortion model. The others are zero."""
 
     name: str
     distortion_model: str

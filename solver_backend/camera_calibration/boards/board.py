@@ -1,4 +1,4 @@
-"""What a calibration board is: its kind, its points in metres, and how it is described in a word or a file."""
+"""Describe a calibration board: kind, points in metres, short name and file."""
 
 from __future__ import annotations
 

@@ -68,13 +68,13 @@ Shape = Polygon | Disc | PageLine | PageText
 
 @dataclass(frozen=True)
 class Page:
-    """What is printed."""
+    """A printed page."""
 
     size: tuple[float, float]
     """Width and height, mm."""
     shapes: tuple[Shape, ...]
     first_point: tuple[float, float]
-    """Where the board's first point lies, mm."""
+    """Position of the board's first point, mm."""
 
 
 def board_page(board: Board, paper: str = "fit") -> Page:

@@ -30,7 +30,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck:
-    """What was found, px unless stated."""
+    """Result of the check, in px unless stated."""
 
     camera_px: np.ndarray
     """(C,) median distance of keypoints to where the other cameras have them."""
@@ -57,7 +57,7 @@ class CalibrationCheck:
 
     @property
     def fit(self) -> CameraFits:
-        """What the report shows."""
+        """Return the values of the report."""
         shared = {item.name: getattr(self, item.name) for item in fields(CameraFits) if item.name != "findings"}
         return CameraFits(**shared, findings=tuple(sentence(item) for item in self.findings))
 

@@ -1,1 +1,1 @@
-"""Where the cameras stand, by one bundle adjustment."""
+"""Camera poses by bundle adjustment."""

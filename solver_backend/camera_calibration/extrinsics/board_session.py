@@ -110,7 +110,7 @@ GOOD_RMSE_PX = 1.0
 
 @dataclass(frozen=True)
 class BoardOptions:
-    """How a board session is calibrated."""
+    """Options of a board calibration."""
 
     models: tuple[str, ...] = tuple(LENS_MODELS)
     """Lens models to choose from."""

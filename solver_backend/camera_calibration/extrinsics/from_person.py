@@ -33,7 +33,7 @@ START_FRAMES, FINAL_FRAMES = 60, 160
 LEAST_CONFIDENCE = 0.3
 """Keypoints below are not used."""
 START_SIGMA_PX = 6.0
-"""What a keypoint is expected to be off by before anything is known."""
+"""Expected keypoint error at the start, in px."""
 LEAST_MOMENTS = 30
 """Fewer pictures of a person fit many cameras."""
 FEWEST_COMMON = 60
@@ -49,7 +49,7 @@ class PersonCalibration:
     adjusted: Adjusted
     """Cameras, points (as bodies) and errors."""
     sigma_px: float
-    """What a keypoint is off by, per axis, measured from the residuals."""
+    """Keypoint error per axis in px, measured from the residuals."""
     frames: np.ndarray
     """(F,) frames that were used."""
     points: np.ndarray

@@ -25,9 +25,9 @@ from solver_backend.io.files import read_text
 from solver_backend.types import Cameras
 
 CLICK_SIGMA_PX = 1.5
-"""How far a hand clicks beside a point."""
+"""Standard deviation of a click, in px."""
 PLACE_SIGMA_M = 0.003
-"""How well the places of points are measured."""
+"""Standard deviation of a measured position, in metres."""
 FLAT = 0.02
 """Points are in a plane where they leave it by less than this share of their spread."""
 

@@ -42,7 +42,7 @@ LEAST_PLACES = 3
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one source contributes."""
+    """Evidence of one source."""
 
     name: str
     bodies: Bodies
@@ -133,7 +133,7 @@ LEAST_CONTRADICTION_PX = 3.0
 WORST_SHARE = 0.6
 """A moved camera draws the others along. Named are those whose errors grew by this share of the most."""
 FREEDOM = 1.2
-"""What a fit of many points takes from the residuals, as in ``from_person``."""
+"""Correction of the residuals for the fitted points, as in ``from_person``."""
 LEAST_SIGMA_PX = 0.05
 """Standard deviation of a source at least, pixels. Chosen by hand."""
 _ROBUST = 3.0

@@ -206,7 +206,7 @@ _FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
 
 @dataclass(frozen=True)
 class FocalLength:
-    """How long a lens is, and how sure that is."""
+    """A focal length and its uncertainty."""
 
     px: float
     sigma: float

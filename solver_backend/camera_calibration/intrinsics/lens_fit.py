@@ -34,7 +34,7 @@ from solver_backend.types.shapes import Bool, Float
 FEWEST_VIEWS = 3
 """Pictures of a board from which a lens is fitted."""
 CORNER_SIGMA_PX = 0.3
-"""What a corner is expected to be off by. The penalty's scale follows from it."""
+"""Expected corner error in px, which sets the scale of the penalty."""
 
 
 @dataclass(frozen=True)

@@ -58,12 +58,12 @@ class AcquisitionSettings:
     most_behind: float = 0.1
     """With more of its ring behind it the depth is an occluder's. The marker is a ray."""
     surface_radii: float = 2.0 / 3.0
-    """How far before a sphere's middle its light comes from, in radii: 2/3 is the mean over its disc."""
+    """Distance of the reflected light from a sphere's centre, in radii. 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)
     """Depths where a marker is believed."""
 
     halo_px: float = 1.5
-    """How much larger than its sphere a blob is, by blur and saturation, until it is measured on round blobs."""
+    """Excess radius of a blob from blur and saturation, in px, until it is measured on round blobs."""
     round: float = 1.35
     """A blob is round if its variance along its axis exceeds that of a disc of its area by less than this factor."""
     round_kept: int = 256

@@ -32,7 +32,7 @@ class Ring:
 
 @dataclass(frozen=True)
 class RingDepths:
-    """What the rings of N blobs agree on."""
+    """Depths of the rings of N blobs."""
 
     depth: np.ndarray
     """(N,) metres along the axis, NaN where too few pixels have a depth."""

@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import MocapError
 
 @dataclass(frozen=True)
 class SensorFrame:
-    """What one sensor saw at one moment. Infrared and depth are pixel-aligned."""
+    """Pictures of one sensor at one moment. Infrared and depth are pixel-aligned."""
 
     sensor: str
     infrared: np.ndarray

@@ -30,7 +30,7 @@ from solver_backend.types import Cameras
 FORMAT, VERSION = "manifold_mocap_sensors", 1
 ABOUT, CALIBRATION, INDEX, FRAMES = SENSOR_RECORDING, "calibration.toml", "index.csv", "frames.bin"
 KINDS = ("raw", "png")
-"""How pictures are kept: 'raw' is fast and large, 'png' slow and about 2.5 times smaller."""
+"""Picture formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller."""
 HEADER = "number,device_s,host_s\n"
 
 
@@ -72,7 +72,7 @@ LARGEST_NUMBER = 1e11
 
 @dataclass(frozen=True)
 class RecordingAbout:
-    """What ``recording.json`` states."""
+    """Contents of ``recording.json``."""
 
     kind: str
     """One of ``KINDS``."""
@@ -183,7 +183,7 @@ class Recording:
 
     @property
     def kind(self) -> str:
-        """How pictures are kept."""
+        """Picture format."""
         return self._about.kind
 
     def add(self, sensor: SensorFiles) -> None:
@@ -217,7 +217,7 @@ class SensorRecorder:
         self._queue: queue.Queue[SensorFrame | None] = queue.Queue(WAITING)
         self.written, self.dropped = 0, 0
         self.ended = ""
-        """Why recording ended by itself, "" while it goes on."""
+        """Reason of an early end, "" while recording."""
         self._thread = threading.Thread(target=self._run, name=f"record {sensor.name}", daemon=True)
         self._thread.start()
 

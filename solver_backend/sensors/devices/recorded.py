@@ -183,7 +183,7 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
 
 
 STUDIO_SHOT = ("clean.npz", "infrared")
-"""What the folder of a studio's shot holds."""
+"""Entries of the folder of a studio shot."""
 OTHER_CLOCK_S = 0.5
 """A sensor whose clock differs by more from the others', by the host's, has a clock of its own."""
 

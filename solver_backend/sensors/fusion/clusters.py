@@ -33,7 +33,7 @@ class FusionSettings:
     closest_m: float = 0.028
     """No two markers are closer: of two points that are, the surer one stays. Smaller for fingers."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
-    """Where two rays may meet, from either sensor."""
+    """Range of the intersection of two rays from either sensor, in metres."""
     least_angle: float = 0.17
     """Radians between two rays that give a point."""
 

@@ -23,7 +23,7 @@ from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
 LENGTH_TOLERANCE_M = 0.025
-"""How far an edge may be off what was given, ..."""
+"""Largest difference of an edge from the given length, ..."""
 ANGLE_TOLERANCE_DEG = 5.0
 """... and the corner off a right angle."""
 LEAST_RATIO = 1.15
@@ -34,7 +34,7 @@ MOST_POINTS = 24
 FRAMES_PER_NEWS = 3.0
 """Frames with correlated errors: a sensor's noise on a marker that stands has some memory."""
 SHARED_SIGMA_M = 0.5e-3
-"""How far a marker is off in all frames together, of a well calibrated array."""
+"""Constant marker error in a well calibrated array, in metres."""
 _ROUNDS = 20
 """Rounds at most. Chosen by hand."""
 
@@ -59,7 +59,7 @@ class Gamma:
     """The long edge, from the corner's middle to the end's."""
     short_m: float = 0.4
     height_m: float = 0.007
-    """How high the markers' middles lie above the floor: their radius where they lie on it."""
+    """Height of the marker centres above the floor: their radius if they lie on it."""
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):

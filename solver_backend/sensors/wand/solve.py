@@ -37,7 +37,7 @@ HELD_OUT_BLOCKS = 10
 
 @dataclass(frozen=True)
 class WandTask:
-    """What is solved: C views, and the wand's lights about its middle, (K, 3). Zero for a marker alone."""
+    """Problem: C views, and the (K, 3) lights about the wand's centre, zero for a single marker."""
 
     names: tuple[str, ...]
     cameras: Cameras
@@ -253,14 +253,14 @@ DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
 """Standard deviation of one pixel's depth at no distance, and what 1 m adds, growing with the square (Tölgyessy et al.
 2021, about that of Azure Kinects)."""
 SENSOR_BIAS_M = 2e-3
-"""How far all depths of one sensor are off together, beyond what is seen here."""
+"""Common depth error of one sensor, beyond the measured scatter."""
 ROUNDS = 20
 """Rounds of reweighting. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class DepthScale:
-    """How measured depths compare to those of the pictures."""
+    """Scale of the measured depths against the pictures."""
 
     scale: float
     sigma: float
@@ -300,7 +300,7 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthS
 
 @dataclass(frozen=True)
 class WandOptions:
-    """How a wand's recording is taken."""
+    """Options of a wand calibration."""
 
     wand: Wand | None = None
     """Three lights. None is one marker with depth."""

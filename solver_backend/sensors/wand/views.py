@@ -125,7 +125,7 @@ def with_growing_times(view: WandView) -> WandView:
 
 
 SURE_SHARE = 0.43
-"""Where the shorter part is seen as more than this share of the wand, its ends are not distinguished."""
+"""Largest visible share of the shorter part with which the ends are distinguished."""
 STRAIGHT = 0.03
 """The middle light may be off the line of the others by this share of the wand, as it is seen, ..."""
 STRAIGHT_SIGMAS = 4.0

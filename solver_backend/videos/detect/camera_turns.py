@@ -1,4 +1,4 @@
-"""How a filming camera was turned: features beside the people are followed from picture to picture."""
+"""Estimate how a filming camera turned, from background features tracked through the pictures."""
 
 from __future__ import annotations
 
@@ -41,9 +41,9 @@ class CameraTurns:
     rotations: np.ndarray
     """(F, 3) rotation vectors since the first picture, radians, camera axes."""
     moved_px: float
-    """How far the background moves at most, in the median of its features, in pixels of 640."""
+    """Largest movement of the background, the median of its features, in pixels at a width of 640."""
     left_px: float
-    """What the turns leave of it at most."""
+    """Largest movement that the turns do not explain, in the same pixels."""
 
     @property
     def largest_deg(self) -> float:

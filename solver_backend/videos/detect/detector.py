@@ -103,7 +103,7 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
 """Environment variable that names the Python that has MediaPipe."""
 WORKER = ".py"
-"""How the file of a detector of the user's own ends."""
+"""Suffix of a user's own detector."""
 ENVIRONMENT = ".venv-mediapipe"
 """Folder that ``dev.py detectors`` makes beside the project's own environment."""
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}
@@ -177,7 +177,7 @@ class DetectorChoice:
 
     @property
     def program(self) -> list[str]:
-        """What the Python is started with, before the options."""
+        """Arguments of the Python interpreter before the options."""
         return [self.module] if self.module.endswith(WORKER) else ["-m", f"pose_workers.{self.module}"]
 
 

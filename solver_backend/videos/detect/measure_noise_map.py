@@ -1,4 +1,4 @@
-"""What a detector's confidence means for its spread, measured on captures whose cameras are known."""
+"""Measure a detector's spread by its confidence, on captures with known cameras."""
 
 from __future__ import annotations
 

@@ -21,12 +21,12 @@ SIDE = 224
 HAND_M = 0.19
 """From the wrist to the middle finger's tip."""
 MARGIN = 1.3
-"""How many hands long a crop is. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
+"""Length of a crop in hand lengths. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
 caliscope's."""
 AHEAD = 0.45
 """The crop's middle from the wrist along the forearm, in hands."""
 SECOND_MARGIN = 1.9
-"""How many times the extent of the points found first the second crop is."""
+"""Size of the second crop, as a multiple of the extent of the first points."""
 _WRIST, _KNUCKLE = 0, 9
 
 
@@ -134,7 +134,7 @@ that run through one another. Of hands below 0.1 that face a view two thirds are
 
 @dataclass(frozen=True)
 class HandInCrop:
-    """What a network finds in a crop."""
+    """Result of the hand network in a crop."""
 
     points: np.ndarray
     """(21, 2) px of the crop, or of the picture."""

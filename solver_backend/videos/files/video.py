@@ -220,7 +220,7 @@ class Picture:
     number: int
     """From 0, in the order they are shown."""
     time_s: float
-    """When it is shown, on the file's clock. Uneven where the rate is."""
+    """Presentation time on the file's clock, uneven for a variable rate."""
     rgb: np.ndarray
     """(H, W, 3) uint8, turned as a player shows it."""
 
@@ -342,7 +342,7 @@ class Sound:
     samples: np.ndarray
     """(N,) float32, full scale 1."""
     start_s: float
-    """When the first sample is heard, on the clock of the pictures."""
+    """Time of the first sample, on the clock of the pictures."""
     rate_hz: int = RATE_HZ
     """Samples per second."""
 

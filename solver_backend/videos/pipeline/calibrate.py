@@ -61,7 +61,7 @@ class KnownOfCameras:
     stature_m: float | None = None
     """Stature of the person, which sets the scale without a board."""
     source: str = "auto"
-    """How the cameras are calibrated: "auto" by whatever is there, or, even where there is a calibration, by the filmed
+    """Source of the calibration: "auto" for the best available, or, in place of an existing calibration, the filmed
     "board" or the "person"."""
     focal: str = ""
     """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""

@@ -96,9 +96,9 @@ class PipelineSettings:
     """Settings of all steps."""
 
     detector: DetectorChoice
-    """What finds keypoints."""
+    """Detector of keypoints."""
     sync: str = "auto"
-    """How clocks are found: see ``synchronise``."""
+    """Method for the clocks, see ``synchronise``."""
     until: str = "solve"
     """The last step."""
     jobs: int = 0
@@ -110,10 +110,10 @@ class PipelineSettings:
     overwrite: bool = False
     """Replace files that other programs made."""
     solve: SolveSettings = field(default_factory=SolveSettings)
-    """How the capture is solved."""
+    """Settings of the solve."""
     world: WorldSettings = field(default_factory=WorldSettings)
-    """How the world of the cameras is scaled and levelled."""
+    """Scale and level of the cameras' world."""
     cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
-    """What is known of cameras that have no calibration."""
+    """Facts about cameras without a calibration."""
     hands: DetectorChoice | None = None
-    """What finds hands where the body has its wrists. None for the hands that ``detector`` finds, or none."""
+    """Detector of hands at the wrists. None uses the hands of ``detector``, if any."""

@@ -62,7 +62,7 @@ class PictureSource(Protocol):
 
 
 SIZE, FPS = (1280, 720), 30.0
-"""What is asked of a webcam. It may give another size."""
+"""Requested size and rate of a webcam, which may give another size."""
 _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"), "win32": ("dshow", "video={}")}
 """FFmpeg's name of each system's cameras, and how one is named."""
 

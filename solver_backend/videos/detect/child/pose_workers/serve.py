@@ -25,7 +25,7 @@ class Refused(Exception):
 
 
 class PoseDetector(Protocol):
-    """What a module of this package makes."""
+    """A detector of this package."""
 
     about: dict[str, Any]
     """``name`` with its version, ``joint_set`` or ``num_keypoints``, ``people`` at most."""
