@@ -77,14 +77,12 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 
+_KIND = "capture .npz of this program"
 _TAKES = frozenset({"fps", "joint_set", "trim", "person", "offset", "by_order", "stature", "scale", "level"})
 CAPTURES = (
-    Reader("capture .npz of this program", _has_views, _read_capture, _TAKES),
-    Reader(
-        "capture .npz of this program", lambda path: _is_npz(path) and not _has_views(path), _read_capture,
-        frozenset({"fps"}),
-    ),
-)  # fmt: skip
+    Reader(_KIND, _has_views, _read_capture, _TAKES),
+    Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_capture, frozenset({"fps"})),
+)
 """Files with detections, and files of markers alone."""
 MOTION = Reader("motion .npz of this program", _is_npz, lambda path, options: read_motion(path))
 

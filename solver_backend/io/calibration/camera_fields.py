@@ -57,27 +57,21 @@ def projection_of(dlt: np.ndarray) -> np.ndarray:
     return np.append(dlt, 1.0).reshape(3, 4)
 
 
-_NAMES: dict[str, tuple[str, ...]] = {
-    "K": (
-        "matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix",
-        "calibrationmatrix",
-    ),
-    "P": ("projection", "projectionmatrix", "p", "proj"),
-    "distortion": (
-        "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
-        "distortioncoeffs", "d",
-    ),
-    "rotation": (
-        "rotation", "r", "rvec", "rot", "rotationvector", "rotationmatrix", "extrinsicr", "orientation", "quaternion",
-    ),
-    "translation": ("translation", "t", "tvec", "translationvector", "extrinsict", "position"),
-    "extrinsics": ("extrinsics", "extrinsic", "extrinsicmatrix", "rt", "worldtocamera"),
-    "pose": ("pose", "cameratoworld", "camtoworld", "c2w", "cam2world", "camera2world"),
-    "size": ("size", "imagesize", "imgsize", "resolution"),
-    "width": ("imagewidth", "width", "w"),
-    "height": ("imageheight", "height", "h"),
-    "model": ("distortionmodel", "model", "cameramodel"),
-}  # fmt: skip
+_TABLE = """
+    K: matrix k cameramatrix intrinsics intrinsic intrinsicmatrix mtx cammatrix calibrationmatrix
+    P: projection projectionmatrix p proj
+    distortion: distortions distortion dist distcoeffs distcoeff distcoef distortioncoefficients distortioncoeffs d
+    rotation: rotation r rvec rot rotationvector rotationmatrix extrinsicr orientation quaternion
+    translation: translation t tvec translationvector extrinsict position
+    extrinsics: extrinsics extrinsic extrinsicmatrix rt worldtocamera
+    pose: pose cameratoworld camtoworld c2w cam2world camera2world
+    size: size imagesize imgsize resolution
+    width: imagewidth width w
+    height: imageheight height h
+    model: distortionmodel model cameramodel
+"""
+"""A value and the names that tools give it, in lower case without separators, the likeliest first."""
+_NAMES = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL = {"fx", "fy", "cx", "cy"}
 """The four numbers of an intrinsic matrix."""
 _FOCAL_AND_CENTRE = {"focal_length", "principal_point"}

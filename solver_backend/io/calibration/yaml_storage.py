@@ -17,10 +17,8 @@ from solver_backend.io.files import LARGEST_TEXT, read_text
 _NO_KEY_BEGINS_WITH = frozenset("-:\"'[{")
 _UNWRITTEN = {"&": "an anchor", "*": "an alias", "|": "a block text", ">": "a folded text"}
 _TAG = re.compile(r"^!![\w\-]+\s*")
-_SPECIAL = {
-    ".nan": float("nan"), ".inf": float("inf"), "-.inf": float("-inf"), "+.inf": float("inf"),
-    "true": True, "false": False, "null": None, "~": None, "": None,
-}  # fmt: skip
+_SPECIAL = {".nan": float("nan"), ".inf": float("inf"), "-.inf": float("-inf"), "+.inf": float("inf")}
+_SPECIAL |= {"true": True, "false": False, "null": None, "~": None, "": None}
 
 
 @dataclass(frozen=True)

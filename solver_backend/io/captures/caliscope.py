@@ -66,10 +66,9 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     configured = _stated_rate(project)
     note = diagnostic("frame_rate_read", source="file", rate=configured or 0.0, file="config.toml")
     fps, rate_note, rate_problems = interpret_rate(options.fps, [(configured, note)], DEFAULT_FPS)
-    calibration = find_calibration(
-        project or source.parent, names, unit=options.unit, up_axis=options.up_axis,
-        names=calibrated_names(options.camera),
-    )  # fmt: skip
+    calibrated = calibrated_names(options.camera)
+    folder = project or source.parent
+    calibration = find_calibration(folder, names, unit=options.unit, up_axis=options.up_axis, names=calibrated)
     columns = slice(0, chosen.num_keypoints)
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
     cameras, scaled = scale_world(calibration.cameras, keypoints, options)

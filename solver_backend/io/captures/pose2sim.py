@@ -15,11 +15,10 @@ from solver_backend.types import JointSet
 
 SESSION_LEVELS = 3
 """Trials lie at most so deep in a session: session, participant, trial."""
-_POSE_MODELS = {
-    "BODY_25": JointSet.BODY_25, "BODY_25B": JointSet.BODY_25B, "COCO_17": JointSet.COCO_17, "BODY": JointSet.COCO_17,
-    "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26, "COCO_133": JointSet.COCO_WHOLEBODY_133,
-    "WHOLE_BODY": JointSet.COCO_WHOLEBODY_133, "BLAZEPOSE": JointSet.MEDIAPIPE_33,
-}  # fmt: skip
+_POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
+_POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
+_POSE_MODELS |= dict.fromkeys(("COCO_133", "WHOLE_BODY"), JointSet.COCO_WHOLEBODY_133)
+_POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 
 @dataclass(frozen=True)

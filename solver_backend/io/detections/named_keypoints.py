@@ -19,11 +19,9 @@ from solver_backend.types import BONES, UNSEEN_POINT, JointSet, OwnPoint
 LEAST_KNOWN = 8
 """Keypoints of a body that must be among the names: fewer do not hold a pose."""
 _SIDES = {"l": "left", "left": "left", "lt": "left", "r": "right", "right": "right", "rt": "right"}
-_PARTS = {
-    "foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe",
-    "toe": "big_toe", "pelvis": "mid_hip", "midhip": "mid_hip", "hipcenter": "mid_hip", "hipcentre": "mid_hip",
-    "headtop": "head_top", "topofhead": "head_top", "crown": "head_top", "head": "head_top",
-}  # fmt: skip
+_PARTS = {"foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe"}
+_PARTS |= {"toe": "big_toe", **dict.fromkeys(("pelvis", "midhip", "hipcenter", "hipcentre"), "mid_hip")}
+_PARTS |= dict.fromkeys(("headtop", "topofhead", "crown", "head"), "head_top")
 """Other words for the parts of joint sets, without separators."""
 _WHOLE = {"neck", "nose", "mid_hip", "head_top", "upper_neck", "thorax", "spine"}
 

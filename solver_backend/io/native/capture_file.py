@@ -29,72 +29,21 @@ from solver_backend.types import (
     stacked_hands,
 )
 
-STORED = ("own", "own_names", "own_bones", "people_own")
-"""Fields of a capture file."""
-
-
-def own_arrays(capture: Capture) -> dict[str, np.ndarray]:
-    """Return the fields of a capture's own points: (C, F, N, 3) x, y, confidence, and names; of everybody as well."""
-    if capture.keypoints is None or not capture.keypoints.own:
-        return {}
-    points = capture.keypoints.own
-    arrays = {
-        "own": _values(capture.keypoints),
-        "own_names": np.array([point.name for point in points]),
-        "own_bones": np.array([point.bone for point in points]),
-    }
-    if capture.people:
-        arrays["people_own"] = np.stack([_values(person.keypoints) for person in capture.people])
-    return arrays
-
-
-def own_points(fields: Fields) -> tuple[OwnPoint, ...]:
-    """Return the own points that a file names.
-
-    Raises:
-        FileDamaged: names and bones do not fit each other, or a bone is unknown.
-    """
-    names, bones = fields.texts("own_names"), fields.texts("own_bones")
-    if len(names) != len(bones) or not set(bones) <= set(BONES):
-        raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
-    return tuple(map(OwnPoint, names, bones))
-
-
-def with_own(keypoints: Keypoints2D, points: tuple[OwnPoint, ...], values: np.ndarray) -> Keypoints2D:
-    """Return keypoints with own points behind them.
-
-    Args:
-        keypoints: of the joint set.
-        points: N points.
-        values: (C, F, N, 3) x, y in pixels and confidence.
-    """
-    xy = np.concatenate([keypoints.xy, values[..., :2]], axis=2)
-    return replace(
-        keypoints, xy=xy, confidence=np.concatenate([keypoints.confidence, values[..., 2]], axis=2), own=points
-    )
-
-
-def _values(keypoints: Keypoints2D) -> np.ndarray:
-    behind = slice(keypoints.joint_set.num_keypoints, None)
-    values = np.concatenate([keypoints.xy, keypoints.confidence[..., None]], axis=-1)
-    return values[:, :, behind].astype(np.float32)
-
-
 _TRUTH = "truth_"
+_EVERYBODYS = ("xy", "confidence", "own")
+"""Fields of keypoints that are stored of every person."""
 ROUNDING = 1e-5
 """Share of its largest variance by which a covariance in single precision may be negative."""
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
-_STORED = (
-    "format", "version", "name", "diagnostics", "sources", "footage", "footage_first",
-    "camera_names", "K", "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence",
-    "joint_set", "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
-    "other_positions", "other_labels",
-    "people", "people_xy", "people_confidence", "person", "hands", "people_hands",
-    *STORED,
-    *_OF_ONE_CAMERA,
-    *_OF_DETECTOR,
-)  # fmt: skip
+_FIELDS = """
+    format version name diagnostics sources footage footage_first
+    camera_names K distortion distortion_model R t image_size
+    fps xy confidence joint_set hands own own_names own_bones
+    people person people_xy people_confidence people_hands people_own
+    marker_positions marker_fps marker_labels marker_residual marker_covariance other_positions other_labels
+"""
+_STORED = (*_FIELDS.split(), *_OF_ONE_CAMERA, *_OF_DETECTOR)
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
@@ -115,37 +64,21 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
     if capture.cameras is not None:
         cameras = capture.cameras
-        arrays |= {
-            "camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion,
-            "distortion_model": _models(cameras), "R": cameras.R, "t": cameras.t,
-            "image_size": cameras.image_size,
-        }  # fmt: skip
+        arrays |= {"camera_names": _strings(cameras.names), "distortion_model": _models(cameras)}
+        arrays |= {key: getattr(cameras, key) for key in ("K", "distortion", "R", "t", "image_size")}
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.footage_first:
         arrays["footage_first"] = np.array(capture.footage_first)
     if capture.keypoints is not None:
-        keypoints = capture.keypoints.named
-        arrays |= {
-            "fps": np.array(float(keypoints.fps)),
-            "xy": keypoints.xy.astype(np.float32),
-            "confidence": keypoints.confidence.astype(np.float32),
-            "joint_set": np.array(keypoints.joint_set.value),
-        }
-        if keypoints.hands is not None:
-            arrays["hands"] = keypoints.hands.astype(np.float32)
-        arrays |= own_arrays(capture)
+        arrays |= _keypoint_arrays(capture.keypoints)
     if capture.people:
-        seen = [person.keypoints.named for person in capture.people]
-        arrays |= {
-            "people": _strings(tuple(person.name for person in capture.people)),
-            "people_xy": np.stack([keypoints.xy.astype(np.float32) for keypoints in seen]),
-            "people_confidence": np.stack([keypoints.confidence.astype(np.float32) for keypoints in seen]),
-            "person": np.array(capture.person),
-        }
+        seen = [_keypoint_arrays(person.keypoints) for person in capture.people]
+        arrays |= {f"people_{key}": np.stack([one[key] for one in seen]) for key in _EVERYBODYS if key in seen[0]}
         hands = stacked_hands([person.keypoints.hands for person in capture.people], axis=0)
         if hands is not None:
             arrays["people_hands"] = hands.astype(np.float32)
+        arrays["people"], arrays["person"] = _strings(tuple(p.name for p in capture.people)), np.array(capture.person)
     of_one = {name: getattr(capture, name) for name in _OF_ONE_CAMERA}
     arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
     arrays |= {name: np.array(value) for name in _OF_DETECTOR if (value := getattr(capture, name))}
@@ -156,6 +89,25 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         arrays["other_labels"] = _strings(capture.others.labels or ())
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
     return write_npz(path, arrays, overwrite=overwrite)
+
+
+def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
+    """Return the fields of one person's keypoints; own points are (C, F, N, 3) x, y and confidence."""
+    named = keypoints.named
+    arrays = {
+        "fps": np.array(float(named.fps)),
+        "xy": named.xy.astype(np.float32),
+        "confidence": named.confidence.astype(np.float32),
+        "joint_set": np.array(named.joint_set.value),
+    }
+    if named.hands is not None:
+        arrays["hands"] = named.hands.astype(np.float32)
+    if keypoints.own:
+        values = np.concatenate([keypoints.xy, keypoints.confidence[..., None]], axis=-1)
+        arrays["own"] = values[:, :, named.joint_set.num_keypoints :].astype(np.float32)
+        arrays["own_names"] = np.array([point.name for point in keypoints.own])
+        arrays["own_bones"] = np.array([point.bone for point in keypoints.own])
+    return arrays
 
 
 def read_capture(path: Path | str) -> Capture:
@@ -203,12 +155,12 @@ def _capture(fields: Fields, path: Path) -> Capture:
         raise CaptureInvalid(f"The capture has no {what}.", where=str(path))
     people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
     if keypoints is not None and "own" in fields:
-        points = own_points(fields)
+        points = _own_points(fields)
         shape = (*keypoints.xy.shape[:2], len(points), 3)
-        keypoints = with_own(keypoints, points, fields.numbers("own", shape))
+        keypoints = _with_own(keypoints, points, fields.numbers("own", shape))
         of_people = fields.numbers("people_own", (len(people), *shape)) if people else ()
         people = tuple(
-            replace(person, keypoints=with_own(person.keypoints, points, values))
+            replace(person, keypoints=_with_own(person.keypoints, points, values))
             for person, values in zip(people, of_people, strict=True)
         )
     return Capture(
@@ -231,6 +183,20 @@ def _capture(fields: Fields, path: Path) -> Capture:
         noise_map=fields.text("noise_map", ""),
         truth=_truth(fields, path),
     )
+
+
+def _own_points(fields: Fields) -> tuple[OwnPoint, ...]:
+    names, bones = fields.texts("own_names"), fields.texts("own_bones")
+    if len(names) != len(bones) or not set(bones) <= set(BONES):
+        raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
+    return tuple(map(OwnPoint, names, bones))
+
+
+def _with_own(keypoints: Keypoints2D, points: tuple[OwnPoint, ...], values: np.ndarray) -> Keypoints2D:
+    """Return keypoints with N own points behind them, of (C, F, N, 3) x, y in pixels and confidence."""
+    xy = np.concatenate([keypoints.xy, values[..., :2]], axis=2)
+    confidence = np.concatenate([keypoints.confidence, values[..., 2]], axis=2)
+    return replace(keypoints, xy=xy, confidence=confidence, own=points)
 
 
 def _number(fields: Fields, name: str) -> float:

@@ -18,10 +18,8 @@ from solver_backend.exchange.plain_values import as_plain
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.types import NUM_BETAS, MarkerSubject, Motion
 
-_TYPES: dict[str, tuple[type, ...]] = {
-    "edits": (list,), "resolved": (list,), "exchanged": (list,), "sigma_px": (list,), "settings": (dict,),
-    "person": (str,), "solver": (str,), "solve_s": (int, float),
-}  # fmt: skip
+_TYPES: dict[str, tuple[type, ...]] = dict.fromkeys(("edits", "resolved", "exchanged", "sigma_px"), (list,))
+_TYPES |= {"settings": (dict,), "person": (str,), "solver": (str,), "solve_s": (int, float)}
 """Of the entries that the product reads back; whatever else is there is only shown."""
 _ITEMS: dict[str, tuple[type, ...]] = {
     "edits": (dict,),
@@ -54,11 +52,11 @@ def read_provenance(fields: Fields) -> dict[str, Any]:
     return value
 
 
-_SAME = (
-    "betas", "transl", "fps", "body", "body_layout", "joints", "keypoints3d", "joint_sigma", "joint_covariance",
-    "keyframes", "contacts", "flags", "resting", "reprojection_px", "markers", "marker_residual_mm", "marker_flags",
-    "marker_sigma", "cleaned_markers", "offsets", "props",
-)  # fmt: skip
+_SHARED = """
+    betas transl fps body body_layout joints keypoints3d joint_sigma joint_covariance keyframes contacts flags resting
+    reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
+"""
+_SAME = tuple(_SHARED.split())
 """What a motion and its file call by one name."""
 
 
@@ -120,10 +118,8 @@ def _require_arrays(fields: Fields) -> None:
 
 
 SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
-_STORED = (
-    "format", "version", "body", "betas", "marker_labels", "marker_places", "offsets", "marker_sigma", "skin_distance",
-    "provenance",
-)  # fmt: skip
+_FIELDS = "format version body betas marker_labels marker_places offsets marker_sigma skin_distance provenance"
+_STORED = tuple(_FIELDS.split())
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
