@@ -8,8 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import OutputNotWritable
-from .._exchange.outputs import write_text
-from .._exchange.unfinished import temporary_folder
+from .._exchange.outputs import temporary_folder, write_text
 from ..body.body_file import BodyFile
 from ..body.rig import Rig
 from ..render.picture import layer_from_render

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from .._exchange.errors import BackendMissing, MocapError
-from .._exchange.exit_codes import ExitCode, describe_exit_codes
+from .._exchange.errors import BackendMissing, ExitCode, MocapError, describe_exit_codes
 from ..errors import (
     BakeFailed,
     BatchInvalid,

@@ -9,7 +9,7 @@ from typing import NotRequired
 
 from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
-from .._exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
+from .._exchange.verb_results import BenchmarkResult, BenchmarkRow, DataSetPlan
 from .batch.dispatch import dispatch
 from .batch.record import TakeRecord
 from .batch.request import Spread

@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.outputs import temporary_folder
 from .._exchange.progress import Progress
-from .._exchange.unfinished import temporary_folder
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
 from .stage import RenderQuality, open_stage, render_still, write_targa
 from .subject import RenderedTake

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
+from .._exchange.outputs import temporary_folder
 from .._exchange.progress import Progress
-from .._exchange.unfinished import temporary_folder
 from ..scene.footage import find_footage
 from .contact_sheet import Lettering, PictureTile, canvas_size, open_lettering, pack
 from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.finger_joints import FIRST_FINGER
-from .._exchange.rigs.roles import FINGERS, SIDES, is_of_a_finger
+from .._exchange.rigs.skeleton import FINGERS, SIDES, is_of_a_finger
 from ..animation.takes import push_down
 from ..body.body_file import BodyFile
 from ..body.posed_body import turns_on

@@ -11,9 +11,7 @@ import bpy
 
 from .._exchange.errors import MocapError
 from .._exchange.rigs.names import guess_roles
-from .._exchange.rigs.plausible import is_plausible
-from .._exchange.rigs.roles import FINGERS
-from .._exchange.rigs.skeleton import Skeleton
+from .._exchange.rigs.skeleton import FINGERS, Skeleton, is_plausible
 from .._exchange.rigs.structure import recognise
 from ..errors import MapInvalid
 from .rig_map import RigMap, read_map

@@ -11,7 +11,7 @@ import numpy as np
 from mathutils import Matrix
 
 from .._exchange.rigs.rest_frames import stage_axes
-from .._exchange.rigs.roles import FINGERS, LIMBS, SIDES, chain_roles
+from .._exchange.rigs.skeleton import FINGERS, LIMBS, SIDES, chain_roles
 from ..errors import MapInvalid
 from .hanging import Hanging
 from .motion.figures import Target, by_part, part_of_role

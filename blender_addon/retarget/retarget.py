@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
-from .._exchange.rigs.roles import HELPER_OF, LIMBS
+from .._exchange.rigs.skeleton import HELPER_OF, LIMBS
 from .._exchange.so3 import quat_from_matrix, rotvec_from_quat, sign_continuous
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..animation.takes import push_down

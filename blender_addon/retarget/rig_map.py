@@ -10,7 +10,7 @@ from typing import Any
 
 from .._exchange.json_file import read_json_file
 from .._exchange.outputs import atomic_output
-from .._exchange.rigs.roles import CHAINS, FINGERS, SIDES, is_of_a_side, is_role
+from .._exchange.rigs.skeleton import CHAINS, FINGERS, SIDES, is_of_a_side, is_role
 from ..errors import MapInvalid
 
 FORMAT, VERSION = "manifold_mocap_rig_map", 1

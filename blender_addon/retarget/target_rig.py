@@ -10,7 +10,7 @@ from graphlib import CycleError, TopologicalSorter
 import bpy
 import numpy as np
 
-from .._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
+from .._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
 from ..errors import MapInvalid, TargetUnsuitable
 from .hanging import Hanging, hanging_of
 from .motion.figures import Target

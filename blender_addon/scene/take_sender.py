@@ -8,10 +8,9 @@ import bpy
 import numpy as np
 
 from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
-from .._exchange.vmc.address import VmcAddress
-from .._exchange.vmc.bundle import FrameBundle
 from .._exchange.vmc.humanoid import Humanoid
-from .._exchange.vmc.sender import PacketSender
+from .._exchange.vmc.osc import FrameBundle
+from .._exchange.vmc.sender import PacketSender, VmcAddress
 from ..animation.curves import current_action
 from ..animation.pose import read_pose
 from ..animation.takes import BETAS

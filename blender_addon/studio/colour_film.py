@@ -16,9 +16,8 @@ from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
 from .._exchange.lens import DEFAULT_MODEL, is_pinhole, normalised, pixels, undistort
 from .._exchange.motion_file import read_motion
-from .._exchange.outputs import write_text
-from .._exchange.studio_results import ShotRecord, is_shot_record
-from .._exchange.unfinished import publish, temporary_folder, unfinished_names
+from .._exchange.outputs import publish, temporary_folder, unfinished_names, write_text
+from .._exchange.verb_results import ShotRecord, is_shot_record
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..errors import RenderFailed

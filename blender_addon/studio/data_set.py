@@ -6,8 +6,8 @@ from pathlib import Path
 
 from .._exchange.errors import FileMissing
 from .._exchange.json_file import read_json_file
+from .._exchange.outputs import unfinished_names
 from .._exchange.progress import Progress
-from .._exchange.unfinished import unfinished_names
 from ..render.strips import encode_video
 from .colour_film import FOLDER, film_in_colour
 

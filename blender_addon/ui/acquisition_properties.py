@@ -8,7 +8,7 @@ import bpy
 
 from .._exchange.errors import CommandLineInvalid
 from .._exchange.solve_settings import METHODS
-from .._exchange.vmc.address import VMC, VmcAddress, read_address
+from .._exchange.vmc.sender import VMC, VmcAddress, read_address
 from .setting_properties import Items, choice, flags, number, path, switch, text
 
 _SUBJECT = "Calibrated person, empty to learn the body shape while they move"

@@ -20,7 +20,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from .._exchange.errors import MocapError, OutputNotWritable
-from .._exchange.unfinished import probe
+from .._exchange.outputs import probe
 from ..conventions.file_paths import BESIDE, absolute, file_of, note_moved, sessions_folder, stored
 
 RELATIVE = (

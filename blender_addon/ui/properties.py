@@ -218,7 +218,7 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
     """Write a map into the table, with a row for each role of a person."""
     import json
 
-    from .._exchange.rigs.roles import JOINT_OF, order_of
+    from .._exchange.rigs.skeleton import JOINT_OF, order_of
     from ..retarget.rig_map import map_values
 
     settings.table.clear()

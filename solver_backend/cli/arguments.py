@@ -10,8 +10,7 @@ from solver_backend.cli.pose_arguments import prior_options
 from solver_backend.cli.setting_options import READING_ROWS, add_settings
 from solver_backend.cli.verb_table import TASKS, VERBS, Shared
 from solver_backend.cli.video_arguments import detector_options, footage_options
-from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.exchange.exit_codes import describe_exit_codes
+from solver_backend.exchange.errors import CommandLineInvalid, describe_exit_codes
 from solver_backend.exchange.version import VERSION
 
 EPILOG = (

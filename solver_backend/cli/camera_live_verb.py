@@ -19,8 +19,8 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import LiveLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.vmc.address import read_address
-from solver_backend.exchange.world_settings import WorldSettings
+from solver_backend.exchange.reading_settings import WorldSettings
+from solver_backend.exchange.vmc.sender import read_address
 
 if TYPE_CHECKING:
     from solver_backend.io.calibration.entry import Calibration

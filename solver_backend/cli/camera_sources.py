@@ -21,7 +21,7 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.world_settings import WorldSettings
+from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 if TYPE_CHECKING:

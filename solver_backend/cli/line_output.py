@@ -7,7 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from solver_backend.exchange.plain_values import as_plain
+from solver_backend.exchange.json_file import as_plain
 from solver_backend.io.appended_file import AppendedFile, open_appended
 
 

@@ -17,7 +17,7 @@ from solver_backend.exchange.errors import CommandLineInvalid, NoDetections
 from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, PORTS, is_address, read_address
+from solver_backend.exchange.vmc.sender import FACES, IFACIALMOCAP, PORTS, is_address, read_address
 
 if TYPE_CHECKING:
     from solver_backend.live.recorder import Recorder

@@ -15,8 +15,7 @@ from solver_backend.cli.arguments import parse
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals, cancelled
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.verb_table import VERBS
-from solver_backend.exchange.errors import MocapError, SolverFailed
-from solver_backend.exchange.exit_codes import ExitCode
+from solver_backend.exchange.errors import ExitCode, MocapError, SolverFailed
 from solver_backend.exchange.outputs import full_disk
 from solver_backend.exchange.progress import Progress
 

@@ -9,9 +9,9 @@ from typing import Any
 
 from solver_backend.exchange.reading_settings import DEFAULTS as READING_DEFAULTS
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
+from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import Setting, defaults_of_class, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.world_settings import WorldSettings
 
 ROWS = settings_of_class(SolveSettings)
 WORLD_ROWS = settings_of_class(WorldSettings)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
+from solver_backend.exchange.verb_results import BenchmarkResult, BenchmarkRow, DataSetPlan
 
 if TYPE_CHECKING:
     from solver_backend.exchange.solve_settings import SolveSettings

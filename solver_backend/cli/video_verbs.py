@@ -14,8 +14,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, summarise
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import Capture
 
 

@@ -10,9 +10,7 @@ from typing import Any
 
 from .errors import JobInvalid, OutputNotWritable
 from .outputs import write_text
-from .reading_settings import ReadingSettings, reading_values
-from .time_settings import TimeSettings, time_values
-from .world_settings import WorldSettings, world_values
+from .reading_settings import ReadingSettings, TimeSettings, WorldSettings, reading_values, time_values, world_values
 
 VERSION = 1
 """Of the schema; a job of another version is refused."""

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
 from .errors import FileDamaged
 from .npz import require_file
-from .regular_file import open_regular
+from .outputs import open_regular
 
 LARGEST = 20_000_000
 """Bytes of a file that a person or a program writes as text; real ones have thousands."""
@@ -47,3 +48,16 @@ def parse_json(text: str, path: Path | str) -> Any:
         raise FileDamaged(
             f"The file is truncated or is not JSON ({error}).", where=str(path), hint="Copy or export it again."
         ) from error
+
+
+def as_plain(value: Any) -> Any:
+    """Return the value in JSON's types: arrays as lists, numbers that are not finite as null, the rest as text."""
+    if isinstance(value, dict):
+        return {str(key): as_plain(item) for key, item in value.items()}
+    if hasattr(value, "tolist"):  # of NumPy or PyTorch, without importing either
+        return as_plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [as_plain(item) for item in value]
+    if isinstance(value, float):
+        return value if math.isfinite(value) else None
+    return value if value is None or isinstance(value, bool | int | str) else str(value)

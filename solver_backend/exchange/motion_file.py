@@ -8,8 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from .amass_poses import AMASS_POSE_WIDTH, BODY_COLUMNS, body_and_fingers, has_amass_fingers
-from .body_layout import SMPL, SMPL_HANDS, BodyLayout
+from .body_layout import (
+    AMASS_POSE_WIDTH,
+    BODY_COLUMNS,
+    SMPL,
+    SMPL_HANDS,
+    BodyLayout,
+    body_and_fingers,
+    has_amass_fingers,
+)
 from .errors import BodyInvalid, MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS
 from .npz import array_names, read_arrays, write_npz

@@ -2,19 +2,138 @@
 
 from __future__ import annotations
 
+import ast
+import re
 import struct
+import sys
 import zipfile
 import zlib
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
+from math import prod
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from .errors import FileDamaged, FileMissing
-from .npz_members import Members, NeedsPickle
-from .outputs import atomic_output
-from .regular_file import open_regular
+from .outputs import atomic_output, open_regular
+
+MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
+"""Bytes that the arrays of a file may take in all: so many, or so many times the file's own size."""
+MOST_MEMBERS = 10_000
+_LONGEST_HEADER = 10_000
+_MOST_DIMENSIONS = 8
+_CHUNK = 2**20
+_SUFFIX = ".npy"
+_PLAIN = re.compile(r"[<>|=]?(b1|\?|[iu][1248]|f[248]|c(8|16)|[SU]\d{1,9})")
+_LENGTH_BYTES = {1: 2, 2: 4, 3: 4}
+"""Bytes of the header's length by the format's version."""
+_METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
+
+
+class NeedsPickle(ValueError):
+    """The array holds other things than plain numbers and text."""
+
+
+class Members:
+    """The arrays of an open archive by name.
+
+    Args:
+        archive: the archive.
+        size: of its file in bytes.
+
+    Raises:
+        ValueError: it has far too many members.
+    """
+
+    def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
+        entries = archive.infolist()
+        if len(entries) > MOST_MEMBERS:
+            raise ValueError(f"it has {len(entries):,} members; at most {MOST_MEMBERS:,} are read")
+        self._archive, self._bytes_left = archive, max(MIN_ALLOWANCE, ALLOWANCE * size)
+        self._entries = {entry.filename.removesuffix(_SUFFIX): entry for entry in entries}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the arrays, in the archive's order."""
+        return tuple(self._entries)
+
+    def read(self, name: str) -> np.ndarray:
+        """Return an array.
+
+        Raises:
+            NeedsPickle: it holds objects.
+            ValueError: it is encrypted, packed in another way, or its header, size and bytes do not fit together.
+        """
+        entry = self._entries[name]
+        if entry.flag_bits & 1:
+            raise ValueError(f"'{name}' is encrypted")
+        if entry.compress_type not in _METHODS:
+            raise ValueError(f"'{name}' is packed by method {entry.compress_type}; stored or deflated is expected")
+        with self._archive.open(entry) as stream:
+            shape, dtype, by_columns, used = _header(stream, name)
+            # Lengths of zero count as one: a shape such as (2**60, 0) is no less forged for taking no bytes.
+            self._spend(prod(max(1, length) for length in shape) * max(1, dtype.itemsize), name)
+            if used + prod(shape) * dtype.itemsize != entry.file_size:
+                raise ValueError(f"'{name}' of shape {shape} and type {dtype} does not have {entry.file_size} bytes")
+            values = np.empty(prod(shape), dtype)
+            _fill(stream, values, name)
+            _require_characters(values, name)
+        return values.reshape(shape, order="F" if by_columns else "C")
+
+    def _spend(self, count: int, name: str) -> None:
+        self._bytes_left -= count
+        if self._bytes_left < 0:
+            raise ValueError(f"'{name}' would take {count:,} bytes, far more than a file of this size holds")
+
+
+def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
+    """Return shape, type, whether columns come first, and the header's bytes (NumPy's format, versions 1 to 3)."""
+    magic = stream.read(8)
+    version = magic[6] if len(magic) == 8 and magic[:6] == b"\x93NUMPY" else 0
+    width = _LENGTH_BYTES.get(version, 0)
+    length = int.from_bytes(stream.read(width), "little")
+    if not width or length > _LONGEST_HEADER:
+        raise ValueError(f"'{name}' is not an array in NumPy's format")
+    text = stream.read(length)
+    try:
+        header = ast.literal_eval(text.decode("utf-8" if version == 3 else "latin-1").strip())
+        kind, shape, by_columns = header["descr"], header["shape"], header["fortran_order"]
+    except (ValueError, SyntaxError, TypeError, KeyError, RecursionError, MemoryError) as error:
+        raise ValueError(f"the header of '{name}' is damaged") from error
+    if not isinstance(kind, str) or not _PLAIN.fullmatch(kind):
+        raise NeedsPickle(f"'{name}' has the type {str(kind)[:40]}; objects would need pickle, which is not read")
+    good = isinstance(shape, tuple) and len(shape) <= _MOST_DIMENSIONS and isinstance(by_columns, bool)
+    if not good or not all(type(n) is int and 0 <= n < 2**62 for n in shape):
+        raise ValueError(f"'{name}' has the shape {str(shape)[:80]}")
+    try:
+        dtype = np.dtype(kind)
+    except TypeError as error:  # NumPy 2 knows no text as wide as a header may claim
+        raise ValueError(f"the header of '{name}' is damaged") from error
+    return shape, dtype, by_columns, len(magic) + width + len(text)
+
+
+def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
+    """Read the bytes of an array, and that there are no more: only then the archive's checksum is compared."""
+    room = values.view(np.uint8) if values.nbytes else np.empty(0, np.uint8)
+    at = 0
+    while chunk := stream.read(_CHUNK):
+        if at + len(chunk) > len(room):
+            raise ValueError(f"'{name}' has more bytes than it states")
+        room[at : at + len(chunk)] = np.frombuffer(chunk, np.uint8)
+        at += len(chunk)
+    if at < len(room):
+        raise EOFError(f"'{name}' ends after {at} of {len(room)} bytes")
+
+
+def _require_characters(values: np.ndarray, name: str) -> None:
+    """Raise ValueError where a text holds what is no character: NumPy breaks as soon as it is made one."""
+    if values.dtype.kind == "U" and values.nbytes:
+        codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
+        if codes.max() > sys.maxunicode:
+            raise ValueError(f"'{name}' holds text of characters that do not exist")
+
 
 _DAMAGE = (
     OSError, ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError, OverflowError, MemoryError,

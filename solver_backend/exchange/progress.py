@@ -9,8 +9,8 @@ from collections import OrderedDict
 from collections.abc import Mapping
 from typing import Protocol, TextIO, runtime_checkable
 
+from .json_file import as_plain
 from .plain_text import plain
-from .plain_values import as_plain
 
 
 @runtime_checkable

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from .errors import FileDamaged, MocapError
-from .file_kinds import other_kind
 from .joint_sets import JointSet
+from .marker_formats import other_kind
 from .npz import read_npz
 
 Shape = tuple[int | str | None, ...]

@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.recognition.camera_names import name_key, natural_key

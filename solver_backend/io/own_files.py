@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import array_names
-from solver_backend.exchange.world_settings import OFF, ON
+from solver_backend.exchange.reading_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions

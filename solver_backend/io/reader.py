@@ -9,10 +9,8 @@ from typing import Generic, TypeVar
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.reading_settings import DEFAULTS, ROWS, ReadingSettings
+from solver_backend.exchange.reading_settings import DEFAULTS, ROWS, ReadingSettings, TimeSettings, WorldSettings
 from solver_backend.exchange.solve_settings import SYNC_AUTO
-from solver_backend.exchange.time_settings import TimeSettings
-from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.types import JointSet
 
 Content = TypeVar("Content")

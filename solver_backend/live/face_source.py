@@ -23,7 +23,7 @@ from typing import Any
 
 from solver_backend.exchange.live_lines import EventLine, LiveLine, frame_line
 from solver_backend.exchange.plain_text import plain
-from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
+from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.port import JUMP_S, OneSender
 from solver_backend.live.recordings import FaceRecorder
 

@@ -13,8 +13,8 @@ from typing import Any, Protocol, TypeVar
 
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import EventLine, event_line
-from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.osc import LONGEST
+from solver_backend.exchange.vmc.sender import VmcAddress
 
 SILENT_S = 2.0
 """A sender is reported as silent after this time without a packet, in seconds."""

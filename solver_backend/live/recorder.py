@@ -12,8 +12,7 @@ from typing import Any, ClassVar, Generic, ParamSpec, Protocol, Self, final
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
-from solver_backend.exchange.outputs import check_output
-from solver_backend.exchange.unfinished import is_held, lock
+from solver_backend.exchange.outputs import check_output, is_held, lock
 from solver_backend.io.appended_file import open_appended
 from solver_backend.io.markers.live_recording import SUFFIX
 

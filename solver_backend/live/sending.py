@@ -11,10 +11,9 @@ import numpy as np
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.live_lines import FrameLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.so3 import matrix_from_rotvec
-from solver_backend.exchange.vmc.address import VmcAddress
-from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.sender import PacketSender
+from solver_backend.exchange.vmc.osc import FrameBundle
+from solver_backend.exchange.vmc.sender import PacketSender, VmcAddress
 from solver_backend.live.frames import LATE_S
 from solver_backend.types import Motion
 

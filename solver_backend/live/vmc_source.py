@@ -20,11 +20,8 @@ from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.live_lines import EventLine, LiveLine, event_line, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
-from solver_backend.exchange.vmc.bones import BONE_OF, JOINT_OF
-from solver_backend.exchange.vmc.bundle import BONE, ROOT, TIME
-from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.osc import OscMessage, PacketInvalid, decode_packet
-from solver_backend.exchange.vmc.t_pose import t_pose, turned
+from solver_backend.exchange.vmc.humanoid import BONE_OF, JOINT_OF, Humanoid, t_pose, turned
+from solver_backend.exchange.vmc.osc import BONE, ROOT, TIME, OscMessage, PacketInvalid, decode_packet
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
 from solver_backend.live.port import JUMP_S, OneSender
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder

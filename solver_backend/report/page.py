@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
+from solver_backend.exchange.marker_formats import REPORT_MARK
 from solver_backend.exchange.outputs import write_text
-from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections

@@ -22,7 +22,7 @@ from solver_backend.exchange.errors import (
 from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.plausible import FARTHEST_PX
-from solver_backend.exchange.rigs.roles import JOINT_OF
+from solver_backend.exchange.rigs.skeleton import JOINT_OF
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.shapes import Float

@@ -25,7 +25,7 @@ from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import Body, load_body
-from solver_backend.exchange.rigs.roles import JOINT_OF
+from solver_backend.exchange.rigs.skeleton import JOINT_OF
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip

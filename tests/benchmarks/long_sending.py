@@ -16,7 +16,7 @@ import time
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from solver_backend.exchange.vmc.address import VmcAddress
+from solver_backend.exchange.vmc.sender import VmcAddress
 from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.short_motion import short_motion
 

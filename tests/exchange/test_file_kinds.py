@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from solver_backend.cli.verb_table import VERBS
-from solver_backend.exchange import file_kinds
+from solver_backend.exchange import marker_formats
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.capture_file import write_capture
@@ -28,7 +28,7 @@ def test_a_capture_is_no_motion(tmp_path: Path) -> None:
         read_motion(tmp_path / "a.npz")
 
 
-@pytest.mark.parametrize("found", file_kinds._KINDS)
+@pytest.mark.parametrize("found", marker_formats._KINDS)
 def test_hints_name_verbs(found: str) -> None:
-    error = file_kinds.other_kind(found, "manifold_mocap_capture", "a.npz")
+    error = marker_formats.other_kind(found, "manifold_mocap_capture", "a.npz")
     assert any(verb in error.hint.lower() for verb in (*VERBS, "blender_addon")), error.hint

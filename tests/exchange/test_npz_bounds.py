@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange import npz_members
+from solver_backend.exchange import npz
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import array_names, read_arrays, read_npz
 
@@ -64,7 +64,7 @@ def test_what_is_not_wanted_is_not_read(tmp_path: Path) -> None:
 
 
 def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(npz_members, "MIN_ALLOWANCE", 2**16)
+    monkeypatch.setattr(npz, "MIN_ALLOWANCE", 2**16)
     path = archive(tmp_path / "x.npz", zipfile.ZIP_DEFLATED, a=described("<f8", (2**17,), bytes(2**20)))
     assert path.stat().st_size < 4096
     with pytest.raises(FileDamaged, match="'a' would take 1,048,576 bytes, far more than a file of this size holds"):
@@ -88,7 +88,7 @@ def test_encrypted_members_are_named(tmp_path: Path) -> None:
 
 
 def test_a_million_members_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(npz_members, "MOST_MEMBERS", 3)
+    monkeypatch.setattr(npz, "MOST_MEMBERS", 3)
     with pytest.raises(FileDamaged, match="4 members; at most 3 are read"):
         read_npz(archive(tmp_path / "x.npz", a=b"", b=b"", c=b"", d=b""))
 

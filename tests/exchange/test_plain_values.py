@@ -7,7 +7,7 @@ import json
 
 import numpy as np
 
-from solver_backend.exchange.plain_values import as_plain
+from solver_backend.exchange.json_file import as_plain
 from solver_backend.exchange.progress import JsonProgress
 
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.exchange import outputs, unfinished
+from solver_backend.exchange import outputs
 from solver_backend.exchange.errors import OutputExists, OutputNotWritable
 from solver_backend.exchange.outputs import atomic_output, atomic_outputs, check_output, is_free, write_text
 
@@ -96,13 +96,13 @@ def test_killed_writers_leave_the_file_whole_and_the_next_one_tidies(
         writer.communicate()
         assert set((tmp_path / "x.txt").read_text()) == {"a"}
         assert len((tmp_path / "x.txt").read_text()) == 300_000
-    monkeypatch.setattr(unfinished, "_YOUNG_S", 0.0)
+    monkeypatch.setattr(outputs, "_YOUNG_S", 0.0)
     write_text(tmp_path / "x.txt", "b", overwrite=True)
     assert names(tmp_path) == ["x.txt"]
 
 
 def test_files_of_a_writer_at_work_are_not_swept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(unfinished, "_YOUNG_S", -1.0)
+    monkeypatch.setattr(outputs, "_YOUNG_S", -1.0)
     with atomic_output(tmp_path / "a.txt") as temporary:
         temporary.write_text("a")
         write_text(tmp_path / "b.txt", "b")
@@ -132,7 +132,7 @@ def test_ages_are_told_by_the_folders_clock_not_by_ours(tmp_path: Path, monkeypa
     """Another machine's clock may be days ahead: the files of those who are at work are not old for that."""
     young = aged(tmp_path / ".part-fedcba9876543210_x.txt", 5)
     wall = time.time
-    monkeypatch.setattr(unfinished.time, "time", lambda: wall() + 10 * 86400)
+    monkeypatch.setattr(outputs.time, "time", lambda: wall() + 10 * 86400)
     write_text(tmp_path / "x.txt", "x")
     assert young.exists()
 

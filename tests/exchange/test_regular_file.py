@@ -12,7 +12,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.json_file import read_json_file
 from solver_backend.exchange.npz import read_npz
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.files import read_bytes
 from solver_backend.io.footage import read_video_header
 from solver_backend.io.markers.live_recording import read_live_recording

@@ -7,7 +7,7 @@ from base64 import b64encode
 from hashlib import sha256
 from pathlib import Path
 
-from solver_backend.exchange.report_file import REPORT_MARK, is_report
+from solver_backend.exchange.marker_formats import REPORT_MARK, is_report
 from solver_backend.report.page import report_html
 from tests.support.scenes import small_capture, small_motion
 

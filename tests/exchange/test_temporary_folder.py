@@ -13,13 +13,12 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.exchange.outputs import full_disk
-from solver_backend.exchange.unfinished import temporary_folder
+from solver_backend.exchange.outputs import full_disk, temporary_folder
 
 ROOT = Path(__file__).parents[2]
 _WAITS = """
 import time
-from solver_backend.exchange.unfinished import temporary_folder
+from solver_backend.exchange.outputs import temporary_folder
 with temporary_folder() as folder:
     (folder / "a").write_text("a")
     print(folder, flush=True)

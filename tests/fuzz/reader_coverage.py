@@ -20,7 +20,7 @@ _READERS = (
     "solver_backend/exchange/json_file.py",
     "solver_backend/exchange/motion_file.py",
     "solver_backend/exchange/npz.py",
-    "solver_backend/exchange/npz_members.py",
+    "solver_backend/exchange/npz.py",
     "solver_backend/exchange/schema.py",
     "solver_backend/job.py",
     "solver_backend/priors/weights.py",

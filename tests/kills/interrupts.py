@@ -19,7 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.unfinished import is_leftover
+from solver_backend.exchange.outputs import is_leftover
 from tests.support.interrupted import Interrupted, interrupt
 from tests.support.verb_inputs import COMMANDS, PLAYED_OAK, write_inputs
 

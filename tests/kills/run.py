@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from solver_backend.exchange.npz import read_npz
-from solver_backend.exchange.unfinished import is_leftover, sweep
+from solver_backend.exchange.outputs import is_leftover, sweep
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.png import read_png
 from tests.kills.frames import lost_frames, recorded_frames

@@ -20,7 +20,7 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, LIVE_LINK, VmcAddress, read_address
+from solver_backend.exchange.vmc.sender import FACES, IFACIALMOCAP, LIVE_LINK, VmcAddress, read_address
 from solver_backend.live.face_source import (
     BLEND_SHAPES,
     REQUEST,

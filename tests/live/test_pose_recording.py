@@ -19,7 +19,7 @@ from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import matrix_from_rotvec
-from solver_backend.exchange.vmc.address import VmcAddress
+from solver_backend.exchange.vmc.sender import VmcAddress
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.live.recorder import Recorder, recording_of
 from solver_backend.live.recordings import PoseRecorder, PosesRecording, rate_of

@@ -13,8 +13,8 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.vmc.address import VmcAddress, read_address
-from solver_backend.exchange.vmc.bones import BONE_OF
+from solver_backend.exchange.vmc.humanoid import BONE_OF
+from solver_backend.exchange.vmc.sender import VmcAddress, read_address
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.bvh_texts import known_motion, write_bvh

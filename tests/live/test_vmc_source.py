@@ -18,10 +18,9 @@ from solver_backend.body.hands import FIRST_FINGER
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.live_lines import EventLine
 from solver_backend.exchange.so3 import matrix_from_rotvec
-from solver_backend.exchange.vmc.address import VmcAddress
-from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
+from solver_backend.exchange.vmc.osc import FrameBundle, encode_bundle, encode_message
+from solver_backend.exchange.vmc.sender import VmcAddress
 from solver_backend.live.port import _received, listen
 from solver_backend.live.sending import PoseSender, rest_joints
 from solver_backend.live.vmc_source import MOST_CHANNELS, BoneFrame, BonesOnBody, FrameAssembly, pose_lines

@@ -10,8 +10,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..._exchange.outputs import temporary_folder
 from ..._exchange.progress import Progress
-from ..._exchange.unfinished import temporary_folder
 from ...body.mesh import positions
 from ...conventions.timing import go_to_frame
 from ...errors import NothingToExport

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from ..._exchange.outputs import temporary_folder
 from ..._exchange.progress import Progress
-from ..._exchange.unfinished import temporary_folder
 from ...errors import BatchInvalid
 from ..result import CommandResult
 from .dispatch import dispatch

@@ -9,8 +9,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
-from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
-from ..._exchange.exit_codes import ExitCode
+from ..._exchange.errors import Cancelled, ExitCode, MocapError, OutputExists, OutputNotWritable
 from ..._exchange.outputs import full_disk, is_free
 from ..._exchange.progress import Progress
 from .record import (

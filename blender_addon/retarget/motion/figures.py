@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..._exchange.motion_file import MotionFile
-from ..._exchange.rigs.roles import FINGERS, JOINT_OF, SIDES
+from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ...body.body_file import BodyFile
 from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY

@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 
 from ..._exchange.body_layout import SMPL
-from ..._exchange.rigs.roles import JOINT_OF, SIDES, chain_roles
+from ..._exchange.rigs.skeleton import JOINT_OF, SIDES, chain_roles
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...conventions.skeleton import PARENTS
 from .figures import Actor, Target

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import swing as turn_directions
-from ..._exchange.rigs.roles import FINGERS, JOINT_OF, SIDES
+from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .figures import Actor, Hand, Target, Trunk
 from .map_pose import foot_ball

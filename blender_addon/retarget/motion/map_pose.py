@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..._exchange.rigs.rest_frames import FORWARD, UP, level, limb_frame, limb_turns, swing
-from ..._exchange.rigs.roles import JOINT_OF, LIMBS
+from ..._exchange.rigs.skeleton import JOINT_OF, LIMBS
 from ..._exchange.so3 import matrix_from_quat, quat_from_matrix
 from .figures import Target
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._exchange.rigs.roles import JOINT_OF, LIMBS, SIDES
+from ..._exchange.rigs.skeleton import JOINT_OF, LIMBS, SIDES
 from ...errors import TargetUnsuitable
 from .figures import Actor, Target
 

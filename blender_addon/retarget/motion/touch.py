@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._exchange.rigs.rest_frames import FORWARD, UP
-from ..._exchange.rigs.roles import FINGERS, JOINT_OF, SIDES
+from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
 from .limbs import trunk_ends
 

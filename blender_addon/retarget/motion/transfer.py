@@ -8,7 +8,7 @@ import numpy as np
 
 from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
-from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
+from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from ...animation.ground_path import ground_path
 from .figures import Actor, Target, carried_places
 from .limbs import (

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..._exchange.errors import FileMissing, MocapError
-from ..._exchange.vmc.address import FACES, PORTS
+from ..._exchange.vmc.sender import FACES, PORTS
 from ...conventions.file_paths import absolute, stored
 from ...conventions.naming import next_path
 from ..acquisition_properties import allowed_address, sending_options

@@ -128,7 +128,7 @@ class MOCAP_OT_open_report(MocapOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Open the report in the system's browser."""
-        from ..._exchange.report_file import is_report
+        from ..._exchange.marker_formats import is_report
         from ...animation.takes import take_file
 
         take = context.scene.mocap.review.take

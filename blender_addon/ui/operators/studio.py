@@ -15,7 +15,7 @@ from ..project_files import files_folder, usable
 from .base import IDLE, OPENS, Call, MocapOperator, Need, SolverOperator
 
 if TYPE_CHECKING:
-    from ..._exchange.studio_results import BenchmarkResult, DataSetPlan
+    from ..._exchange.verb_results import BenchmarkResult, DataSetPlan
 
 _BENCHMARK_FRAMES, _BENCHMARK_FPS = 90, 30
 _FIXED = ("capture", "cameras")

@@ -13,7 +13,7 @@ from typing import Any, BinaryIO, Literal
 import numpy as np
 
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 
 MAX_DIMENSIONS = 8
 """Dimensions of an array in a body file at most; SMPL's have three."""

@@ -10,7 +10,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from ..diagnostics import Diagnostic, diagnostic
-from .roles import LIMBS, SIDES
+from .skeleton import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))

@@ -14,7 +14,7 @@ from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
-from solver_backend.exchange.rigs.roles import JOINT_OF
+from solver_backend.exchange.rigs.skeleton import JOINT_OF
 from solver_backend.fitters.hands.wide_motion import with_finger_turns
 from solver_backend.fitters.motion_import.pose_fit import NUM_TURNED, deviations, fit_poses, measure
 from solver_backend.fitters.motion_import.shape_from_lengths import floor_height, shape_from_lengths, standing_feet

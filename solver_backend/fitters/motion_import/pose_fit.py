@@ -10,7 +10,7 @@ from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
-from solver_backend.exchange.rigs.roles import JOINT_OF, LIMBS, SIDES, chain_roles
+from solver_backend.exchange.rigs.skeleton import JOINT_OF, LIMBS, SIDES, chain_roles
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import SkeletonMotion
 

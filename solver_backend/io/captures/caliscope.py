@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import FileDamaged, NoDetections
-from solver_backend.exchange.time_settings import calibrated_names
+from solver_backend.exchange.reading_settings import calibrated_names
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.files import read_text, read_toml
 from solver_backend.io.interpretation import interpret_rate

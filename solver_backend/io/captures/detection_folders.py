@@ -18,8 +18,7 @@ from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.repeated_frames import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
-from solver_backend.exchange.reading_settings import DEFAULTS
-from solver_backend.exchange.time_settings import calibrated_names
+from solver_backend.exchange.reading_settings import DEFAULTS, calibrated_names
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config

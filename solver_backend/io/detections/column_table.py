@@ -16,7 +16,7 @@ from pathlib import Path, PurePath
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.files import LONGEST_HEADING, read_text
 from solver_backend.io.recognition.frame_numbers import frame_numbers

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.detections.column_table import frames_of_columns
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.detections import column_table, hdf5, point_arrays, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames

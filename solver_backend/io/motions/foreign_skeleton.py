@@ -11,9 +11,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.exchange.rigs.names import guess_roles
-from solver_backend.exchange.rigs.plausible import is_plausible
-from solver_backend.exchange.rigs.roles import LIMBS
-from solver_backend.exchange.rigs.skeleton import Skeleton
+from solver_backend.exchange.rigs.skeleton import LIMBS, Skeleton, is_plausible
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.exchange.so3 import matrix_from_quat

@@ -9,12 +9,11 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange import motion_file
-from solver_backend.exchange.amass_poses import AMASS_POSE_WIDTH
-from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.body_layout import AMASS_POSE_WIDTH, SMPL
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import as_plain
 from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION, MotionFile, layout_of, motion_of
 from solver_backend.exchange.npz import write_npz
-from solver_backend.exchange.plain_values import as_plain
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.types import NUM_BETAS, MarkerSubject, Motion
 

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.world_settings import OFF, ON, WorldSettings
+from solver_backend.exchange.reading_settings import OFF, ON, WorldSettings
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer

@@ -13,7 +13,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
-from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
+from solver_backend.exchange.reading_settings import AUTO, OFF, WorldSettings
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis

@@ -14,7 +14,7 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.outputs import check_output, is_free, write_text
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.studio_results import ShotRecord
+from solver_backend.exchange.verb_results import ShotRecord
 from solver_backend.exchange.version import VERSION
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.studio.checked_values import DiskTooSmall, OtherDataSet

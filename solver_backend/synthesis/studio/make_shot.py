@@ -13,8 +13,8 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.npz import write_npz
-from solver_backend.exchange.studio_results import ShotRecord, is_shot_record
-from solver_backend.exchange.unfinished import publish, unfinished_names
+from solver_backend.exchange.outputs import publish, unfinished_names
+from solver_backend.exchange.verb_results import ShotRecord, is_shot_record
 from solver_backend.fitters.hands.wide_motion import with_finger_turns
 from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers

@@ -17,7 +17,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.world_settings import WorldSettings
+from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, Keypoints2D

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.files.video import PICTURES_FPS

@@ -19,7 +19,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.world_settings import world_values
+from solver_backend.exchange.reading_settings import world_values
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import read_calibration

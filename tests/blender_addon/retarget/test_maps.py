@@ -11,8 +11,7 @@ import pytest
 
 from blender_addon._exchange.errors import FileDamaged, FileMissing, OutputExists
 from blender_addon._exchange.rigs.names import guess_roles
-from blender_addon._exchange.rigs.roles import JOINT_OF, LIMBS
-from blender_addon._exchange.rigs.skeleton import Skeleton
+from blender_addon._exchange.rigs.skeleton import JOINT_OF, LIMBS, Skeleton
 from blender_addon.errors import MapInvalid
 from blender_addon.retarget.recognition import GUESSED, choose_map, fit, named_preset, preset_files
 from blender_addon.retarget.rig_map import map_of, map_values, read_map, write_map

@@ -16,8 +16,8 @@ from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body
-from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
+from solver_backend.exchange.vmc.osc import FrameBundle
 from solver_backend.live.recorder import Recorder
 from solver_backend.live.recordings import PosesRecording
 from solver_backend.live.sending import rest_joints

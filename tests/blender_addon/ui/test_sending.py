@@ -16,10 +16,9 @@ from blender_addon.ui.acquisition_properties import allowed_address, sending_opt
 from blender_addon.ui.operators.export import playing
 from blender_addon.ui.operators.live import live
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
-from solver_backend.exchange.vmc.address import VmcAddress
-from solver_backend.exchange.vmc.bones import BONE_OF
+from solver_backend.exchange.vmc.humanoid import BONE_OF, t_pose
 from solver_backend.exchange.vmc.osc import encode_message
-from solver_backend.exchange.vmc.t_pose import t_pose
+from solver_backend.exchange.vmc.sender import VmcAddress
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from solver_backend.types import Motion

@@ -10,10 +10,8 @@ from solver_backend.body.hands import load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL, SMPL_H, BodyLayout
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec, quat_from_rotvec
-from solver_backend.exchange.vmc.bones import BONE_OF
-from solver_backend.exchange.vmc.bundle import FrameBundle
-from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.t_pose import t_pose
+from solver_backend.exchange.vmc.humanoid import BONE_OF, Humanoid, t_pose
+from solver_backend.exchange.vmc.osc import FrameBundle
 from tests.support.vmc_receiver import Avatar, messages_of
 
 FLIP = np.diag([-1.0, 1.0, 1.0])

@@ -9,8 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.vmc import sender as sender_module
-from solver_backend.exchange.vmc.address import VmcAddress, read_address
-from solver_backend.exchange.vmc.sender import PacketSender
+from solver_backend.exchange.vmc.sender import PacketSender, VmcAddress, read_address
 
 
 @pytest.mark.parametrize(

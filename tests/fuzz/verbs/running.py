@@ -17,8 +17,8 @@ from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
 from solver_backend.cli.outcome import ForPeople, ForPrograms
 from solver_backend.exchange.errors import MocapError, NoDetections
+from solver_backend.exchange.outputs import is_leftover
 from solver_backend.exchange.progress import silent
-from solver_backend.exchange.unfinished import is_leftover
 from tests.fuzz.target import Target, Write
 from tests.kills.run import damaged
 

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.world_settings import LEVELS, WorldSettings
+from solver_backend.exchange.reading_settings import LEVELS, WorldSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture

@@ -15,8 +15,8 @@ import numpy as np
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
+from solver_backend.exchange.outputs import open_regular
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.regular_file import open_regular
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, rotvec_from_quat
 from solver_backend.geometry.runs import true_runs

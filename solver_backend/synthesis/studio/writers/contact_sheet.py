@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.studio_results import ShotRecord
+from solver_backend.exchange.verb_results import ShotRecord
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.synthesis.studio.costume import LABELS
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
