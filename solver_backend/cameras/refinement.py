@@ -146,11 +146,9 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     before, after = (view_distances(array, xy[:, held_out], confidence[:, held_out]) for array in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
         raise NoDetections("No frame that is measured on shows the person in two views.", where=capture.name)
-    turn = log_so3(refined.R @ cameras.R.swapaxes(-1, -2))
-    return RefinedCalibration(
-        refined, before, after, 1000 * np.linalg.norm(refined.centres - cameras.centres, axis=-1),
-        np.degrees(np.linalg.norm(turn, axis=-1)),
-    )  # fmt: skip
+    turned = np.degrees(np.linalg.norm(log_so3(refined.R @ cameras.R.swapaxes(-1, -2)), axis=-1))
+    moved_mm = 1000 * np.linalg.norm(refined.centres - cameras.centres, axis=-1)
+    return RefinedCalibration(refined, before, after, moved_mm, turned)
 
 
 def _with_hands(
@@ -176,9 +174,10 @@ def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) 
 
 
 def view_distances(
-    cameras: Cameras, xy: Float[np.ndarray, "views frames keypoints 2"],
+    cameras: Cameras,
+    xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
-) -> Float[np.ndarray, " views"]:  # fmt: skip
+) -> Float[np.ndarray, " views"]:
     """Return (C,) median px between detections and the points that all views locate; NaN for views that see nobody."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)

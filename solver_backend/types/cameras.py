@@ -109,10 +109,9 @@ class Cameras:
 
     def subset(self, indices: list[int]) -> Cameras:
         """Return the cameras at these indices, in this order."""
-        return Cameras(
-            tuple(self.names[i] for i in indices), self.K[indices], self.distortion[indices], self.R[indices],
-            self.t[indices], self.image_size[indices], tuple(self.models[i] for i in indices),
-        )  # fmt: skip
+        names, models = (tuple(every[i] for i in indices) for every in (self.names, self.models))
+        arrays = {key: getattr(self, key)[indices] for key in ("K", "distortion", "R", "t", "image_size")}
+        return Cameras(names=names, models=models, **arrays)
 
 
 ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")

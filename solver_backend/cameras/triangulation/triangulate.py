@@ -174,10 +174,11 @@ def triangulate(
         sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
     step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
     blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
-    parts = map_blocks(
-        lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma),
-        blocks, xy, lambda done: progress(STAGE, done, len(blocks)),
-    )  # fmt: skip
+
+    def block(f: slice) -> tuple[Array, Array, Array, Array]:
+        return _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma)
+
+    parts = map_blocks(block, blocks, xy, lambda done: progress(STAGE, done, len(blocks)))
     points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
     inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
     return Triangulation(points, covariance, inliers, residual, sigma)

@@ -99,9 +99,9 @@ def _node(tree: Mapping[str, Any], frame: Mapping[str, Any], name: str) -> dict[
         hint = "Write fl_x, or camera_angle_x with w, for each picture or for all."
         raise CalibrationInvalid("The camera has no focal length.", where=place, hint=hint)
     model = model_named(str(frame.get("camera_model", tree.get("camera_model"))))
-    node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "model": model,
-            "cx": _middle(found["cx"], width), "cy": _middle(found["cy"], found["h"]),
-            "distortion": [found[key] or 0.0 for key in LENS_MODELS[model].terms[:4]]}  # fmt: skip
+    node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "model": model}
+    node |= {"cx": _middle(found["cx"], width), "cy": _middle(found["cy"], found["h"])}
+    node["distortion"] = [found[key] or 0.0 for key in LENS_MODELS[model].terms[:4]]
     if pose.shape == (4, 4) and np.isfinite(pose).all() and abs(np.linalg.det(pose)) > 0:
         node["extrinsics"] = np.linalg.inv(pose @ _TO_OPENCV)
     return {key: value for key, value in node.items() if value is not None}

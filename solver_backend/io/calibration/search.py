@@ -176,10 +176,9 @@ def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float]
     best = max(range(len(found)), key=shares.__getitem__)
     if shares[best] - shares[0] < CLEARLY_BETTER:
         return found[0]
-    chosen = diagnostic(
-        "calibration_of_several", used=found[best].source.name, other=found[0].source.name,
-        percent=100 * shares[best], percent_other=100 * shares[0],
-    )  # fmt: skip
+    names = {"used": found[best].source.name, "other": found[0].source.name}
+    percent, other = 100 * shares[best], 100 * shares[0]
+    chosen = diagnostic("calibration_of_several", **names, percent=percent, percent_other=other)
     return replace(found[best], problems=(*found[best].problems, chosen))
 
 
