@@ -129,7 +129,9 @@ def _describe(training: Corpus, validation: Corpus, held_out: frozenset[str]) ->
                 "distinct": int((of_frame[distinct] == source).sum()),
             }
     return {
-        "held_out": ", ".join(sorted(held_out)), "near_repeat_mm": 1000 * NEAR_REPEAT_M, "keyed_repeats": KEYED_REPEATS,
+        "held_out": ", ".join(sorted(held_out)),
+        "near_repeat_mm": 1000 * NEAR_REPEAT_M,
+        "keyed_repeats": KEYED_REPEATS,
         "simplified_every": SIMPLIFIED_EVERY,
         "sources": sources,
-    }  # fmt: skip
+    }

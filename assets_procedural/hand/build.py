@@ -99,7 +99,7 @@ def left_skeleton(hands: HandJoints) -> HandSkeleton:
 
 def _wanted(
     vertices: Array, faces: Array, weights: Array, joints: Array, joint: int, bone: Array, mask: Array, turn: Array
-) -> Array:  # fmt: skip
+) -> Array:
     """Return the (V, 3) rest offsets wanted for one turned joint."""
     local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
     local[joint] = turn

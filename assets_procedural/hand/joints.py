@@ -173,9 +173,7 @@ _BONES = 4
 """Bones of a hand that carry a vertex, at most: what glTF and game engines keep."""
 
 
-def hand_weights(
-    vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array
-) -> Array:  # fmt: skip
+def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
     """Return (V, 52) weights.
 
     Args:

@@ -62,9 +62,10 @@ class BundleMoCapPlusPlus(Baseline):
         """
         if not 1 <= self.interpolation <= MOST_KEYS or (self.root == "slerp" and self.interpolation != 2):
             raise JobInvalid(
-                f"There is no SIDER-{self.interpolation} with the root by {self.root}.", where=self.name,
+                f"There is no SIDER-{self.interpolation} with the root by {self.root}.",
+                where=self.name,
                 hint=f"SIDER-n is for n = 1 to {MOST_KEYS}; the root by SLERP is for n = 2.",
-            )  # fmt: skip
+            )
         prepared = prepare(capture)
         slider = _Slider(
             prepared, prepared.problem.prior, SPHERICAL, self.scale, 0.0, self.interpolation, self.optimiser, self.root

@@ -46,9 +46,11 @@ class Prepared:
         """Return the poses of all frames as a result."""
         times = np.arange(0) if key_times is None else key_times
         motion = build_motion(
-            self.problem.measurements, SolvedFrames(self.subject, frames, times), scale=ROBUST_SCALE,
+            self.problem.measurements,
+            SolvedFrames(self.subject, frames, times),
+            scale=ROBUST_SCALE,
             provenance={"baseline": name},
-        )  # fmt: skip
+        )
         assert motion.keypoints3d is not None
         return BaselineResult(motion.keypoints3d, motion, statistics or {})
 

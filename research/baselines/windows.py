@@ -76,11 +76,13 @@ class Window:
         z, R, transl = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
         keys = hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, np.zeros((len(z), NUM_BODY_JOINTS, 3))))
         return KeyframeCurve.through(
-            keys.select(np.arange(len(z))[None]), self.time[None], residuals=False,
+            keys.select(np.arange(len(z))[None]),
+            self.time[None],
+            residuals=False,
             codes=sider_weights if self.keys is SPHERICAL else StretchedSlerp.between,
             quats=KeyToKeySlerp.between if self.root == "slerp" and len(z) > 2 else sider_weights,
             screw=self.root == "se3",
-        )  # fmt: skip
+        )
 
 
 @dataclass(frozen=True)

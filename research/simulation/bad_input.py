@@ -98,9 +98,14 @@ def away(capture: Capture, first: int, seconds: float = 3.0) -> Capture:
 
 
 def with_passerby(
-    capture: Capture, take: Take, seed: int = 1, *, single_person_detector: bool = False, clearance_m: float = 0.7,
+    capture: Capture,
+    take: Take,
+    seed: int = 1,
+    *,
+    single_person_detector: bool = False,
+    clearance_m: float = 0.7,
     reach_m: float = 2.5,
-) -> tuple[Capture, Detections]:  # fmt: skip
+) -> tuple[Capture, Detections]:
     """Send a second person past the first at ``clearance_m``, detected as long as within ``reach_m``.
 
     Returns:
@@ -114,9 +119,10 @@ def with_passerby(
     there = away_m < reach_m
     found = film(walker, true, FilmSettings(JOINT_SET, keypoints.fps, MEASURED_DETECTOR), rng)
     found = replace(
-        found, xy=np.where(there[:, None, None], found.xy, np.nan),
+        found,
+        xy=np.where(there[:, None, None], found.xy, np.nan),
         confidence=np.where(there[:, None], found.confidence, 0.0),
-    )  # fmt: skip
+    )
     both = _both(keypoints, found, cameras.names, rng)
     if single_person_detector:
         larger = _height(found.xy) > _height(keypoints.xy)

@@ -74,9 +74,12 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
     way = cameras.centres[:, None] - posed.skeleton.joints[None, :, 0]
     body_way = np.einsum("fij,cfi->cfj", person.orient, way)
     sight = Sight(
-        px, px_per_mm(cameras, posed.points), np.arctan2(body_way[..., 0], body_way[..., 2]),
-        _out_of_sight(person, cameras, posed.points, settings), cameras.image_size,
-    )  # fmt: skip
+        px,
+        px_per_mm(cameras, posed.points),
+        np.arctan2(body_way[..., 0], body_way[..., 2]),
+        _out_of_sight(person, cameras, posed.points, settings),
+        cameras.image_size,
+    )
     return detect_keypoints(sight, joint_set, settings.fps, settings.detector, rng)
 
 

@@ -122,9 +122,10 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
     if np.shape(posedirs)[-1] == 93:
         raise BodyInvalid(
-            "This is a STAR model (93 pose correctives); its correctives follow another formula.", where=where,
+            "This is a STAR model (93 pose correctives); its correctives follow another formula.",
+            where=where,
             hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.",
-        )  # fmt: skip
+        )
     expected = {
         "v_template": (v_template, (count, 3)),
         "shapedirs": (arrays["shapedirs"][..., :NUM_BETAS], (count, 3, NUM_BETAS)),
@@ -172,9 +173,10 @@ def _layout(
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
     raise BodyInvalid(
-        f"kintree_table has {len(parents)} joints; {known} are expected.", where=where,
+        f"kintree_table has {len(parents)} joints; {known} are expected.",
+        where=where,
         hint="A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md.",
-    )  # fmt: skip
+    )
 
 
 def _numbers(name: str, value: Any, where: str) -> np.ndarray:

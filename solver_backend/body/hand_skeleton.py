@@ -226,9 +226,11 @@ def finger_overlap(points: Float[np.ndarray, "frames 21 3"]) -> Float[np.ndarray
 
 
 def nearest_points(
-    a: Float[np.ndarray, "*batch 3"], b: Float[np.ndarray, "*batch 3"], c: Float[np.ndarray, "*batch 3"],
+    a: Float[np.ndarray, "*batch 3"],
+    b: Float[np.ndarray, "*batch 3"],
+    c: Float[np.ndarray, "*batch 3"],
     d: Float[np.ndarray, "*batch 3"],
-) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:  # fmt: skip
+) -> tuple[Float[np.ndarray, "*batch 2"], Float[np.ndarray, "*batch 3"]]:
     """Return where segments a-b and c-d are nearest, as shares of each, and the vector from the second to the first.
 
     Reference: Ericson 2004, "Real-Time Collision Detection", section 5.1.9.

@@ -55,9 +55,7 @@ def with_fingers(body: Body) -> Body:
         BodyInvalid: the body has no fingers and is not the one that ships.
     """
     hands = _hands_file() if needs_hands_file(body.layout) else None
-    skinning = with_finger_joints(
-        body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands
-    )  # fmt: skip
+    skinning = with_finger_joints(body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands)
     parents = body.layout.parents if body.layout.joints == SMPL_H.joints else SMPL_HANDS.parents
     return replace(
         body, weights=skinning.weights, J_regressor=skinning.J_regressor, posedirs=skinning.posedirs,
@@ -92,9 +90,10 @@ def with_hand_size(body: Body, size: float) -> Body:
 
 
 def hand_size_directions(
-    vertices: Float[np.ndarray, "vertices 3"], weights: Float[np.ndarray, "vertices 52"],
+    vertices: Float[np.ndarray, "vertices 3"],
+    weights: Float[np.ndarray, "vertices 52"],
     joints: Float[np.ndarray, "52 3"],
-) -> Float[np.ndarray, "vertices 3"]:  # fmt: skip
+) -> Float[np.ndarray, "vertices 3"]:
     """Return (V, 3) ``s (v - wrist)``, metres per unit of relative hand size; s rises with what a hand carries.
 
     Args:

@@ -67,8 +67,9 @@ def _place(label: str, place: str, path: Path) -> str:
     found = load_layouts().place_of(place)
     if found is None:
         raise MarkersUnknown(
-            f"The place {place!r} of the label {label} is not known.", where=str(path),
+            f"The place {place!r} of the label {label} is not known.",
+            where=str(path),
             hint="Write a marker's name (LASI, or L_FT2 of a hand) or a joint (@left_knee). An empty text leaves the "
             "marker out; null lets the solve find its bone.",
-        )  # fmt: skip
+        )
     return found

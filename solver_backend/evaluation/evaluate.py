@@ -186,16 +186,18 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     capture = capture.named
     if "joints" not in capture.truth:
         raise MotionInvalid(
-            "The capture has no ground truth to compare with.", where=capture.name,
+            "The capture has no ground truth to compare with.",
+            where=capture.name,
             hint="Synthetic captures have theirs: demo-capture and render write such.",
-        )  # fmt: skip
+        )
     solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
     if not names:
         raise MotionInvalid(
             f"The motion's {motion.num_frames} frames and {motion.body_layout.num_joints} joints cannot be compared "
             f"with the truth's {' by '.join(str(n) for n in np.shape(capture.truth['joints'])[:2])}.",
-            where=capture.name, hint="Evaluate the motion with the capture that it was solved from.",
-        )  # fmt: skip
+            where=capture.name,
+            hint="Evaluate the motion with the capture that it was solved from.",
+        )
     return Evaluation(
         mpjpe_mm(solved, joints),
         rmse_mm(solved, joints),

@@ -60,9 +60,10 @@ def _features(values: np.ndarray) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
         raise ShapeMismatch(
-            f"Features of shape {values.shape} cannot be compared.", where="metrics",
+            f"Features of shape {values.shape} cannot be compared.",
+            where="metrics",
             hint="(samples, features) are expected: two samples or more, and no NaN.",
-        )  # fmt: skip
+        )
     return values
 
 

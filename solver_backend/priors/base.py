@@ -114,9 +114,10 @@ def check_rotations(rotations: Array) -> None:
     good = xp.logical_and(off < ORTHONORMAL_WITHIN, proper)
     if not bool(xp.all(good)):
         raise PoseInvalid(
-            "A pose has matrices that are not rotations.", where=f"pose {_first_false(good)}",
+            "A pose has matrices that are not rotations.",
+            where=f"pose {_first_false(good)}",
             hint="Orthonormalise them, or pass rotation vectors through exp_so3.",
-        )  # fmt: skip
+        )
 
 
 def check_codes(z: Array, latent_dim: int) -> None:

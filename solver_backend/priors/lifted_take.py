@@ -92,9 +92,7 @@ class LiftedTake:
         up = self.view.up[seen if seen.any() else slice(None)].sum(axis=0)
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
-    def placed(
-        self, body: Body, landmarks: Landmarks, betas: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return (F, L, 3) points of a person of this shape in the camera's axes, and the body's (F, 3) places.
 
         NaN where nothing is seen.
@@ -111,7 +109,7 @@ LEAST_POINTS = 6
 
 def lift_take(
     camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
-) -> LiftedTake:  # fmt: skip
+) -> LiftedTake:
     """Lift the keypoints of one camera.
 
     Args:
@@ -145,8 +143,9 @@ SOLE_M, ANKLE_M = 0.02, 0.08
 """Heights of a standing foot's heel or toe, and of its ankle."""
 _FEET = {
     f"{side}_{part}": height
-    for side in ("left", "right") for part, height in (("heel", SOLE_M), ("big_toe", SOLE_M), ("ankle", ANKLE_M))
-}  # fmt: skip
+    for side in ("left", "right")
+    for part, height in (("heel", SOLE_M), ("big_toe", SOLE_M), ("ankle", ANKLE_M))
+}
 _UP = np.array([0.0, 0.0, 1.0])
 
 
@@ -201,7 +200,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the (n,) frames in which a foot is seen, and the (n,) points whose sole is the lowest there."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
@@ -235,9 +234,7 @@ def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) ->
         A, h = about @ tangents.T, about @ up
         weight = max(1.0, len(soles) / (FEET_ALIKE_S * take.fps)) / (len(soles) * FLOOR_M**2)
         off = take.up @ tangents.T
-        tilt = np.linalg.solve(
-            weight * A.T @ A + np.eye(2) / UP_RAD**2, off / UP_RAD**2 - weight * A.T @ h
-        )  # fmt: skip
+        tilt = np.linalg.solve(weight * A.T @ A + np.eye(2) / UP_RAD**2, off / UP_RAD**2 - weight * A.T @ h)
         up = up + tilt @ tangents
         up /= np.linalg.norm(up)
     return up

@@ -150,7 +150,8 @@ def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
     trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
     if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
         raise WeightsInvalid(
-            f"The {kind.replace('_', ' ')} was trained for other codes or points.", where=path.name,
+            f"The {kind.replace('_', ' ')} was trained for other codes or points.",
+            where=path.name,
             hint="Train it again, or reinstall.",
-        )  # fmt: skip
+        )
     return weights

@@ -113,9 +113,10 @@ def _placed(rotations: Array, taken: np.ndarray, count: int, put: np.ndarray) ->
 def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
     if not set(prior.joints) & set(layout.solved):
         raise PriorInvalid(
-            f"The prior {prior.name} models none of the joints of {layout.name}.", where=prior.name,
+            f"The prior {prior.name} models none of the joints of {layout.name}.",
+            where=prior.name,
             hint="Give a prior whose joints have the body's names.",
-        )  # fmt: skip
+        )
     count, width = len(prior.joints), prior.latent_dim
 
     def require(name: str, found: Any, shape: tuple[int, ...]) -> Any:
@@ -123,8 +124,9 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
             return found
         raise PriorInvalid(
             f"{name} of the prior {prior.name} has shape {np.shape(found)}; {shape} is expected of {count} joints and "
-            f"codes of {width} numbers.", where=prior.name,
-        )  # fmt: skip
+            f"codes of {width} numbers.",
+            where=prior.name,
+        )
 
     require("residual_sigma", prior.residual_sigma, (count, 3))
     try:
@@ -137,6 +139,7 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
     mean, length = float(code.mean()), float((code * code).sum())
     if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:
         raise PriorInvalid(
-            f"Codes of the prior {prior.name} are not unit vectors of zero mean.", where=prior.name,
+            f"Codes of the prior {prior.name} are not unit vectors of zero mean.",
+            where=prior.name,
             hint="Key poses move on that sphere (thesis 6.2.2).",
-        )  # fmt: skip
+        )

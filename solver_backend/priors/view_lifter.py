@@ -198,9 +198,7 @@ class ViewLifter:
         return replace(interpreted(self.output(hidden), view), hidden=hidden)
 
 
-def known_points(
-    points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the (F, 19, 2) points that the network looks at, finite, and their confidences, 0 where there is none.
 
     Detectors without ears or nose have the middle of the head for them, see ``HEAD_SHARE``.
@@ -215,7 +213,7 @@ def known_points(
 
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:  # fmt: skip
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return points, confidences and names with the middle of the head for those of ears and nose that no name is."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))

@@ -39,6 +39,7 @@ class FloorTerm:
         up = constant((0.0, 0.0, 1.0), points)
         gradient = (below / self.sigma_m**2)[..., None] * up
         return PointEvidence(
-            0.5 * xp.sum(below * below, axis=-1) / self.sigma_m**2, gradient,
+            0.5 * xp.sum(below * below, axis=-1) / self.sigma_m**2,
+            gradient,
             weight[..., None, None] * (up[:, None] * up[None, :]),
-        )  # fmt: skip
+        )

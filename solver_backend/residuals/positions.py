@@ -41,9 +41,10 @@ class PositionTerm:
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
         metric = variance[..., None, None] * inverse_symmetric_3x3(covariance, smallest=0.0)
         return cls(
-            constant(np.where(seen[..., None], positions, 0.0), like), constant(seen / variance, like),
+            constant(np.where(seen[..., None], positions, 0.0), like),
+            constant(seen / variance, like),
             constant(metric, like),
-        )  # fmt: skip
+        )
 
     def select(self, frames: Any) -> PositionTerm:
         """Return the term of the frames at these indices (or of this slice)."""

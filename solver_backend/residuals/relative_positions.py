@@ -29,9 +29,7 @@ class RelativePositionTerm:
     """c: how much one frame counts, where the errors of frames are correlated."""
 
     @classmethod
-    def of(
-        cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array
-    ) -> RelativePositionTerm:  # fmt: skip
+    def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
         """Build the term in arrays like ``like``."""
         return cls(constant(positions, like), constant(precision, like), share)
 

@@ -70,9 +70,7 @@ class Corpus:
         What was keyed has no subject that would repeat itself from clip to clip.
         """
         named = zip(self.names, self.subjects, strict=True)
-        who = [
-            name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named
-        ]  # fmt: skip
+        who = [name if who == KEYED else name.split("/")[0] if who == UNKNOWN else who for name, who in named]
         return np.unique(who, return_inverse=True)[1][self._clip]
 
     @property
@@ -112,12 +110,12 @@ def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects:
         raise FileMissing(
             f"The recordings hold none of the subjects to validate on ({', '.join(sorted(held_out_subjects))}).",
             hint="--data takes the folder that holds motion_cmu with all of its subjects.",
-        )  # fmt: skip
+        )
     if not training:
         raise FileMissing(
             f"The recordings hold no subject to train on besides {', '.join(sorted({c.subject for c in validation}))}.",
             hint="--data takes the folder that holds motion_cmu with all of its subjects.",
-        )  # fmt: skip
+        )
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:
@@ -215,10 +213,15 @@ _ARM_POINTS = SMPL.both("elbow", "wrist", "hand")
 _BODY_BONES = tuple(
     SMPL.numbers(*ends)
     for ends in (
-        ("pelvis", "spine2"), ("spine2", "neck"), ("left_hip", "left_knee"), ("right_hip", "right_knee"),
-        ("left_knee", "left_ankle"), ("right_knee", "right_ankle"), ("neck", "head"),
+        ("pelvis", "spine2"),
+        ("spine2", "neck"),
+        ("left_hip", "left_knee"),
+        ("right_hip", "right_knee"),
+        ("left_knee", "left_ankle"),
+        ("right_knee", "right_ankle"),
+        ("neck", "head"),
     )
-)  # fmt: skip
+)
 """Pairs of SMPL's joints that are bones of trunk, head and legs."""
 
 
@@ -312,8 +315,9 @@ def penetrating(joints: torch.Tensor) -> torch.Tensor:
 
 LIMBS: tuple[tuple[int, ...], ...] = (
     *map(SMPL.group, ("left_leg", "right_leg", "left_arm", "right_arm")),
-    SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head"),
-)  # fmt: skip
+    SMPL.numbers("spine1", "spine2", "spine3"),
+    SMPL.numbers("neck", "head"),
+)
 """Joints that are turned together: legs, arms, spine, neck and head."""
 LIMB_CHANCE = 0.4
 """Of each limb of a window to be turned; at least one is."""
@@ -437,8 +441,10 @@ class WindowSampler:
         mixed = torch.where(vary, varied_joints(mixed, generator), mixed)
         moved = torch.zeros(len(mixed), dtype=torch.bool)
         for chance, move in (
-            (self.turned_chance, limbs_turned), (self.end_chance, ends_reaching), (self.limit_chance, near_limits),
-        ):  # fmt: skip
+            (self.turned_chance, limbs_turned),
+            (self.end_chance, ends_reaching),
+            (self.limit_chance, near_limits),
+        ):
             chosen = torch.rand(len(mixed), generator=generator) < chance
             mixed[chosen] = move(mixed[chosen], generator)
             moved |= chosen

@@ -88,6 +88,8 @@ def _tree(xp: Any, dtype: Any, device: Any) -> _Tree:
     )
     order = [joint for level in members for joint in level]
     return _Tree(
-        levels, table([order.index(j) for j in range(NUM_JOINTS)], xp.int64),
-        table(AXIS_TIPS_M[:_TURNED])[:, None, None], table(np.eye(3)),
-    )  # fmt: skip
+        levels,
+        table([order.index(j) for j in range(NUM_JOINTS)], xp.int64),
+        table(AXIS_TIPS_M[:_TURNED])[:, None, None],
+        table(np.eye(3)),
+    )

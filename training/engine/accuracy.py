@@ -68,9 +68,11 @@ def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
     worst = per_pose[-max(1, len(per_pose) // 20) :]
     angle = np.linalg.norm(residual_rotvecs(truth, decoded), axis=-1)
     return Accuracy(
-        1000 * float(per_pose.mean()), 1000 * float(worst.mean()), 100 * float((distance < 0.03).mean()),
+        1000 * float(per_pose.mean()),
+        1000 * float(worst.mean()),
+        100 * float((distance < 0.03).mean()),
         float(np.degrees(angle.mean())),
-    )  # fmt: skip
+    )
 
 
 def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, float]]:

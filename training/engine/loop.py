@@ -38,9 +38,12 @@ def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Itera
     if not workers:
         return (draw(step_generator(seed, step)) for step in range(first, last))
     ahead = DataLoader(
-        _Steps(draw, seed, first, last), batch_size=None, num_workers=workers, prefetch_factor=_AHEAD,
+        _Steps(draw, seed, first, last),
+        batch_size=None,
+        num_workers=workers,
+        prefetch_factor=_AHEAD,
         generator=torch.Generator(),
-    )  # fmt: skip
+    )
     return iter(ahead)
 
 
@@ -71,9 +74,10 @@ def check_device(name: str) -> None:
         raise JobInvalid(f"There is no device {name!r} (known: {', '.join(DEVICES)}).", where="device")
     if name == "cuda" and not torch.cuda.is_available():
         raise BackendMissing(
-            "Training on cuda was asked for, and torch finds no CUDA device.", where="device",
+            "Training on cuda was asked for, and torch finds no CUDA device.",
+            where="device",
             hint="Train with --device cpu, or install a driver and a torch build for CUDA.",
-        )  # fmt: skip
+        )
 
 
 def device_of(model: nn.Module) -> torch.device:
@@ -231,9 +235,11 @@ class _TrainingRun:
         self.task, self.settings, self.folder, self.step = task, settings, folder, 0
         task.model.to(settings.device)
         self.optimizer = torch.optim.AdamW(
-            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay,
+            task.model.parameters(),
+            lr=settings.learning_rate,
+            weight_decay=settings.weight_decay,
             fused=settings.device == "cuda",
-        )  # fmt: skip
+        )
         self.averaged = copy.deepcopy(task.model).requires_grad_(False)
         self.saved_at = time.monotonic()
         self.smoothed = torch.zeros((), device=settings.device)
@@ -283,9 +289,10 @@ class _TrainingRun:
         """
         if not math.isfinite(self.recent):
             raise NonFiniteData(
-                f"The loss is not a number at step {self.step}.", where=self.checkpoint.name,
+                f"The loss is not a number at step {self.step}.",
+                where=self.checkpoint.name,
                 hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
-            )  # fmt: skip
+            )
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
@@ -316,16 +323,18 @@ class _TrainingRun:
         changed = [name for name, value in asked.items() if name not in _FREE and made.get(name) != value]
         if changed:
             raise TrainingMismatch(
-                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                f"The checkpoint was made with other {', '.join(changed)}.",
+                where=self.checkpoint.name,
                 hint="Go on with the same settings, or train into another folder.",
-            )  # fmt: skip
+            )
         try:
             self.task.model.load_state_dict(state["model"])
         except RuntimeError as error:
             raise TrainingMismatch(
-                "The checkpoint holds another network.", where=self.checkpoint.name,
+                "The checkpoint holds another network.",
+                where=self.checkpoint.name,
                 hint="Go on with the same prior and widths, or train into another folder.",
-            ) from error  # fmt: skip
+            ) from error
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         set_dropout_state(self.settings.device, state["global_generator"])

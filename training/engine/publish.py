@@ -155,9 +155,14 @@ Figures = dict[str, Any]
 
 
 def publish(
-    job: TrainingJob, prior: str, arrays: dict[str, np.ndarray], header: dict[str, Any], settings: dict[str, Any],
-    measure: Callable[[Path], Figures], card: Card,
-) -> Finished:  # fmt: skip
+    job: TrainingJob,
+    prior: str,
+    arrays: dict[str, np.ndarray],
+    header: dict[str, Any],
+    settings: dict[str, Any],
+    measure: Callable[[Path], Figures],
+    card: Card,
+) -> Finished:
     """Write ``<prior>.npz``, measure what it holds, and write ``<prior>.md`` beside it.
 
     Args:

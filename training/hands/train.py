@@ -24,9 +24,12 @@ _KEYED = ("thumb", "f_index", "f_middle", "f_ring", "f_pinky")
 _KEYED_TIP = 0.8
 """Length of a distal bone as a share of the bone before: the clips' skeleton ends at its joint."""
 _MARKERS = (
-    ("CMC1", "MP1", "IP", "FT1"), ("MP2", "PP2", "DP2", "FT2"), ("MP3", "PP3", "DP3", "FT3"),
-    ("MP4", "PP4", "DP4", "FT4"), ("MP5", "PP5", "DP5", "FT5"),
-)  # fmt: skip
+    ("CMC1", "MP1", "IP", "FT1"),
+    ("MP2", "PP2", "DP2", "FT2"),
+    ("MP3", "PP3", "DP3", "FT3"),
+    ("MP4", "PP4", "DP4", "FT4"),
+    ("MP5", "PP5", "DP5", "FT5"),
+)
 _MARKER_STRIDE = 15
 """Every tenth of a second of the 150 Hz recordings."""
 _RIGHT = 1
@@ -123,11 +126,16 @@ def _matrices(xyzw: np.ndarray) -> np.ndarray:
 
 
 RANGES_DEG = {
-    "mcp_flexion": (-30.0, 95.0), "mcp_spread": (-28.0, 28.0), "pip_flexion": (-10.0, 110.0),
+    "mcp_flexion": (-30.0, 95.0),
+    "mcp_spread": (-28.0, 28.0),
+    "pip_flexion": (-10.0, 110.0),
     "dip_flexion": (-15.0, 90.0),
-    "thumb_cmc_flexion": (-40.0, 45.0), "thumb_cmc_spread": (-10.0, 60.0), "thumb_cmc_twist": (-40.0, 40.0),
-    "thumb_mcp_flexion": (-20.0, 70.0), "thumb_ip_flexion": (-30.0, 90.0),
-}  # fmt: skip
+    "thumb_cmc_flexion": (-40.0, 45.0),
+    "thumb_cmc_spread": (-10.0, 60.0),
+    "thumb_cmc_twist": (-40.0, 40.0),
+    "thumb_mcp_flexion": (-20.0, 70.0),
+    "thumb_ip_flexion": (-30.0, 90.0),
+}
 """Active ranges of healthy adults and the hyperextension of supple ones, rounded outwards (American Academy of
 Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
 OWN_SIGMA_DEG = 5.0

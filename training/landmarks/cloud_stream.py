@@ -229,10 +229,14 @@ _LEFT = (*SMPL.group("left_leg"), *SMPL.group("left_arm"), *SMPL.group("left_han
 PARTS = tuple(
     tuple(joint for joint in _EVERY if joint not in lacking)
     for lacking in (
-        {joint for joint in _EVERY if joint not in (0, *_HIPS, *_LEGS)}, {*_HIPS, *_LEGS},
-        set(SMPL.numbers("neck", "head")), {*SMPL.both("collar"), *_ARMS}, set(_HANDS), set(_LEFT),
+        {joint for joint in _EVERY if joint not in (0, *_HIPS, *_LEGS)},
+        {*_HIPS, *_LEGS},
+        set(SMPL.numbers("neck", "head")),
+        {*SMPL.both("collar"), *_ARMS},
+        set(_HANDS),
+        set(_LEFT),
     )
-)  # fmt: skip
+)
 """Joints of people with markers on a part of the body alone: legs, no legs, no head, no arms, no hands, one side."""
 
 
@@ -321,9 +325,11 @@ class ThesisCorruption:
 
 
 _LIMBS = (
-    SMPL.group("left_arm"), SMPL.group("right_arm"), SMPL.both("hip", "knee", "ankle", "foot"),
+    SMPL.group("left_arm"),
+    SMPL.group("right_arm"),
+    SMPL.both("hip", "knee", "ankle", "foot"),
     SMPL.numbers("neck", "head"),
-)  # fmt: skip
+)
 """Joints that travel together when poses exchange limbs."""
 
 
@@ -454,7 +460,7 @@ class CloudStream:
             torch.rand(count, device=device) < self.variety.tilted,
             0.5 * torch.pi * torch.rand(count, device=device),
             self.variety.wobble_rad * torch.randn(count, device=device),
-        )  # fmt: skip
+        )
         zero = torch.zeros_like(heading)
         level = rodrigues(torch.stack((tilt * axis.cos(), tilt * axis.sin(), zero), -1))
         return level @ rodrigues(torch.stack((zero, zero, heading), -1)) @ self.z_up

@@ -48,9 +48,11 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
     size = np.median(mean[:, usual > _FAR_M] / usual[usual > _FAR_M], axis=1, keepdims=True)
     logarithm = np.log(change / size + FLOOR_M)
     arrays = {
-        "mean": (mean / size).mean(0), "spread": (mean / size).std(0),
-        "change": logarithm.mean(0), "change_spread": logarithm.std(0),
-    }  # fmt: skip
+        "mean": (mean / size).mean(0),
+        "spread": (mean / size).std(0),
+        "change": logarithm.mean(0),
+        "change_spread": logarithm.std(0),
+    }
     halved = {name: array.astype(np.float16) for name, array in arrays.items()}
     write_weights(path, PriorWeights(NAME, halved, {"windows": windows, "seed": seed}))
     return path

@@ -52,9 +52,14 @@ Evaluate = Callable[[LandmarkModel, float, int], None]
 
 
 def train_landmarks(
-    model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, evaluate: Evaluate,
-    start: Path | None = None, row: Mapping[str, Any] | None = None,
-) -> LandmarkModel:  # fmt: skip
+    model: LandmarkModel,
+    draw: Draw,
+    settings: LandmarkTraining,
+    folder: Path,
+    evaluate: Evaluate,
+    start: Path | None = None,
+    row: Mapping[str, Any] | None = None,
+) -> LandmarkModel:
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
 
     Args:
@@ -193,17 +198,22 @@ class _LandmarkRun:
         """Raise where the loss is no number: what follows would be none either."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
-                f"The loss is not a number at step {self.steps}.", where=self.checkpoint.name,
+                f"The loss is not a number at step {self.steps}.",
+                where=self.checkpoint.name,
                 hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
-            )  # fmt: skip
+            )
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
         state = {
-            "row": self.row, "settings": asdict(self.settings), "steps": self.steps, "seconds": self.seconds,
-            "model": self.model.state_dict(), "averaged": self.averaged.state_dict(),
+            "row": self.row,
+            "settings": asdict(self.settings),
+            "steps": self.steps,
+            "seconds": self.seconds,
+            "model": self.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
-        }  # fmt: skip
+        }
         with atomic_output(self.checkpoint, overwrite=True) as temporary:
             torch.save(state, temporary)
 
@@ -211,9 +221,10 @@ class _LandmarkRun:
         """Take over a checkpoint, of another row or seed too if so; more steps or seconds may be asked for."""
         if not checkpoint.is_file():
             raise FileMissing(
-                "There is no such checkpoint.", where=str(checkpoint),
+                "There is no such checkpoint.",
+                where=str(checkpoint),
                 hint="Give the checkpoint.pt in the folder of an earlier training.",
-            )  # fmt: skip
+            )
         try:
             state = torch.load(checkpoint, map_location=self.settings.device, weights_only=True)
             free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged", *(["seed"] * other_row)}
@@ -224,9 +235,10 @@ class _LandmarkRun:
             raise FileDamaged("The checkpoint cannot be read.", where=checkpoint.name) from error
         if changed:
             raise TrainingMismatch(
-                f"The checkpoint was made with other {', '.join(changed)}.", where=checkpoint.name,
+                f"The checkpoint was made with other {', '.join(changed)}.",
+                where=checkpoint.name,
                 hint="Go on with the same settings, or train into another folder.",
-            )  # fmt: skip
+            )
         if not other_row:
             _same_row(state.get("row"), self.row, checkpoint)
         try:
@@ -253,9 +265,10 @@ def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpo
         f"not of {mine['name']!r}" if "name" in changed else f"but with other {', '.join(changed)} than asked for now"
     )
     raise TrainingMismatch(
-        f"The checkpoint is of row {name!r}, {other}.", where=str(checkpoint),
+        f"The checkpoint is of row {name!r}, {other}.",
+        where=str(checkpoint),
         hint="Give each row a folder of its own (--work), or go on from another row's checkpoint with --from.",
-    )  # fmt: skip
+    )
 
 
 def _schedule(share: float, steps: int) -> float:

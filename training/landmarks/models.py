@@ -211,8 +211,9 @@ def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.T
     around = torch.arange(side, device=u.device)
     columns, rows = (
         ((c.clamp(-1.0, 1.0) + 1.0) * 0.5 * (size - 1) - side // 2).round().long().clamp(0, size - side)[..., None]
-        + around for c in (u, v)
-    )  # fmt: skip
+        + around
+        for c in (u, v)
+    )
     down, across = _profile(v, size).gather(-1, rows), _profile(u, size).gather(-1, columns)
     a = (down[..., :, None] * across[..., None, :]).flatten(-2)
     return a, (size * rows[..., :, None] + columns[..., None, :]).flatten(-2)
@@ -298,8 +299,10 @@ class _ConvolutionBlock(nn.Sequential):
         layers: list[nn.Module] = []
         for number in range(convolutions):
             layers += [
-                nn.Conv2d(outputs if number else inputs, outputs, 3, padding=1), nn.ReLU(), nn.BatchNorm2d(outputs),
-            ]  # fmt: skip
+                nn.Conv2d(outputs if number else inputs, outputs, 3, padding=1),
+                nn.ReLU(),
+                nn.BatchNorm2d(outputs),
+            ]
         super().__init__(*layers)
 
 
@@ -503,9 +506,13 @@ class Published(LandmarkModel):
     """Two views through one UNet, one after the other in the batch; heatmaps fused by the shared y (thesis 4.2.3)."""
 
     def __init__(
-        self, width: int = 32, columns: tuple[int, ...] = PUBLISHED, loss: Loss = "welsch", size: int = SIZE,
+        self,
+        width: int = 32,
+        columns: tuple[int, ...] = PUBLISHED,
+        loss: Loss = "welsch",
+        size: int = SIZE,
         divergence: Divergence = "kullback-leibler",
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__()
         self.columns, self.kind, self.size, self.divergence = columns, loss, size, divergence
         self.unet = UNet(1, len(columns), width)
@@ -588,9 +595,12 @@ class FromCoordinates(LandmarkModel):
             nn.Linear(3, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 4 * width)
         )
         self.all = nn.Sequential(
-            nn.Linear(4 * width, 2 * width), nn.ReLU(), nn.Linear(2 * width, 2 * width), nn.ReLU(),
+            nn.Linear(4 * width, 2 * width),
+            nn.ReLU(),
+            nn.Linear(2 * width, 2 * width),
+            nn.ReLU(),
             nn.Linear(2 * width, 3 * len(columns)),
-        )  # fmt: skip
+        )
         self.register_buffer("which", torch.tensor(columns), persistent=False)
 
     def _found(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:

@@ -71,9 +71,15 @@ def _export(
         warnings.simplefilter("ignore")  # of the exporter's own deprecations and of sizes that it keeps as they are
         try:
             torch.onnx.export(
-                module.eval(), example, str(temporary), input_names=list(INPUTS), output_names=list(outputs),
-                dynamic_axes=axes, opset_version=OPSET, dynamo=False,
-            )  # fmt: skip
+                module.eval(),
+                example,
+                str(temporary),
+                input_names=list(INPUTS),
+                output_names=list(outputs),
+                dynamic_axes=axes,
+                opset_version=OPSET,
+                dynamo=False,
+            )
         except ModuleNotFoundError as error:
             raise BackendMissing(
                 f"ONNX files need the package {error.name}.", hint="Install it with: pip install onnx."
@@ -115,9 +121,10 @@ def read_trained(folder: Path) -> LandmarkModel:
         figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
     except OSError as error:
         raise FileMissing(
-            "There is no trained row of the landmark networks here.", where=str(folder),
+            "There is no trained row of the landmark networks here.",
+            where=str(folder),
             hint="Give the folder that train landmarks --work named; it holds figures.json and weights.npz.",
-        ) from error  # fmt: skip
+        ) from error
     except ValueError as error:
         raise FileDamaged("The figures of the training cannot be read.", where=str(folder / "figures.json")) from error
     return trained_model(figures, folder / "weights.npz")

@@ -129,7 +129,7 @@ class PoseTable:
                 raise NonFiniteData(
                     f"{(~sound).sum()} of {len(sound)} {name} poses of the table are not numbers.",
                     hint="Make the table again from the recordings (--data FOLDER).",
-                )  # fmt: skip
+                )
 
 
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
@@ -161,9 +161,10 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
         roots = training[anchor][rng.integers(int(anchor.sum()), size=len(z)), :1]
         arrays[name] = _packed(np.concatenate([roots, np.asarray(prior.decode(z))], axis=1))
     arrays |= {
-        "training": _packed(training[~anchor]), "mahalanobis": distance[~anchor].astype(np.float32),
+        "training": _packed(training[~anchor]),
+        "mahalanobis": distance[~anchor].astype(np.float32),
         "reconstruction": error[~anchor].astype(np.float32),
-    }  # fmt: skip
+    }
     arrays["absent"] = np.array(absent_subjects(held), dtype=np.str_)
     return PoseTable(arrays | held_out_poses(held, list(far), rng))
 
@@ -185,9 +186,10 @@ def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) 
         "tail": _packed(rotations[chosen]),
         "tail_group": np.repeat(np.arange(len(GROUPS)), [len(r) for r in rows]),
         "tail_frames": np.array([f"{names[i]}:{frames[i]}" for i in chosen]),
-        "floor": _packed(rotations[floor]), "ordinary": _packed(rotations[ordinary]),
+        "floor": _packed(rotations[floor]),
+        "ordinary": _packed(rotations[ordinary]),
         "floor_frames": np.array([f"{names[i]}:{frames[i]}" for i in floor]),
-    }  # fmt: skip
+    }
 
 
 def _sampled(anchors: np.ndarray, codes: np.ndarray, name: str, seed: int) -> np.ndarray:

@@ -155,12 +155,14 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     rows["democap ortho"] = replace(democap, balance=ORTHO)
     ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
     rows |= {
-        "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),
+        "ours": ours,
+        "ours unbalanced": replace(ours, balance=Balance()),
         "ours one layout": replace(ours, variety=replace(Variety(), layouts=False)),
         "ours no ghosts": replace(ours, variety=replace(Variety(), ghosts=False)),
         "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
-        "ours 53 fixed": replace(ours, variety=FIXED), "ours 53 thesis": replace(ours, variety=THESIS),
-    }  # fmt: skip
+        "ours 53 fixed": replace(ours, variety=FIXED),
+        "ours 53 thesis": replace(ours, variety=THESIS),
+    }
     return {name: replace(row, name=name) for name, row in rows.items()}
 
 
@@ -199,9 +201,12 @@ def train_row(
             arrays = {name: _half(value) for name, value in averaged.state_dict().items()}
             np.savez_compressed(out / "weights.npz", **arrays)  # pyright: ignore[reportArgumentType]
         record = {
-            "row": asdict(row), "settings": asdict(settings), "parameters": sum(p.numel() for p in model.parameters()),
-            "history": history, "chosen": chosen,
-        }  # fmt: skip
+            "row": asdict(row),
+            "settings": asdict(settings),
+            "parameters": sum(p.numel() for p in model.parameters()),
+            "history": history,
+            "chosen": chosen,
+        }
         write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
 
     train_landmarks(model, draw, settings, out, look, start, asdict(row))

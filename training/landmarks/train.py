@@ -114,9 +114,13 @@ def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: 
 
 
 def publish(
-    arrays: dict[str, np.ndarray], out: Path, settings: LandmarkTraining, figures: dict[str, float], table: PoseTable,
+    arrays: dict[str, np.ndarray],
+    out: Path,
+    settings: LandmarkTraining,
+    figures: dict[str, float],
+    table: PoseTable,
     note: str = "",
-) -> Path:  # fmt: skip
+) -> Path:
     """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note; return the weights' path."""
     path = out / f"{NAME}.npz"
     named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}

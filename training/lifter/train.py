@@ -75,9 +75,15 @@ class LifterTask:
     """Batches of people, the loss, and figures on unseen subjects."""
 
     def __init__(
-        self, training: Corpus, validation: Corpus, body: Body, prior: SPoser, settings: LifterSettings, batch: int,
+        self,
+        training: Corpus,
+        validation: Corpus,
+        body: Body,
+        prior: SPoser,
+        settings: LifterSettings,
+        batch: int,
         seed: int,
-    ) -> None:  # fmt: skip
+    ) -> None:
         torch.manual_seed(seed)
         self._network = dense_stack((4 * len(POINTS), *settings.hidden, OUTPUTS), "silu")
         self._settings, self._body, self._prior, self._batch = settings, body, prior, batch
@@ -120,9 +126,9 @@ class LifterTask:
             "points_mm": 1000 * float(self._points_off(lifted, people)[:, 1:NUM_JOINTS].mean()),
             "root_deg": float(angle.mean()),
             "pelvis_mm": 1000 * float((lifted.pelvis - people.pelvis).norm(dim=-1).mean()),
-            "betas_explained": 1.0 - float((lifted.betas - people.betas)[:, :2].square().mean())
-            / float(people.betas[:, :2].square().mean()),
-        }  # fmt: skip
+            "betas_explained": 1.0
+            - float((lifted.betas - people.betas)[:, :2].square().mean()) / float(people.betas[:, :2].square().mean()),
+        }
 
     def _points_off(self, lifted: Lifted, people: LifterPeople) -> torch.Tensor:
         decoded = rotation_points(self._prior.decode(lifted.z))
@@ -182,14 +188,16 @@ def train_lifter(job: TrainingJob, settings: LifterSettings = LifterSettings()) 
     """Train, export and write the model card."""
     task = LifterTask(
         job.training, job.validation, load_body(), load_sposer(), settings, job.settings.batch, job.settings.seed
-    )  # fmt: skip
+    )
     if job.start is not None:
         start = read_weights(job.start, NAME)
         take_over(cast(nn.Sequential, task.model), read_stack(start, "network", 4 * len(POINTS), OUTPUTS))
     network = cast(nn.Sequential, run_training(task, job.settings, job.work, job.progress))
     header = {
-        "network_hidden": settings.hidden, "activation": "silu", "points": POINTS,
+        "network_hidden": settings.hidden,
+        "activation": "silu",
+        "points": POINTS,
         "sposer_sha256": load_sposer().metadata["sha256"],
-    }  # fmt: skip
+    }
     arrays, figures = stack_arrays(network, "network"), {"metrics": task.evaluate(network)}
     return publish(job, NAME, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, CARD)

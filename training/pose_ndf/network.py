@@ -136,8 +136,11 @@ def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
 def field_arrays(model: PoseFieldNet) -> dict[str, np.ndarray]:
     """Return the arrays of a weight file: weights in half precision, biases in single precision."""
     arrays = {
-        "encoder_w0": model.w0, "encoder_b0": model.b0, "encoder_w1": model.w1, "encoder_b1": model.b1,
-    }  # fmt: skip
+        "encoder_w0": model.w0,
+        "encoder_b0": model.b0,
+        "encoder_w1": model.w1,
+        "encoder_b1": model.b1,
+    }
     for number, layer in enumerate(model.layers):
         linear = cast(nn.Linear, layer)
         arrays |= {f"field_w{number}": linear.weight, f"field_b{number}": linear.bias}

@@ -110,9 +110,7 @@ def train_stages(job: TrainingJob, settings: PoseNdfSettings, manifold: PoseMani
     validation = perturbed_validation(job.validation, manifold, settings.validation)
     stages, ended = Stages(manifold, settings, job.settings.seed), []
     for number, share in enumerate(settings.stages):
-        task = PoseNdfTask(
-            model, lambda n=number: stages.poses(n, ended), validation, settings, job.settings.batch
-        )  # fmt: skip
+        task = PoseNdfTask(model, lambda n=number: stages.poses(n, ended), validation, settings, job.settings.batch)
         rate = job.settings.learning_rate * (1.0 if number < 2 else 0.5)
         steps = max(1, round(share * job.settings.steps))
         chosen = replace(job.settings, steps=steps, learning_rate=rate, workers=0)
@@ -151,8 +149,9 @@ def train_pose_ndf(job: TrainingJob, settings: PoseNdfSettings = PoseNdfSettings
     model = train_stages(job, settings, manifold)
     spread = manifold.spread
     arrays = field_arrays(model) | {
-        "joint_mean": spread.mean.astype(np.float32), "joint_factor": spread.factor.astype(np.float32),
-    }  # fmt: skip
+        "joint_mean": spread.mean.astype(np.float32),
+        "joint_factor": spread.factor.astype(np.float32),
+    }
     size = {name: getattr(settings, name) for name in ("features", "encoder_hidden", "field_hidden")}
     asked = asdict(settings) | asdict(job.settings)
 

@@ -82,9 +82,14 @@ class SPoserTask:
     """Losses and validation of SPoser, on held-out subjects and, where there are any, on motions unlike the corpus."""
 
     def __init__(
-        self, train: Corpus, validation: Corpus, settings: SPoserSettings, batch: int, seed: int,
+        self,
+        train: Corpus,
+        validation: Corpus,
+        settings: SPoserSettings,
+        batch: int,
+        seed: int,
         far: Corpus | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         torch.manual_seed(seed)
         self.model = SphericalAutoencoder(settings.encoder_hidden, settings.decoder_hidden, settings.activation)
         distinct = torch.as_tensor(train.rotations[train.distinct])
@@ -126,9 +131,14 @@ class EncoderTask(SPoserTask):
     """
 
     def __init__(
-        self, train: Corpus, validation: Corpus, settings: SPoserSettings, batch: int, seed: int,
+        self,
+        train: Corpus,
+        validation: Corpus,
+        settings: SPoserSettings,
+        batch: int,
+        seed: int,
         far: Corpus | None = None,
-    ) -> None:  # fmt: skip
+    ) -> None:
         super().__init__(train, validation, settings, batch, seed, far)
         self.model.decoder.requires_grad_(False)
 

@@ -244,14 +244,23 @@ class VariationalAutoencoder(nn.Module):
         self.norm = nn.BatchNorm1d(_INPUTS) if form.first_norm else nn.Identity()
         self.second_norm = nn.BatchNorm1d(HIDDEN) if form.second_norm else nn.Identity()
         self.encoder = nn.Sequential(
-            nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), self.second_norm, nn.Dropout(_DROPOUT),
-            nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, self.latent.outputs),
-        )  # fmt: skip
+            nn.Linear(_INPUTS, HIDDEN),
+            nn.LeakyReLU(),
+            self.second_norm,
+            nn.Dropout(_DROPOUT),
+            nn.Linear(HIDDEN, HIDDEN),
+            nn.LeakyReLU(),
+            nn.Linear(HIDDEN, self.latent.outputs),
+        )
         self.decoder = nn.Sequential(
-            nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(),
-            nn.Dropout(_DROPOUT if form.decoder_dropout else 0.0), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
-            nn.Linear(HIDDEN, 6 * NUM_BODY_JOINTS), nn.LeakyReLU() if form.last_activation else nn.Identity(),
-        )  # fmt: skip
+            nn.Linear(self.latent.width, HIDDEN),
+            nn.LeakyReLU(),
+            nn.Dropout(_DROPOUT if form.decoder_dropout else 0.0),
+            nn.Linear(HIDDEN, HIDDEN),
+            nn.LeakyReLU(),
+            nn.Linear(HIDDEN, 6 * NUM_BODY_JOINTS),
+            nn.LeakyReLU() if form.last_activation else nn.Identity(),
+        )
 
     def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
         """Return the encoder's outputs for (N, 21, 3, 3) poses."""
@@ -313,9 +322,13 @@ rotations whose codes are ten rotations, normal in the tangent space of each pos
 Layers as RVPoser's.""",
 }
 _TITLES: dict[Kind, str] = {
-    "vposer": "VPoser", "vposer_worded": "VPoser as worded", "rvposer": "RVPoser",
-    "rvposer_second_norm": "RVPoser with the second normalisation", "svae": "SVAE", "lie_vae": "LieVAE",
-}  # fmt: skip
+    "vposer": "VPoser",
+    "vposer_worded": "VPoser as worded",
+    "rvposer": "RVPoser",
+    "rvposer_second_norm": "RVPoser with the second normalisation",
+    "svae": "SVAE",
+    "lie_vae": "LieVAE",
+}
 
 
 def train_vae(kind: Kind, job: TrainingJob) -> Finished:

@@ -63,7 +63,7 @@ class Recordings:
     @classmethod
     def of(
         cls, corpus: Corpus, body: Body, exchanged: int, seed: int, device: torch.device = torch.device("cpu")
-    ) -> Recordings:  # fmt: skip
+    ) -> Recordings:
         """Return the recordings of a corpus, and copies of them with limbs of one another.
 
         Args:
@@ -155,7 +155,7 @@ def _points(body: Body, local: torch.Tensor, root: torch.Tensor) -> torch.Tensor
 
 def _with_limbs_of_others(
     local: torch.Tensor, start: torch.Tensor, end: torch.Tensor, generator: torch.Generator
-) -> torch.Tensor:  # fmt: skip
+) -> torch.Tensor:
     """Return (N, 21, 3, 3) recordings of which each clip has limbs of other clips, perhaps of the other side's."""
     out = local.clone()
     for first in start.unique().tolist():
@@ -214,17 +214,22 @@ FLAT = 0.1
 _OTHER = {"left": "right", "right": "left"}
 _SWAPPED = [POINTS.index("_".join([_OTHER.get(n.split("_")[0], n.split("_")[0]), *n.split("_")[1:]])) for n in POINTS]
 _LOST_TOGETHER = (
-    ("elbow", "wrist"), ("knee", "ankle", "big_toe", "heel"), ("wrist",), ("ankle", "big_toe", "heel"), ("ear",),
+    ("elbow", "wrist"),
+    ("knee", "ankle", "big_toe", "heel"),
+    ("wrist",),
+    ("ankle", "big_toe", "heel"),
+    ("ear",),
     ("big_toe", "heel"),
-)  # fmt: skip
+)
 _GROUPS = [
     [name in [f"{side}_{part}" for part in parts] for name in POINTS] for side in SIDES for parts in _LOST_TOGETHER
-]  # fmt: skip
+]
 _TRUNK = (0, 1, 2, 3)
 _LIMBS = tuple(
     (POINTS.index(f"{side}_{first}"), POINTS.index(f"{side}_{last}"), radius)
-    for side in SIDES for first, last, radius in (("hip", "knee", 0.07), ("shoulder", "elbow", 0.05))
-)  # fmt: skip
+    for side in SIDES
+    for first, last, radius in (("hip", "knee", 0.07), ("shoulder", "elbow", 0.05))
+)
 _OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
 TRUNK_M, BEHIND_M = 0.14, 0.1
 """Half the trunk's width, and how much farther away a point is that a part of the body hides."""
@@ -289,13 +294,13 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
     depth = seen[..., 2].clamp_min(0.4)
     image = seen[..., :2] / depth[..., None]
     image, confidence = _detected(image, seen[..., 2], distance, inside, generator)
-    shaken = torch.matmul(
-        exp_so3(torch.deg2rad(UP_DEG * torch.randn(count, 3, generator=generator))), up[..., None]
-    )[..., 0]  # fmt: skip
+    shaken = torch.matmul(exp_so3(torch.deg2rad(UP_DEG * torch.randn(count, 3, generator=generator))), up[..., None])[
+        ..., 0
+    ]
     known = torch.rand(count, 1, generator=generator) < KNOWN_UP
     return FilmedWindows(
         image, confidence, torch.where(known, shaken, torch.zeros_like(up)), local, torch.matmul(turn, root), up
-    )  # fmt: skip
+    )
 
 
 def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
@@ -303,8 +308,9 @@ def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     count = len(raised)
     heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
     over = raised & (chance < TURNED_OVER)
-    start = torch.where(over, torch.pi + TURNED_OVER_DEG * torch.pi / 180.0 * (2.0 * turn - 1.0),
-                        torch.pi * (2.0 * turn - 1.0))  # fmt: skip
+    start = torch.where(
+        over, torch.pi + TURNED_OVER_DEG * torch.pi / 180.0 * (2.0 * turn - 1.0), torch.pi * (2.0 * turn - 1.0)
+    )
     rate = torch.where(turning < 0.5, TURNING_DEG_S * torch.pi / 180.0 * (2.0 * rate - 1.0), torch.zeros(count))
     seconds = (torch.arange(WINDOW) - MIDDLE) / WINDOW_FPS
     angle = start[:, None] + rate[:, None] * seconds
@@ -333,9 +339,12 @@ def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torc
 
 
 def _detected(
-    image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor, inside: torch.Tensor,
+    image: torch.Tensor,
+    depth: torch.Tensor,
+    distance: torch.Tensor,
+    inside: torch.Tensor,
     generator: torch.Generator,
-) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+) -> tuple[torch.Tensor, torch.Tensor]:
     """Return the (B, 27, 19, 2) image points as a detector gives them, and its confidences."""
     count, metre = len(image), (1.0 / distance)[:, None, None]
     noise = _log_uniform(NOISE_M, (count, 1, 1), generator)
@@ -411,9 +420,10 @@ def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Return (B, 27, 19) what lies beyond the picture's edge where the edge runs through the person."""
     count = len(image)
     angle = torch.where(
-        torch.rand(count, generator=generator) < 0.6, torch.full((count,), 0.5 * torch.pi),
+        torch.rand(count, generator=generator) < 0.6,
+        torch.full((count,), 0.5 * torch.pi),
         2.0 * torch.pi * torch.rand(count, generator=generator),
-    )  # fmt: skip
+    )
     along = image[..., 0] * torch.cos(angle)[:, None, None] + image[..., 1] * torch.sin(angle)[:, None, None]
     middle = along[:, MIDDLE]
     low, high = middle.min(dim=1).values, middle.max(dim=1).values
@@ -429,8 +439,6 @@ def _for_a_time(count: int, generator: torch.Generator) -> torch.Tensor:
     return (frame >= torch.minimum(first, last)) & (frame <= torch.maximum(first, last))
 
 
-def _log_uniform(
-    bounds: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator
-) -> torch.Tensor:  # fmt: skip
+def _log_uniform(bounds: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator) -> torch.Tensor:
     low, high = bounds
     return low * (high / low) ** torch.rand(shape, generator=generator)

@@ -79,14 +79,17 @@ class SlantWindows:
 class LimbSlantTask:
     """Batches of windows that are drawn once, the loss, and figures on unseen subjects."""
 
-    def __init__(self, training: Corpus, validation: Corpus, body: Body, settings: LimbSlantSettings, batch: int,
-                 seed: int) -> None:  # fmt: skip
+    def __init__(
+        self, training: Corpus, validation: Corpus, body: Body, settings: LimbSlantSettings, batch: int, seed: int
+    ) -> None:
         torch.manual_seed(seed)
         width = load_view_lifter().width
         self._network = nn.Sequential(
-            nn.Linear(width, settings.hidden), nn.SiLU(), nn.Dropout(settings.dropout),
+            nn.Linear(width, settings.hidden),
+            nn.SiLU(),
+            nn.Dropout(settings.dropout),
             nn.Linear(settings.hidden, len(BONES) * CLASSES),
-        )  # fmt: skip
+        )
         self._batch = batch
         self._seen = read_windows(Recordings.of(training, body, settings.exchanged, seed), settings.windows, seed)
         self._unseen = read_windows(Recordings.of(validation, body, 0, seed), settings.unseen, seed + 1)
@@ -127,9 +130,10 @@ def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
     for first in range(0, count, _BLOCK):
         number = min(_BLOCK, count - first)
         footage = film(
-            recordings, recordings.centres[torch.randint(len(recordings.centres), (number,), generator=generator)],
+            recordings,
+            recordings.centres[torch.randint(len(recordings.centres), (number,), generator=generator)],
             generator,
-        )  # fmt: skip
+        )
         points, confidence, up = (t.numpy().astype(float) for t in (footage.points, footage.confidence, footage.up))
         view = look_at(points, confidence)
         hidden = lifter.hidden(features(points, confidence, up, view))
@@ -142,26 +146,28 @@ def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
         classes = torch.as_tensor(slant_classes(true))
         parts.append(SlantWindows(torch.as_tensor(hidden), classes, found, true))
     return SlantWindows(
-        torch.cat([part.hidden for part in parts]), torch.cat([part.classes for part in parts]),
-        np.concatenate([part.lifted for part in parts]), np.concatenate([part.true for part in parts]),
-    )  # fmt: skip
+        torch.cat([part.hidden for part in parts]),
+        torch.cat([part.classes for part in parts]),
+        np.concatenate([part.lifted for part in parts]),
+        np.concatenate([part.true for part in parts]),
+    )
 
 
 def train_limb_slants(job: TrainingJob, settings: LimbSlantSettings = LimbSlantSettings()) -> Finished:
     """Train, export and write the model card."""
-    task = LimbSlantTask(
-        job.training, job.validation, load_body(), settings, job.settings.batch, job.settings.seed
-    )  # fmt: skip
+    task = LimbSlantTask(job.training, job.validation, load_body(), settings, job.settings.batch, job.settings.seed)
     network = run_training(task, job.settings, job.work, job.progress)
     header = {
-        "network_hidden": [settings.hidden], "activation": "silu",
+        "network_hidden": [settings.hidden],
+        "activation": "silu",
         "view_lifter_sha256": load_view_lifter().metadata["sha256"],
-    }  # fmt: skip
+    }
     layers = [module for module in network.modules() if isinstance(module, nn.Linear)]
     arrays = {
         f"network_{kind}{number}": value.detach().numpy().astype(np.float16)
-        for number, module in enumerate(layers) for kind, value in (("w", module.weight), ("b", module.bias))
-    }  # fmt: skip
+        for number, module in enumerate(layers)
+        for kind, value in (("w", module.weight), ("b", module.bias))
+    }
     figures = {"metrics": task.evaluate(network)}
     return publish(job, NAME, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, CARD)
 

@@ -192,16 +192,24 @@ def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifte
         TrainingMismatch: the weights to start from are of another network.
     """
     task = ViewLifterTask(
-        job.training, job.validation, load_body(), load_sposer(), settings, job.settings.batch, job.settings.seed,
+        job.training,
+        job.validation,
+        load_body(),
+        load_sposer(),
+        settings,
+        job.settings.batch,
+        job.settings.seed,
         job.settings.device,
-    )  # fmt: skip
+    )
     if job.start is not None:
         _take_over(task.model, read_weights(job.start, NAME).arrays)
     loop = job.settings if job.settings.device == "cpu" else replace(job.settings, workers=0)
     network = run_training(task, loop, job.work, job.progress)
     header: dict[str, Any] = {
-        "heads": settings.heads, "points": POINTS, "sposer_sha256": load_sposer().metadata["sha256"],
-    }  # fmt: skip
+        "heads": settings.heads,
+        "points": POINTS,
+        "sposer_sha256": load_sposer().metadata["sha256"],
+    }
     arrays = {name: value.numpy().astype(np.float16) for name, value in network.state_dict().items()}
     figures = {"metrics": task.evaluate(network)}
     return publish(job, NAME, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, CARD)

@@ -337,9 +337,10 @@ class Machine:
 
     def _refusal(self, message: str) -> UnsafePickle:
         return UnsafePickle(
-            message, where=self._where,
+            message,
+            where=self._where,
             hint="Do not open this file with other tools; download the model again from its own site.",
-        )  # fmt: skip
+        )
 
 
 MAX_ELEMENTS = 50_000_000

@@ -20,9 +20,7 @@ _BLOCK = 256
 """Poses whose equations are formed at a time."""
 
 
-def nearer_codes(
-    decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes
-) -> Codes:  # fmt: skip
+def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:
     """Return codes one damped Gauss-Newton step nearer to poses: ``z + (JᵀJ + λ tr(JᵀJ)/d I)⁻¹ Jᵀ r``.
 
     ``r`` holds, for an unturned pelvis, what joints lack to those of the pose, ``p*_j - p_j``, and 7 cm times the turn

@@ -348,14 +348,16 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
     except (KeyError, TypeError, ValueError) as error:
         raise WeightsInvalid("The weights of pose_ndf do not state the network's size.") from error
     shapes = {
-        "w0": (NUM_BODY_JOINTS, hidden, 4 + features), "b0": (NUM_BODY_JOINTS, hidden),
-        "w1": (NUM_BODY_JOINTS, features, hidden), "b1": (NUM_BODY_JOINTS, features),
-    }  # fmt: skip
+        "w0": (NUM_BODY_JOINTS, hidden, 4 + features),
+        "b0": (NUM_BODY_JOINTS, hidden),
+        "w1": (NUM_BODY_JOINTS, features, hidden),
+        "b1": (NUM_BODY_JOINTS, features),
+    }
     encoders = {name: stored.array(f"encoder_{name}", shape) for name, shape in shapes.items()}
     field = PoseField(**encoders, distance=_stack(stored, "field", widths))
     spread = JointSpread(
         stored.array("joint_mean", (NUM_BODY_JOINTS, 3)), stored.array("joint_factor", (NUM_BODY_JOINTS, 3, 3))
-    )  # fmt: skip
+    )
     return PoseNDF(field, spread, {**stored.metadata, "sha256": stored.sha256})
 
 

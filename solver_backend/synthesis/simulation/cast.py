@@ -50,9 +50,7 @@ class Person:
     def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
         """Return the keypoints, moved by (K, 3) offsets in their rest frames."""
         points = keypoint_landmarks(self.body, joint_set)
-        return pose_landmarks(
-            self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets
-        )  # fmt: skip
+        return pose_landmarks(self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets)
 
     def skin(self, frames: np.ndarray) -> np.ndarray:
         """Return the (n, V, 3) vertices in these frames."""

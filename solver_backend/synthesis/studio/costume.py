@@ -214,9 +214,11 @@ class _Regions:
 
     def _tunic(self) -> np.ndarray:
         thigh = 0.6 * self._y("left_hip") + 0.4 * self._y("left_knee")
-        return self._trunk() | self._sleeves(abs(self._at["left_elbow"][0]) + 0.08) | (
-            self._in("pelvis", "hip") & (self._v[:, 1] > thigh)
-        )  # fmt: skip
+        return (
+            self._trunk()
+            | self._sleeves(abs(self._at["left_elbow"][0]) + 0.08)
+            | (self._in("pelvis", "hip") & (self._v[:, 1] > thigh))
+        )
 
     def _trousers(self) -> np.ndarray:
         return self._legs(self._y("left_ankle") + 0.02, self._y("spine1") - 0.01)

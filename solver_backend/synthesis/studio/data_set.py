@@ -95,9 +95,10 @@ def check_data_set(spec: Spec, out: Path) -> Plan:
     free = free_bytes(out)
     if needed > free:
         raise DiskTooSmall(
-            f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.", where=str(out),
+            f"The data set needs about {_size(needed)} and the disk has {_size(free)} free.",
+            where=str(out),
             hint="Film fewer frames, smaller pictures or fewer kinds, or choose another disk.",
-        )  # fmt: skip
+        )
     left = [shot for shot in found.shots if shot not in done]
     for shot in _one_of_each(left):
         require_sight(set_up(spec, shot))
@@ -179,8 +180,9 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
     spec = spec_of(values["description"], Path(folder))
     records = [
         read_shot(folder)
-        for folder in sorted((out / SHOTS).glob("*")) if (folder / DONE).is_file() and not folder.name.startswith(".")
-    ]  # fmt: skip
+        for folder in sorted((out / SHOTS).glob("*"))
+        if (folder / DONE).is_file() and not folder.name.startswith(".")
+    ]
     if not records:
         raise FileMissing("The data set has no finished shot.", where=str(out), hint="Run the studio again.")
     return spec, records
@@ -200,9 +202,10 @@ def _require_own(spec: Spec, out: Path) -> None:
     values = _description(out)
     if values is not None and values.get("digest") != digest(spec):
         raise OtherDataSet(
-            "The folder holds a data set of another description.", where=str(out),
+            "The folder holds a data set of another description.",
+            where=str(out),
             hint="Choose another folder, or give the description that made it.",
-        )  # fmt: skip
+        )
     if values is None and not is_free(out):
         raise OtherDataSet("The folder holds something else.", where=str(out), hint="Choose a folder that is new.")
 

@@ -72,8 +72,9 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
         if not found or not found[0].is_file():
             raise FileMissing(
                 "The motion is not there." if not path.is_dir() else "The folder holds no motions (.npz, .bvh).",
-                where=str(path), hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
-            )  # fmt: skip
+                where=str(path),
+                hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
+            )
         sources += [MotionSource(p.stem, p) for p in found]
     seen: dict[str, int] = {}
     unique = []

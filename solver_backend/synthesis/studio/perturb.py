@@ -78,9 +78,11 @@ def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.
     off_mm = faults.cameras.calibration_mm
     seen = miscalibrated(cameras, pelvis, off_mm, rng) if off_mm else cameras
     return replace(
-        capture, cameras=seen, keypoints=Keypoints2D(found.xy, found.confidence, chosen, spec.fps),
+        capture,
+        cameras=seen,
+        keypoints=Keypoints2D(found.xy, found.confidence, chosen, spec.fps),
         truth=capture.truth | {"swapped": found.swapped, "outlier": found.outlier, "delay_frames": late},
-    )  # fmt: skip
+    )
 
 
 def _of_markers(spec: Spec, stage: Stage, capture: Capture, rng: np.random.Generator) -> Capture:

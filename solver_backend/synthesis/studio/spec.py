@@ -265,9 +265,10 @@ def _require_sense(spec: Spec) -> Spec:
     needs_markers = MARKER_FORMATS.keys() & set(spec.write)
     if needs_markers and not spec.markers:
         raise StudioInvalid(
-            f"{', '.join(sorted(needs_markers))} hold markers, but the person wears none.", where="description: write",
+            f"{', '.join(sorted(needs_markers))} hold markers, but the person wears none.",
+            where="description: write",
             hint="Name a layout in 'markers', or leave these formats out.",
-        )  # fmt: skip
+        )
     if "video" in spec.write and "rgb" not in spec.film:
         raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
     if spec.hands and spec.people.strange:
@@ -275,16 +276,18 @@ def _require_sense(spec: Spec) -> Spec:
     alone = [array.name for array in spec.arrays if len(array.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(
-            f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.", where="description: write",
+            f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.",
+            where="description: write",
             hint="Leave out 'pose2sim', or film with more cameras.",
-        )  # fmt: skip
+        )
     # A marker's centre lies 9.5 mm off the skin: loose clothes would swallow it.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]
     if spec.markers and loose and "markers" in json.loads(spec.text):
         raise StudioInvalid(
             f"Markers are worn on skin or a suit, not under loose clothes ({', '.join(loose)}).",
-            where="description: looks", hint="Set 'markers' to null, or 'clothes' to 'suit'.",
-        )  # fmt: skip
+            where="description: looks",
+            hint="Set 'markers' to null, or 'clothes' to 'suit'.",
+        )
     return replace(spec, markers="") if loose else spec
 
 

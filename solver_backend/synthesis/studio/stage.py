@@ -118,9 +118,10 @@ def require_sight(stage: Stage) -> None:
             )
     if not seen.any():
         raise NobodySeen(
-            "No camera sees the person in any frame.", where=f"shot {stage.shot.name}",
+            "No camera sees the person in any frame.",
+            where=f"shot {stage.shot.name}",
             hint="Aim the array at where the person moves; rings and corners do so by themselves.",
-        )  # fmt: skip
+        )
 
 
 def _inside(skin: np.ndarray, faces: np.ndarray, point: np.ndarray) -> bool:

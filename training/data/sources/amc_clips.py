@@ -15,10 +15,14 @@ from solver_backend.io.motions.recorded_clip import HIP_SPLAY, RecordedClip
 FPS = 120.0
 """CMU's rate; the files do not state it."""
 _TPOSE = {
-    "lfemur": (0.0, 0.0, -HIP_SPLAY), "rfemur": (0.0, 0.0, HIP_SPLAY), "lowerneck": (-0.279, 0.0, 0.0),
-    "upperneck": (0.367, 0.0, 0.0), "head": (0.192, 0.0, 0.0), "lhumerus": (0.0, 0.0, -0.14),
+    "lfemur": (0.0, 0.0, -HIP_SPLAY),
+    "rfemur": (0.0, 0.0, HIP_SPLAY),
+    "lowerneck": (-0.279, 0.0, 0.0),
+    "upperneck": (0.367, 0.0, 0.0),
+    "head": (0.192, 0.0, 0.0),
+    "lhumerus": (0.0, 0.0, -0.14),
     "rhumerus": (0.0, 0.0, 0.14),
-}  # fmt: skip
+}
 """Rotation vectors of the T-pose, as the other conversions of the same recordings hold it."""
 _DOF = ("rx", "ry", "rz")
 

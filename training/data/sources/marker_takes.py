@@ -115,9 +115,12 @@ def _free(
         return cost, DenseBlocks(hessian + 1e-3 * np.eye(hessian.shape[-1]), gradient)
 
     return levenberg_marquardt(
-        start, linearise, PosedFrames.retract, LMSettings(max_iterations=iterations),
+        start,
+        linearise,
+        PosedFrames.retract,
+        LMSettings(max_iterations=iterations),
         lambda mask, new, old: new.where(mask, old),
-    ).state  # fmt: skip
+    ).state
 
 
 FIT_FPS = 10.0

@@ -167,8 +167,9 @@ def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
     of_shot = [v for v in solved if v.shot == worst and v.by_frame_mm is not None]
     lines = [
         PlotCurve(v.by_frame_mm, f"{v.source} {v.method} {v.faults}", styles[i % 4])
-        for i, v in enumerate(of_shot) if v.by_frame_mm is not None
-    ]  # fmt: skip
+        for i, v in enumerate(of_shot)
+        if v.by_frame_mm is not None
+    ]
     fps = read_capture(out / SHOTS / worst / "clean.npz").fps
     return section(f"Over time: {worst}", time_plot(lines, fps, "mm", from_zero=True), "Mean joint error.", "time")
 
@@ -177,8 +178,9 @@ def _worst(out: Path, verdicts: Sequence[Verdict]) -> str:
     """Show the worst frames: truth in green and the solve in red over a camera's picture."""
     frames = [
         (float(np.nanmax(v.by_frame_mm)), v, int(np.nanargmax(v.by_frame_mm)))
-        for v in verdicts if v.by_frame_mm is not None and v.joints is not None and np.isfinite(v.by_frame_mm).any()
-    ]  # fmt: skip
+        for v in verdicts
+        if v.by_frame_mm is not None and v.joints is not None and np.isfinite(v.by_frame_mm).any()
+    ]
     figures = []
     for error, v, frame in sorted(frames, key=lambda item: -item[0])[:_WORST]:
         picture = png_bytes(worst_picture(out, v, frame))

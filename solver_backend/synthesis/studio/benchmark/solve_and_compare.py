@@ -71,9 +71,10 @@ def solve_and_compare(
     spec, records = read_data_set(out)
     given = spec.perturb
     chosen = tuple(sources) or tuple(
-        source for source, touched in (("views", given.of_views or not given.of_markers), ("markers", given.of_markers))
+        source
+        for source, touched in (("views", given.of_views or not given.of_markers), ("markers", given.of_markers))
         if touched
-    )  # fmt: skip
+    )
     work = [
         (record["name"], kind, source, method, record["camera_array"])
         for record in records for kind in faults for source in chosen for method in methods

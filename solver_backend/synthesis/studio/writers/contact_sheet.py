@@ -18,10 +18,11 @@ SECTOR_DEG = 30
 """Angles of poses are counted in sectors of this size, from 0 to 180 degrees."""
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _LIMBS = {
-    "elbow bent": (("shoulder", "elbow"), ("elbow", "wrist")), "knee bent": (("hip", "knee"), ("knee", "ankle")),
+    "elbow bent": (("shoulder", "elbow"), ("elbow", "wrist")),
+    "knee bent": (("hip", "knee"), ("knee", "ankle")),
     "thigh before trunk": (("neck", "pelvis"), ("hip", "knee")),
     "arm off trunk": (("neck", "pelvis"), ("shoulder", "elbow")),
-}  # fmt: skip
+}
 """Angles between two lines, each from a joint to another; of both sides together."""
 
 
