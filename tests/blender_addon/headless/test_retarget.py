@@ -51,7 +51,7 @@ def test_a_rig_that_plays_one_cameras_motion_repeats_its_warnings(
     motion = write_motion(tmp_path / "walk.npz", replace(files.motion, provenance=record))
     given = ["retarget", str(motion), "--target", str(rig_file), "--object", "Hero", "--body", str(files.body_path)]
     assert main([*given, "--out", str(tmp_path / "out.blend"), "--json"]) == 0
-    assert any(note.startswith("The depth of the left arm is open in frames 3-9") for note in said(capfd)["notes"])
+    assert any(note.startswith("The depth of the left arm is ambiguous in frames 3-9") for note in said(capfd)["notes"])
 
 
 def test_what_is_wrong_is_named_and_nothing_is_written(files: Any, rig_file: Path, tmp_path: Path, capfd: Any) -> None:
