@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from .errors import FileDamaged, MocapError
-from .joint_sets import JointSet
 from .marker_formats import other_kind
 from .npz import read_npz
+
+if TYPE_CHECKING:
+    from .joint_sets import JointSet
 
 Shape = tuple[int | str | None, ...]
 """Lengths of an array's axes; a name or None stands for any length."""
@@ -115,6 +118,8 @@ class Fields:
         Raises:
             FileDamaged: the name is unknown.
         """
+        from .joint_sets import JointSet  # which needs the body layout, which needs this module
+
         name = self.text("joint_set")
         try:
             return JointSet(name)
