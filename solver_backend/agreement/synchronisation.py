@@ -370,7 +370,9 @@ def estimate_delays(
         points = triangulation.of_keypoints(limbs).points[frames]
     search = _Search(cameras, tracks, frames, sigma_px)
     delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
-    confirmed = _beats_no_delay(cameras, tracks, frames, np.where(moving & ~beyond, delay, 0.0), sigma_px)
+    late = delay[:, None] + drift[:, None] * place_in_take(frames, keypoints.num_frames)
+    late = np.where((moving & ~beyond)[:, None], late, 0.0)
+    confirmed = _beats_no_delay(cameras, tracks, frames, late, sigma_px)
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
@@ -388,17 +390,18 @@ def _beats_no_delay(
         cameras: C cameras.
         tracks: (C, F, K, 2) px, NaN where missing.
         frames: (N,) that are compared.
-        delay: (C,) frames.
+        delay: (C, N) frames.
         sigma_px: (K,) standard deviation of the detections, px.
     """
     confirmed = np.ones(len(cameras), bool)
-    delay = delay - _median(delay)
-    doubtful = np.flatnonzero(np.abs(delay) >= TESTED_FRAMES)
+    usual = delay.mean(axis=1)
+    delay = delay - _median(usual)
+    doubtful = np.flatnonzero(np.abs(usual - _median(usual)) >= TESTED_FRAMES)
     if not len(doubtful):
         return confirmed
     rays = [
         np.concatenate([points, np.ones_like(points[..., :1])], axis=-1)
-        for points in (undistort(cameras, tracks_at(tracks, frames + late[:, None])) for late in (delay, 0 * delay))
+        for points in (undistort(cameras, tracks_at(tracks, frames + late)) for late in (delay, 0 * delay))
     ]
     place = np.arange(len(frames))[None]
     pairs = compared_pairs(len(cameras))

@@ -200,7 +200,10 @@ def foot_keypoints(joint_set: JointSet) -> list[int]:
 def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> float:
     """Return the height in metres of the floor under feet of a person upright along Z."""
     kinds = foot_keypoints(joint_set)
-    low = np.nanquantile(points[:, kinds, 2], LOWEST, axis=0)
+    heights = points[:, kinds, 2]
+    low = np.full(len(kinds), np.nan)
+    seen = np.isfinite(heights).any(axis=0)
+    low[seen] = np.nanquantile(heights[:, seen], LOWEST, axis=0)
     return float(np.nanmedian(low - _heights_at_rest(joint_set)[kinds]))
 
 
