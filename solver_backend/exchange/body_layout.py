@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 
 from .errors import BodyInvalid, MotionInvalid
-from .schema import Fields
 
 _X, _Y = 0, 1
 
@@ -276,18 +275,6 @@ BODY_COLUMNS = 3 + 3 * SMPL.num_solved
 """Columns of root and body joints, the first."""
 FINGER_COLUMNS = 90
 """Columns of the fingers, the last."""
-
-
-def has_amass_fingers(fields: Fields) -> bool:
-    """Return whether a file is AMASS's and turns fingers.
-
-    Raises:
-        MotionInvalid: ``poses`` are no numbers.
-    """
-    if "format" in fields:
-        return False
-    poses = fields.floats("poses", MotionInvalid)
-    return poses.ndim == 2 and poses.shape[1] in AMASS_WIDTHS and bool(poses[:, -FINGER_COLUMNS:].any())
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:

@@ -10,12 +10,13 @@ import numpy as np
 
 from .body_layout import (
     AMASS_POSE_WIDTH,
+    AMASS_WIDTHS,
     BODY_COLUMNS,
+    FINGER_COLUMNS,
     SMPL,
     SMPL_HANDS,
     BodyLayout,
     body_and_fingers,
-    has_amass_fingers,
 )
 from .errors import BodyInvalid, MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS
@@ -54,6 +55,18 @@ _DTYPES = {
     **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
     **dict.fromkeys(("flags", "marker_flags"), np.uint8),
 }
+
+
+def has_amass_fingers(fields: Fields) -> bool:
+    """Return whether a file is AMASS's and turns fingers.
+
+    Raises:
+        MotionInvalid: ``poses`` are no numbers.
+    """
+    if "format" in fields:
+        return False
+    poses = fields.floats("poses", MotionInvalid)
+    return poses.ndim == 2 and poses.shape[1] in AMASS_WIDTHS and bool(poses[:, -FINGER_COLUMNS:].any())
 
 
 def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Shape]:
