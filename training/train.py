@@ -118,7 +118,6 @@ def _command(prior: str, settings: TrainingSettings) -> str:
 
 
 def _describe(training: Corpus, validation: Corpus, held_out: frozenset[str]) -> dict[str, object]:
-    """Return what the model card states on the data."""
     sources = {}
     for side, corpus in (("training", training), ("validation", validation)):
         of_frame, distinct = corpus.sources, np.unique(corpus.distinct)

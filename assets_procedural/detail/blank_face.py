@@ -43,7 +43,6 @@ def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array
 
 
 def _rays(points: Array) -> tuple[Array, Array]:
-    """Return the (N,) lengths and (N, 3) directions of vectors."""
     length = np.linalg.norm(points, axis=1)
     return length, points / length[:, None]
 

@@ -92,7 +92,6 @@ def _lid_edge(angle: Array) -> Array:
 
 
 def _between_lids(vertices: Array) -> Array:
-    """Mark the vertices between the lids and close to their edge."""
     middle, half_width = _CORNERS.mean(axis=0), 0.5 * abs(_CORNERS[0, 0] - _CORNERS[1, 0])
     reach = np.array([half_width, 0.5 * (_UPPER_M + _LOWER_M)]) + _BRIDGED_M
     return np.linalg.norm((vertices[:, :2] - middle) / reach, axis=1) < 1.0

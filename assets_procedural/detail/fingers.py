@@ -117,7 +117,6 @@ def _curled(place: Array, points: Array, knots: Array) -> Array:
 
 
 def _bent(place: Array, points: Array, knots: Array, digit: Digit) -> Array:
-    """Return the points as one digit would carry them."""
     chain = np.array(digit.knots)
     along = np.diff(chain, axis=0)
     along /= np.linalg.norm(along, axis=1, keepdims=True)

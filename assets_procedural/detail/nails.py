@@ -112,7 +112,6 @@ def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
 
 
 def _faces_up(half: HalfBody, up: Array) -> Array:
-    """Return (V,) whether the skin at a vertex faces a direction."""
     corners = half.vertices[half.faces]
     normal, total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), np.zeros_like(half.vertices)
     for k in range(3):

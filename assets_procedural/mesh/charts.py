@@ -153,7 +153,6 @@ def _upright(flat: Array, vertices: Array, facing: Array) -> Array:
 
 
 def _pack(charts: list[Array]) -> Array:
-    """Return all charts on shelves in the unit square, at one scale."""
     sizes = np.array([chart.max(axis=0) for chart in charts])
     order = np.argsort(-np.round(sizes[:, 1], 6), kind="stable")
     low, high = 0.0, 2.0 / np.sqrt(np.prod(sizes, axis=1).sum())

@@ -61,7 +61,6 @@ def render(vertices: Array, faces: Array, colours: Array, view: RasterView, over
 
 
 def _fill(xy: Array, z: Array, normals: Array, tint: Array, depth: Array, normal: Array, colour: Array) -> None:
-    """Draw one triangle into the buffers."""
     height, width = depth.shape
     x0, y0 = np.maximum(np.floor(xy.min(axis=0)).astype(int), 0)
     x1, y1 = np.minimum(np.ceil(xy.max(axis=0)).astype(int) + 1, (width, height))

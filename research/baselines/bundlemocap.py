@@ -100,8 +100,6 @@ class BundleMoCap(Baseline):
 
 @dataclass(frozen=True)
 class _Slider:
-    """What the windows of a take have in common."""
-
     prepared: Prepared
     prior: PosePrior
     keys: Product

@@ -72,7 +72,6 @@ class Window:
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
 
     def _curve(self, state: KeyState) -> KeyframeCurve:
-        """Return the curve through the fixed key and the free ones."""
         z, R, transl = (np.concatenate([a, b]) for a, b in zip(self.first, state, strict=True))
         keys = hemisphere_aligned(Keyframes(z, quat_from_matrix(R), transl, np.zeros((len(z), NUM_BODY_JOINTS, 3))))
         return KeyframeCurve.through(

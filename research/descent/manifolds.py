@@ -234,5 +234,4 @@ def _length(v: Array) -> Array:
 
 
 def _without(v: Array, x: Array) -> Array:
-    """Return ``v`` less its part along the unit vector ``x``."""
     return v - array_namespace(v, x).sum(v * x, axis=-1, keepdims=True) * x

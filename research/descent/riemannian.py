@@ -89,8 +89,6 @@ def lbfgs(
 
 
 class _Directions(ABC):
-    """How a minimiser chooses where to go."""
-
     @abstractmethod
     def direction(self, manifold: Manifold, gradient: State) -> State:
         """Return a tangent vector along which the cost falls."""
@@ -105,8 +103,6 @@ class _Directions(ABC):
 
 
 class _SteepestDescent(_Directions):
-    """Directions of Algorithm 1."""
-
     def direction(self, manifold: Manifold, gradient: State) -> State:
         return manifold.combine(-1.0, gradient, 0.0, gradient)
 
@@ -119,8 +115,6 @@ class _SteepestDescent(_Directions):
 
 
 class _LimitedMemory(_Directions):
-    """Directions of L-BFGS."""
-
     def __init__(self, memory: int) -> None:
         self._memory = memory
         self._pairs: list[tuple[State, State, float]] = []

@@ -130,7 +130,6 @@ def _unit(vectors: np.ndarray) -> np.ndarray:
 
 
 def _about(angle: np.ndarray, axis: int) -> np.ndarray:
-    """Return (..., 3, 3) turns about an axis of the frame."""
     turns = np.zeros((*angle.shape, 3, 3))
     before, after = (axis + 1) % 3, (axis + 2) % 3
     turns[..., axis, axis] = 1.0

@@ -112,7 +112,6 @@ def hand_size_directions(
 
 @lru_cache(maxsize=1)
 def _hands_file() -> dict[str, np.ndarray]:
-    """Return what is kept of the hands of the body that ships."""
     return read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)
 
 

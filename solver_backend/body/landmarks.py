@@ -304,7 +304,6 @@ def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joint
 
 @lru_cache(maxsize=64)
 def _rest_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
-    """Return the (L, J, 3) levers of the mean shape."""
     return _constant_levers(body, landmarks.weights, landmarks.anchors, body.joints_template)
 
 

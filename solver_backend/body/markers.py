@@ -94,7 +94,6 @@ def _rules_of(names: tuple[str, ...], distance_m: float) -> dict[str, tuple[str,
 
 @cache
 def _rules(distance_m: float) -> dict[str, tuple[str, OnSurface]]:
-    """Return side and rule of every name, this far from the skin."""
     file = load_layouts()
     rules = {name: ("", _rule(values, distance_m)) for name, values in file.midline.items()}
     for part, values in file.sided.items():
@@ -104,7 +103,6 @@ def _rules(distance_m: float) -> dict[str, tuple[str, OnSurface]]:
 
 
 def _rule(values: Mapping[str, Any], distance_m: float) -> OnSurface:
-    """Return the rule of one place from the data file's values."""
     return OnSurface(
         values["joint"],
         tuple(values["direction"]),

@@ -119,6 +119,5 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 
 def _side(names: list[str]) -> str:
-    """Return the side that names agree on, "" where they do not."""
     sides = {side_of_name(name) for name in names} - {""}
     return sides.pop() if len(sides) == 1 else ""

@@ -222,7 +222,6 @@ def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...
 
 
 def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the errors of rotations, and how real the poses are."""
     truth, turns = np.asarray(capture.truth.get("body_pose", np.zeros((0, 0)))), 3 * NUM_BODY_JOINTS
     if truth.ndim != 2 or len(truth) != motion.num_frames or min(truth.shape[1], motion.body_pose.shape[1]) < turns:
         return {}

@@ -73,7 +73,6 @@ class ScrewPath:
 
 
 def _key(rotation: Array, transl: Array, key: int) -> _Moved:
-    """Return one of the keys (F, k) of each frame."""
     by_keys = zeros((*rotation.shape[:2], 6, 6), transl)
     by_keys[:, key] += identity(6, transl)
     return _Moved(rotation[:, key], transl[:, key], by_keys)

@@ -96,12 +96,10 @@ def _inner_radius(skin: np.ndarray, start: np.ndarray, end: np.ndarray) -> float
 
 
 def _steps(a: tuple[int, int], b: tuple[int, int], parents: tuple[int, ...]) -> int:
-    """Return how many bones lie between the nearest joints of two bones."""
     return min(_climbed(i, j, parents) for i in a for j in b)
 
 
 def _climbed(i: int, j: int, parents: tuple[int, ...]) -> int:
-    """Return how many bones lead from one joint to another."""
     ways = [[joint] for joint in (i, j)]
     for way in ways:
         while parents[way[-1]] >= 0:

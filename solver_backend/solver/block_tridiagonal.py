@@ -228,7 +228,6 @@ class _Outer:
         return coupled, found
 
     def _towards(self, i: int, j: int) -> Array:
-        """Return ``H_ij`` of neighbours."""
         return self.upper[i] if i < j else self.upper[j].T
 
 

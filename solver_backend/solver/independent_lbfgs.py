@@ -105,8 +105,6 @@ def _wolfe_step(
 
 @dataclass
 class _StepPairs:
-    """The last steps and changes of the gradient of every problem."""
-
     steps: np.ndarray
     """(m, B, n)."""
     changes: np.ndarray

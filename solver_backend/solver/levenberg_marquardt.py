@@ -141,7 +141,6 @@ def _promises_little(system: NormalEquations, step: Array, cost: Array, damping:
 
 
 def _most(damping: Array) -> Array:
-    """Return the (B,) largest damping of problems' parts."""
     return damping if damping.ndim == 1 else array_namespace(damping).max(damping, axis=1)
 
 

@@ -75,7 +75,6 @@ class Corpus:
 
     @property
     def _clip(self) -> np.ndarray:
-        """(N,) number of each frame's clip."""
         starts, clip = np.unique(self.clip_start, return_inverse=True)
         assert len(starts) == len(self.names)
         return clip

@@ -32,8 +32,6 @@ class _PointLevel:
 
 @dataclass(frozen=True)
 class _Tree:
-    """The skeleton, level by level, in the kind, type and device of an array."""
-
     levels: tuple[_PointLevel, ...]
     order: Array
     """(24,) places of joints 0 to 23 in the order of the levels."""

@@ -48,8 +48,6 @@ def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Itera
 
 
 class _Steps(Dataset[Any]):
-    """The steps as torch's loader asks for them."""
-
     def __init__(self, draw: Draw, seed: int, first: int, last: int) -> None:
         self._draw, self._seed, self._first, self._last = draw, seed, first, last
 
@@ -229,8 +227,6 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
 
 
 class _TrainingRun:
-    """The state of a run."""
-
     def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
         self.task, self.settings, self.folder, self.step = task, settings, folder, 0
         task.model.to(settings.device)

@@ -104,7 +104,6 @@ def _source_table(sources: dict[str, dict[str, Any]]) -> str:
 
 
 def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
-    """Return the reconstruction figures of every source of the validation poses."""
     if not by_source:
         return ""
     head = "| source | poses | MPJPE mm | worst 5 % mm | PCK3 % | angle ° |\n|---|---|---|---|---|---|\n"

@@ -257,7 +257,6 @@ def _needed(angles: np.ndarray, mean: np.ndarray, covariance: np.ndarray) -> flo
 def _card(
     sources: Sequence[HandPoses], arrays: dict[str, np.ndarray], figures: dict[str, float], command: str, digest: str
 ) -> str:
-    """Return the model card."""
     listed = "\n".join(f"| {s.name} | {len(s.angles)} | {s.licence} |" for s in sources)
     mean, low, high = (np.rad2deg(arrays[name]) for name in ("mean", "low", "high"))
     sigma = np.rad2deg(np.sqrt(np.diag(arrays["covariance"])))

@@ -104,8 +104,6 @@ def train_landmarks(
 
 
 class _LandmarkRun:
-    """The state of a training."""
-
     def __init__(
         self, model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, row: dict[str, Any]
     ) -> None:

@@ -189,7 +189,6 @@ def train_sposer(job: TrainingJob, settings: SPoserSettings | None = None) -> Fi
 
 
 def _card(settings: SPoserSettings, part: str) -> Card:
-    """Return the card of a training."""
     more = (
         f" In {100 * settings.turned_chance:.0f} % limbs, spine or head turned as a whole by a normal draw of "
         f"{100 * LIMB_SPREAD[0]:.0f} to {100 * LIMB_SPREAD[1]:.0f} % of each joint's\nranges, within its limits; in "

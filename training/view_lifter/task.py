@@ -145,8 +145,6 @@ class ViewLifterTask:
 
 @dataclass(frozen=True)
 class _Poses:
-    """B windows' points in the camera's axes."""
-
     found: torch.Tensor
     """(B, 90, 3) about the pelvis."""
     truth: torch.Tensor
@@ -216,7 +214,6 @@ def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifte
 
 
 def _take_over(network: nn.Module, arrays: dict[str, np.ndarray]) -> None:
-    """Give a network the weights of a file."""
     try:
         network.load_state_dict({name: torch.as_tensor(array.astype(np.float32)) for name, array in arrays.items()})
     except RuntimeError as error:

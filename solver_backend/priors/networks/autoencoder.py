@@ -75,7 +75,6 @@ class PoseAutoencoder(AutoencodingPrior):
         return decoded_rotations_with_vjp(self._decoder_for(z), z)
 
     def _encoded(self, features: Array) -> Array:
-        """Return the encoder's outputs for (N, f) features."""
         return self._stacks(features)[0](features)
 
     def _encoded_rotvecs(self, rotations: Array) -> Array:

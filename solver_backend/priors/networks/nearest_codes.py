@@ -39,7 +39,6 @@ def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotation
 
 
 def _step(truth: Poses, decoded: Poses, by_code: CodeJacobian) -> Codes:
-    """Return (N, d) steps."""
     xp = array_namespace(decoded)
     r, J = misfit(truth, decoded, by_code)
     H = xp.matmul(xp.permute_dims(J, (0, 2, 1)), J)

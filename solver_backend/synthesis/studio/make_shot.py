@@ -81,7 +81,6 @@ def _shoot(
     spec: Spec, stage: Stage, behind: Backdrop, kinds: list[str], place: tuple[int, int], surface: np.ndarray,
     keep: Keep,
 ) -> np.ndarray:  # fmt: skip
-    """Film one picture; return the shares of markers seen."""
     view, frame = place
     seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")

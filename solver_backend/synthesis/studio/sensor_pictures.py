@@ -256,14 +256,12 @@ def _with_rings(
 
 
 def _lowest_around(values: np.ndarray) -> np.ndarray:
-    """Return the least of each pixel's 3 x 3 neighbourhood."""
     padded = np.pad(values, 1, mode="edge")
     rows = np.minimum(np.minimum(padded[:-2], padded[1:-1]), padded[2:])
     return np.minimum(np.minimum(rows[:, :-2], rows[:, 1:-1]), rows[:, 2:])
 
 
 def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the nearest and the farthest of each pixel and its four neighbours."""
     low, high = depth.copy(), depth.copy()
     for here, there in (
         ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),

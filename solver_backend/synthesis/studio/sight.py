@@ -164,7 +164,6 @@ def _directions() -> np.ndarray:
 
 
 def _cell(ways: np.ndarray) -> np.ndarray:
-    """Return (...) the cell of each (..., 3) direction of any length."""
     x, y, z = np.moveaxis(ways / np.abs(ways).sum(axis=-1, keepdims=True), -1, 0)
     below = z < 0
     u = np.where(below, (1 - np.abs(y)) * np.copysign(1, x), x)
@@ -208,8 +207,6 @@ class PosedProxy:
 
 @dataclass(frozen=True)
 class _Slab:
-    """A piece of a part."""
-
     vertices: np.ndarray
     """(n,) of the skin."""
     weight: np.ndarray
@@ -221,8 +218,6 @@ class _Slab:
 
 @dataclass(frozen=True)
 class _Plan:
-    """What does not depend on the shape."""
-
     slabs: tuple[_Slab, ...]
     landmarks: Landmarks
     share: np.ndarray

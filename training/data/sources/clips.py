@@ -120,8 +120,6 @@ _COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
 
 @dataclass(frozen=True)
 class _Scene:
-    """A file's JSON and its binary chunk."""
-
     content: dict[str, Any]
     buffer: bytes
 
