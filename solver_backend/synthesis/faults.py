@@ -1,14 +1,16 @@
-"""What goes wrong in a capture: one description for the embedded demo, the simulation and the studio.
+"""Describe the faults of a capture for the embedded demo, the simulation and the studio, and draw noise with a memory.
 
-A fault of size 0 is left out. Numbers marked "measured" are those of ``python -m tests.benchmarks.noise`` on the
+A fault of size 0 is left out. Numbers marked "measured" come from ``python -m tests.benchmarks.noise`` on the
 balancing trial of Pose2Sim's example data (Pagnon et al. 2021; four cameras at 60 Hz, OpenPose BODY_25B, 100 frames).
-With four views the residuals against a triangulated reference hold sqrt(5/8) of an error; measured lengths are divided
-by that.
+With four views the residuals against a triangulated reference hold sqrt(5/8) of an error. Measured lengths are divided
+by this factor.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+
+import numpy as np
 
 
 @dataclass(frozen=True)
@@ -121,3 +123,33 @@ DEMO_DETECTOR = DetectorFaults(
 eight frames, outliers 80 px away."""
 OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5, hidden=0.03)
 """Chosen for the embedded take of markers."""
+
+
+def autoregressive(shape: tuple[int, ...], correlation: float, rng: np.random.Generator) -> np.ndarray:
+    """Return unit-variance noise of first order, AR(1): ``x_t = a x_{t-1} + sqrt(1 - a²) e_t``.
+
+    Args:
+        shape: (C, F, ...).
+        correlation: a, between neighbouring frames.
+        rng: seeded source of randomness.
+    """
+    noise = rng.normal(size=shape)
+    for f in range(1, shape[1]):
+        noise[:, f] = correlation * noise[:, f - 1] + np.sqrt(1 - correlation**2) * noise[:, f]
+    return noise
+
+
+def bursts(draws: np.ndarray, share: float, length: float) -> np.ndarray:
+    """Return a mask with runs: a two-state Markov chain, left with ``1 / length``, entered so that ``share`` holds.
+
+    Args:
+        draws: (C, F, ...) uniform in 0..1.
+        share: mean of the mask.
+        length: mean length of a run, frames.
+    """
+    leave = 1.0 / length
+    enter = leave * share / (1.0 - share)
+    mask = draws < share
+    for f in range(1, draws.shape[1]):
+        mask[:, f] = np.where(mask[:, f - 1], draws[:, f] >= leave, draws[:, f] < enter)
+    return mask

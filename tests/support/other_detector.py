@@ -14,7 +14,7 @@ import numpy as np
 
 from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cameras.projection import project
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive
+from solver_backend.synthesis.faults import autoregressive
 from solver_backend.synthesis.simulation.keypoint_detector import px_per_mm
 from solver_backend.types import Capture
 

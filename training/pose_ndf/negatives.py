@@ -11,8 +11,13 @@ import torch
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
-from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.pose_ndf.pose_ndf import JOINT_WEIGHTS, PoseNDF, ProjectionSettings, pose_distance
+from solver_backend.priors.pose_ndf.pose_ndf import (
+    JOINT_WEIGHTS,
+    JointSpread,
+    PoseNDF,
+    ProjectionSettings,
+    pose_distance,
+)
 
 NEIGHBOURS = 5
 """Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement)."""

@@ -16,9 +16,14 @@ from torch import nn
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.quaternions import upper_hemisphere
 from solver_backend.metrics.generation import spearman
-from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.networks.softplus_stack import SoftplusStack
-from solver_backend.priors.pose_ndf.pose_ndf import PoseField, PoseNDF, in_metric, metric_length
+from solver_backend.priors.pose_ndf.pose_ndf import (
+    JointSpread,
+    PoseField,
+    PoseNDF,
+    SoftplusStack,
+    in_metric,
+    metric_length,
+)
 from training.engine.loop import device_of
 from training.pose_ndf.negatives import Labelled, Noise
 

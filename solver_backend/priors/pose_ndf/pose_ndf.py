@@ -10,11 +10,13 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.body.joint_limits import JOINT_LIMITS, MARGIN_DEG, from_swing_and_twist, swing_and_twist
 from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.base import (
     CodeJacobian,
     Codes,
@@ -25,9 +27,89 @@ from solver_backend.priors.base import (
     check_rotations,
     in_own_columns,
 )
-from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.networks.softplus_stack import SoftplusStack, softplus
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
+
+WIDENED = 1.75
+"""Factor of the recorded spread: the projection draws joints together again."""
+_INSIDE = 0.08
+"""Share of a joint's range that is kept clear at both ends, for the projection to move in."""
+_LEAST_RAD = 0.01
+"""Standard deviation that is added to every axis, radians; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class JointSpread:
+    """A normal distribution of every joint's rotation vector on its own."""
+
+    mean: np.ndarray
+    """(21, 3) rad."""
+    factor: np.ndarray
+    """(21, 3, 3) rad: lower Cholesky factors of the covariances."""
+
+    @classmethod
+    def of(cls, rotations: np.ndarray) -> JointSpread:
+        """Estimate from (N, 21, 3, 3) poses."""
+        vectors = log_so3(rotations)
+        mean = vectors.mean(axis=0)
+        centred = np.moveaxis(vectors - mean, 0, -1)
+        covariance = centred @ np.swapaxes(centred, -1, -2) / len(vectors)
+        return cls(mean, np.linalg.cholesky(covariance + _LEAST_RAD**2 * np.eye(3)))
+
+    def draw(self, count: int, seed: int) -> np.ndarray:
+        """Return (count, 21, 3, 3) poses, each joint wider spread than recorded and turned back into its range."""
+        noise = np.random.default_rng(seed).standard_normal((count, *self.mean.shape, 1))
+        angles = swing_and_twist(exp_so3(self.mean + WIDENED * (self.factor @ noise)[..., 0]))
+        low, high = JOINT_LIMITS[..., 0] + np.radians(MARGIN_DEG), JOINT_LIMITS[..., 1] - np.radians(MARGIN_DEG)
+        clear = _INSIDE * (high - low)
+        return from_swing_and_twist(np.clip(angles, low + clear, high - clear))
+
+
+SHARPNESS = 20.0
+"""The factor β of ``softplus(x) = log(1 + exp(β x)) / β``."""
+
+
+@dataclass(frozen=True)
+class SoftplusStack:
+    """``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a softplus after the last layer too if it must be positive."""
+
+    weights: tuple[Array, ...]
+    """(out, in) each."""
+    biases: tuple[Array, ...]
+    """(out,) each."""
+    last_is_positive: bool = False
+
+    def like(self, x: Array) -> SoftplusStack:
+        """Return the stack in the kind, type and device of ``x``."""
+        weights = tuple(constant(w, x) for w in self.weights)
+        return SoftplusStack(weights, tuple(constant(b, x) for b in self.biases), self.last_is_positive)
+
+    def forward(self, x: Array) -> tuple[Array, list[Array]]:
+        """Return the output (N, out) and, for ``backward``, the slope of the softplus at every layer that has one."""
+        slopes: list[Array] = []
+        for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
+            x = array_namespace(x).matmul(x, weight.T) + bias
+            if number < len(self.weights) - 1 or self.last_is_positive:
+                x, slope = softplus(x)
+                slopes.append(slope)
+        return x, slopes
+
+    def backward(self, slopes: list[Array], by_output: Array) -> Array:
+        """Return the derivative by the input (N, in) from that by the output (N, out)."""
+        xp = array_namespace(by_output)
+        for number in range(len(self.weights) - 1, -1, -1):
+            if number < len(slopes):
+                by_output = by_output * slopes[number]
+            by_output = xp.matmul(by_output, self.weights[number])
+        return by_output
+
+
+def softplus(x: Array) -> tuple[Array, Array]:
+    """Return ``log(1 + exp(β x)) / β`` and its derivative, the sigmoid of ``β x``, without overflow."""
+    xp = array_namespace(x)
+    scaled = SHARPNESS * x
+    magnitude = xp.abs(scaled)
+    value = 0.5 * (scaled + magnitude) + xp.log1p(xp.exp(-magnitude))
+    return value / SHARPNESS, 0.5 * (1.0 + xp.tanh(0.5 * scaled))
 
 
 def _joint_weights() -> np.ndarray:

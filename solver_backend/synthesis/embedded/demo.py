@@ -11,8 +11,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.faults import DEMO_DETECTOR, DetectorFaults
+from solver_backend.synthesis.faults import DEMO_DETECTOR, DetectorFaults, autoregressive, bursts
 from solver_backend.types import NUM_JOINTS, Cameras, Capture, JointSet, Keypoints2D
 
 PX_PER_MM = 0.32

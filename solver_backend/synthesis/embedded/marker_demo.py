@@ -16,8 +16,7 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.faults import OPTICAL_MARKERS, MarkerFaults
+from solver_backend.synthesis.faults import OPTICAL_MARKERS, MarkerFaults, autoregressive, bursts
 from solver_backend.types import MarkerCloud
 
 DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"

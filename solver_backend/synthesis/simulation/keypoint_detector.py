@@ -9,8 +9,7 @@ import numpy as np
 from solver_backend.agreement.label_swaps import EXCHANGED, limb_columns
 from solver_backend.body.body import Body
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.faults import DetectorFaults
+from solver_backend.synthesis.faults import DetectorFaults, autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Cameras, JointSet
 
 _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])

@@ -16,7 +16,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior, load_hand_prior
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
+from solver_backend.synthesis.faults import autoregressive, bursts
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.sight import BodySight, hidden_by_ellipsoids, pose_proxy, sight_lines
 from solver_backend.types import UNSEEN_POINT, Cameras, Capture, JointSet

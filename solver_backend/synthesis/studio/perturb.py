@@ -9,8 +9,7 @@ import numpy as np
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.faults import Faults
+from solver_backend.synthesis.faults import Faults, autoregressive, bursts
 from solver_backend.synthesis.simulation.keypoint_detector import (
     Sight,
     delayed,

@@ -22,7 +22,7 @@ from research.simulation import bad_input, benchmark, filming, occlusion
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.synthesis.embedded import temporal_noise
+from solver_backend.synthesis import faults
 from solver_backend.synthesis.simulation import cast, keypoint_detector
 from solver_backend.synthesis.simulation import keypoint_detector as faces
 from solver_backend.types import Capture
@@ -31,7 +31,7 @@ from tests.benchmarks.comparison.validation_takes import take_named
 
 FOLDER = Path(__file__).resolve().parents[3] / "build" / "benchmark_captures"
 _SOURCES = (
-    benchmark, filming, cast, keypoint_detector, keypoint_detector, occlusion, faces, bad_input, temporal_noise,
+    benchmark, filming, cast, keypoint_detector, keypoint_detector, occlusion, faces, bad_input, faults,
     validation_takes,
 )  # fmt: skip
 TAKES = (

@@ -19,8 +19,7 @@ from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.marker_demo import RecordedMarkers
-from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
-from solver_backend.synthesis.faults import OPTICAL_MARKERS
+from solver_backend.synthesis.faults import OPTICAL_MARKERS, autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.comparison.judgement import HELD, coverage
 from tests.benchmarks.kept_parts import kept

@@ -6,8 +6,7 @@ import numpy as np
 import torch
 
 from solver_backend.geometry.quaternions import upper_hemisphere
-from solver_backend.priors.joint_spread import JointSpread
-from solver_backend.priors.pose_ndf.pose_ndf import in_metric, metric_length, pose_distance
+from solver_backend.priors.pose_ndf.pose_ndf import JointSpread, in_metric, metric_length, pose_distance
 from tests.support.swaying_people import SMALL, random_quats
 from training.pose_ndf.negatives import (
     Labelled,
