@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from .errors import BodyInvalid, MotionInvalid
+
+if TYPE_CHECKING:
+    import numpy as np
 
 _X, _Y = 0, 1
 
@@ -279,5 +281,7 @@ FINGER_COLUMNS = 90
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
     """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``; jaw and eyes are left out."""
+    import numpy as np  # a bare Blender has not loaded it when add-ons are registered
+
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)
     return chosen.reshape(len(poses), -1, 3)

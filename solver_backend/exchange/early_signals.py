@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
@@ -10,10 +9,9 @@ from types import FrameType
 
 CANCELLED = 130
 """Exit code (128 + SIGINT, as shells have it)."""
-_EVENT = {
-    "event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "",
-    "hint": "Nothing was left half-written.",
-}  # fmt: skip
+_MESSAGE, _HINT = "The work was cancelled.", "Nothing was left half-written."
+_EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "where": "", "hint": "{_HINT}"}}'
+"""Written without ``json``, which a bare Blender has not loaded when add-ons are registered."""
 
 
 def end_by_signals() -> None:
@@ -28,6 +26,6 @@ def end_by_signals() -> None:
 
 def _end(number: int, frame: FrameType | None) -> None:
     as_json = "--json" in sys.argv
-    text = json.dumps(_EVENT) if as_json else f"error: {_EVENT['message']}\n  try:   {_EVENT['hint']}"
+    text = _EVENT if as_json else f"error: {_MESSAGE}\n  try:   {_HINT}"
     os.write(1 if as_json else 2, f"{text}\n".encode())
     os._exit(CANCELLED)
