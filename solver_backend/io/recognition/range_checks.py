@@ -159,14 +159,14 @@ def _far(cameras: Cameras) -> Iterator[Diagnostic]:
     far = {cameras.names[c]: away[c] for c in np.flatnonzero(away > FARTHEST_M)}
     if far:
         places = [f"{name} ({size:.4g} m)" for name, size in far.items()]
-        yield diagnostic("cameras_far", cameras=list(far), most=FARTHEST_M, places=places)
+        yield diagnostic("camera_places_odd", kind="far", cameras=list(far), most=FARTHEST_M, places=places)
 
 
 def _coincident(cameras: Cameras) -> Iterator[Diagnostic]:
     apart = np.linalg.norm(cameras.centres[:, None] - cameras.centres[None], axis=-1)
     for a, b in np.argwhere(np.triu(apart < COINCIDENT_M, 1)):
         pair = [cameras.names[a], cameras.names[b]]
-        yield diagnostic("cameras_coincide", cameras=pair, size=1000 * apart[a, b])
+        yield diagnostic("camera_places_odd", kind="close", cameras=pair, size=1000 * apart[a, b])
 
 
 def _impossible_rate(capture: Capture) -> Iterator[Diagnostic]:
