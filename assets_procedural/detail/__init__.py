@@ -1,1 +1,1 @@
-"""What is seen close up, laid over the fitted mesh: fingers at rest, wrist, toes, eyes and lips."""
+"""Add the close-up detail to the fitted mesh: fingers at rest, wrist, toes, eyes and lips."""

@@ -1,4 +1,4 @@
-"""What every baseline gives."""
+"""Define the result that every baseline returns."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What joins the frames of a sequence: slow joints, slow codes, joints on low frequencies."""
+"""Link the frames of a sequence: slow joints, slow codes, joints on low frequencies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What all body baselines start from, the same for each: triangulated points, noise, and a fixed shape.
+"""Prepare the common start of all body baselines: triangulated points, noise and a fixed shape.
 
 The thesis seeds shape and first frame with an HMR regressor (6.3.2); here both come from fits to triangulated points
 of frames spread over the take, which is the kinder start.

@@ -1,4 +1,4 @@
-"""What goes wrong on a set: a capture made worse on purpose, with what was done written to its truth.
+"""Spoil a capture on purpose and write each fault to its truth.
 
 Every function takes a capture and returns one; ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
 last) state where it is wrong.

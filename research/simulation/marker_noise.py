@@ -1,4 +1,4 @@
-"""What goes wrong with optical markers: thesis 4.22 to 4.27 and 5.3.1."""
+"""Simulate the noise of optical markers: thesis 4.22 to 4.27 and 5.3.1."""
 
 from __future__ import annotations
 

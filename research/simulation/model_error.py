@@ -1,4 +1,4 @@
-"""How far the solver's body misses strange bodies when detections are exact: what the body and the prior cannot do."""
+"""Measure the error of body and prior on unfamiliar bodies with exact detections."""
 
 from __future__ import annotations
 

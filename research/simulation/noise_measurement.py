@@ -1,4 +1,4 @@
-"""What a real detector does wrong, measured on a recording: the detections against the take's own smooth 3D points.
+"""Measure a real detector's errors on a recording, against the take's own smooth 3D points.
 
 The reference is robust triangulation of all views, low-passed; a detection that is wrong alike in all views stays
 unseen, and with C views the residuals hold ``sqrt((2C - 3) / 2C)`` of a constant error. What a small turn of the

@@ -1,4 +1,4 @@
-"""Which keypoints a body hides from a camera by itself: sight lines cast at the posed mesh."""
+"""Find the keypoints that a body hides from a camera itself, by sight lines cast at the posed mesh."""
 
 from __future__ import annotations
 

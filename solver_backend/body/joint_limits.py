@@ -1,4 +1,4 @@
-"""How far the body joints of the SMPL family lie beyond the limits of their layout.
+"""Measure how far the body joints of the SMPL family exceed the limits of their layout.
 
 A rotation is split into a twist about the bone and a swing (Grassia 1998): three angles about the axes of the T-pose
 (x to the left, y up, z forward), one of them the twist, the others the components of the swing's rotation vector.

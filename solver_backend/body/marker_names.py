@@ -1,4 +1,4 @@
-"""Which of a recording's labels name markers that a layout knows."""
+"""Match the labels of a recording to the markers of a layout."""
 
 from __future__ import annotations
 

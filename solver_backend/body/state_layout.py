@@ -1,4 +1,4 @@
-"""Where the parts of tangent vectors stand: of a pose, and of a state that a pose is decoded from."""
+"""Lay out tangent vectors: of a pose, and of a state that a pose is decoded from."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""How good a motion is: against a capture's truth, beside what a plain filter reaches."""
+"""Evaluate a motion against a capture's truth, next to a plain filter."""

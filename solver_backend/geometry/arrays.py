@@ -1,4 +1,4 @@
-"""The one place that knows of array namespaces and devices: new arrays of the caller's kind (NumPy or torch)."""
+"""Create arrays of the caller's kind (NumPy or torch) and device; no other module handles namespaces."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How real and how unlike one another generated poses are: FID and DIV (thesis eqs. 4.30, 4.31, 6.11, 6.12)."""
+"""Measure realism and variety of generated poses: FID and DIV (thesis eqs. 4.30, 4.31, 6.11, 6.12)."""
 
 from __future__ import annotations
 

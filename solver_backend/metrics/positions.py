@@ -1,4 +1,4 @@
-"""How far points are from where they should be: MPJPE, its aligned form, RMSE and PCK (thesis 6.3.4)."""
+"""Measure position errors of points: MPJPE, its aligned form, RMSE and PCK (thesis 6.3.4)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How deep a pose lets limbs, head and trunk pass through one another, by capsules that lie within the skin."""
+"""Measure how deep limbs, head and trunk intersect in a pose, by capsules that lie within the skin."""
 
 from __future__ import annotations
 

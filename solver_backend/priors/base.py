@@ -1,4 +1,4 @@
-"""What every pose prior offers."""
+"""Define the interface of every pose prior."""
 
 from __future__ import annotations
 

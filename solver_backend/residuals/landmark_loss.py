@@ -1,4 +1,4 @@
-"""What a landmark's squared distance costs: with fixed variances, with learned ones (thesis 5.3), by Barron's loss."""
+"""Cost of a landmark's squared distance: fixed variances, learned variances (thesis 5.3) or Barron's loss."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What people's poses are like, for whatever no keypoint shows: a lumbar bend, a forearm's twist, a wrist."""
+"""Prefer poses that people take where no keypoint decides: a lumbar bend, a forearm's twist, a wrist."""
 
 from __future__ import annotations
 

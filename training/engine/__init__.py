@@ -1,1 +1,1 @@
-"""What every training shares: the loop, devices, logs, weight files, model cards."""
+"""Shared parts of every training: the loop, devices, logs, weight files, model cards."""

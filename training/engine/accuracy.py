@@ -1,4 +1,4 @@
-"""How well an autoencoder reproduces poses."""
+"""Measure how well an autoencoder reproduces poses."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far places are from one another in windows of recorded motion, on many people: ``marker_distances.npz``."""
+"""Tabulate distances between places in windows of recorded motion, on many people: ``marker_distances.npz``."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the view lifter learns: poses in the camera's axes, and how far it is off across and along the line of sight."""
+"""Define the view lifter's task: poses in the camera's axes, errors across and along the line of sight."""
 
 from __future__ import annotations
 

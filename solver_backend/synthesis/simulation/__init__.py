@@ -1,1 +1,1 @@
-"""What a camera sees of a moving body: who is hidden where, and what detectors make of it."""
+"""Simulate a camera's view of moving bodies: occlusion and detector output."""

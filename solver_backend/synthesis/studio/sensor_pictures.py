@@ -1,4 +1,4 @@
-"""What one camera sees in one frame: surface, label, depth and normal of every pixel, and the sensors' pictures."""
+"""Render one camera's frame: surface, label, depth and normal of every pixel, and the sensor pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which points a camera sees: sight lines of all frames, cameras and points in a few matrix products.
+"""Find the points that a camera sees: sight lines of all frames, cameras and points in a few matrix products.
 
 A sight line is hidden where an ellipsoid of the body (``body_proxy.py``) or a piece of furniture stands in it. With
 the line ``t w`` from the camera, ``0 <= t <= 1``, and an ellipsoid ``(x - c)^T B (x - c) = 1``, it is entered where

@@ -1,4 +1,4 @@
-"""What is true of a shot: keypoints of every joint set with their visibility, boxes, contacts, body parameters."""
+"""Compute the truth of a shot: keypoints of every joint set with visibility, boxes, contacts, body parameters."""
 
 from __future__ import annotations
 

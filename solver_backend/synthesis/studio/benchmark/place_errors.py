@@ -1,4 +1,4 @@
-"""What an array would reach: the error of triangulated keypoints at every place of the floor."""
+"""Predict a camera array's error of triangulated keypoints at every place of the floor."""
 
 from __future__ import annotations
 
