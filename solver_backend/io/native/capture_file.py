@@ -64,8 +64,9 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
     if capture.cameras is not None:
         cameras = capture.cameras
-        arrays |= {"camera_names": _strings(cameras.names), "distortion_model": _models(cameras)}
-        arrays |= {key: getattr(cameras, key) for key in ("K", "distortion", "R", "t", "image_size")}
+        arrays |= {"camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion}
+        arrays["distortion_model"] = _models(cameras)
+        arrays |= {key: getattr(cameras, key) for key in ("R", "t", "image_size")}
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.footage_first:
