@@ -9,7 +9,6 @@ any web server as an extension repository. Same sources, same bytes.
 from __future__ import annotations
 
 import argparse
-import hashlib
 import json
 import subprocess
 import sys
@@ -25,12 +24,7 @@ ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
 EXCHANGE = SOLVER / "exchange"
 MANIFEST = ADDON / "blender_manifest.toml"
-WHEEL_CACHE = ROOT / "build" / "wheels"
-WHEEL_SHA256 = {
-    "array_api_compat-1.16.0-py3-none-any.whl": "0464934d7d5f1e9b728b2e248da52400630b1fcb46b70073eab3c7ae084290aa",
-}
-"""The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
-_LEFT_OUT = frozenset({"__pycache__", "training"})
+_LEFT_OUT = frozenset({"__pycache__"})
 _COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer", "vposer_worded", "rvposer_second_norm"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
@@ -40,20 +34,12 @@ _LIMIT_MIB = 13
 """Size of the zip at most, MiB; chosen by hand."""
 
 
-class WheelMissing(Exception):
-    """A wheel is neither cached nor to be had, or it is not the one that is expected."""
-
-
 def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index; return 0 if all went well."""
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zip (default: dist)")
     out = parser.parse_args(arguments).out
-    try:
-        path = build(out)
-    except WheelMissing as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 1
+    path = build(out)
     print(f"{path} ({path.stat().st_size / 2**20:.1f} MiB)")
     if path.stat().st_size > _LIMIT_MIB * 2**20:
         print(f"error: the extension is larger than {_LIMIT_MIB} MiB", file=sys.stderr)
@@ -68,11 +54,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def build(out: Path) -> Path:
-    """Write the zip and its bill of materials into a folder, replacing older ones, and return the zip's path.
-
-    Raises:
-        WheelMissing: see ``wheel``.
-    """
+    """Write the zip and its bill of materials into a folder, replacing older ones, and return the zip's path."""
     manifest = tomllib.loads(MANIFEST.read_text(encoding="utf-8"))
     path = out / f"{manifest['id']}-{manifest['version']}.zip"
     files = contents()
@@ -99,36 +81,8 @@ def contents() -> dict[str, Path]:
     found = {path.relative_to(ADDON).as_posix(): path for path in _files(ADDON)}
     found |= {f"_exchange/{path.relative_to(EXCHANGE).as_posix()}": path for path in _files(EXCHANGE)}
     found |= {f"backend/solver_backend/{path.relative_to(SOLVER).as_posix()}": path for path in _files(SOLVER)}
-    found |= {f"wheels/{name}": wheel(name) for name in manifest_wheels()}
     found["LICENSE"] = ROOT / "LICENSE"
     return dict(sorted(found.items()))
-
-
-def manifest_wheels() -> list[str]:
-    """Return the file names of the wheels the manifest lists."""
-    return [Path(entry).name for entry in tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["wheels"]]
-
-
-def wheel(name: str) -> Path:
-    """Return the path of a wheel, as its index has it, from ``build/wheels`` or fetched there by pip.
-
-    Raises:
-        WheelMissing: it cannot be had, or its bytes are not the expected ones.
-    """
-    path = WHEEL_CACHE / name
-    if not path.is_file():
-        project, version = name.split("-")[:2]
-        fetch = ["download", "--quiet", "--no-deps", "--only-binary", ":all:", "--dest", str(WHEEL_CACHE)]
-        command = [sys.executable, "-m", "pip", *fetch, f"{project}=={version}"]
-        done = subprocess.run(command, check=False, capture_output=True, text=True)
-        if not path.is_file():
-            lines = done.stderr.strip().splitlines()
-            raise WheelMissing(f"{name} cannot be had ({lines[-1] if lines else 'pip is missing'}); is the network up?")
-    found = hashlib.sha256(path.read_bytes()).hexdigest()
-    if found != WHEEL_SHA256.get(name):
-        path.unlink()
-        raise WheelMissing(f"{name} has the hash {found}, not the expected {WHEEL_SHA256.get(name)}; it was deleted.")
-    return path
 
 
 def extension_tool() -> Path | None:

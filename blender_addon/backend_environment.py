@@ -11,7 +11,7 @@ from pathlib import Path
 from ._exchange.errors import BackendMissing
 
 PACKAGE = "solver_backend"
-_BUNDLED, _WHEELS = "backend", "wheels"
+_BUNDLED = "backend"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
 """Bytes that must be free for byte code to be kept: several times what the solver's takes; chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
@@ -51,9 +51,9 @@ def backend_command(python: Path | None = None) -> list[str]:
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the environment of a solver started by ``backend_command``.
 
-    ``PYTHONPATH`` holds the solver and, straight from their wheels, the pure-Python packages it imports. All other
-    settings of Python are dropped, as Blender itself does, and the working folder is not searched for modules. On a
-    disk that is nearly full no byte code is kept: Python 3.11 would keep a cut file, which breaks every later start.
+    ``PYTHONPATH`` holds the solver alone. All other settings of Python are dropped, as Blender itself does, and the
+    working folder is not searched for modules. No byte code is kept on a disk that is nearly full: Python 3.11 would
+    keep a truncated file, which breaks every later start.
 
     Args:
         python: interpreter that will run; None for Blender's own, which gets nothing from the user's site packages.
@@ -64,8 +64,7 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}
-    paths = [backend_folder(), *sorted((_ADDON / _WHEELS).glob("*.whl"))]
-    settings = {"PYTHONPATH": os.pathsep.join(map(str, paths)), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
+    settings = {"PYTHONPATH": str(backend_folder()), "PYTHONSAFEPATH": "1", "PYTHONUTF8": "1"}
     if shutil.disk_usage(backend_folder()).free < _ROOM_FOR_BYTE_CODE:
         settings["PYTHONDONTWRITEBYTECODE"] = "1"
     return kept | settings | ({"PYTHONNOUSERSITE": "1"} if python is None else {})

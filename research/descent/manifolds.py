@@ -11,9 +11,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from typing import Any
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.solver.manifold import ZeroMeanSphere, householder_basis, identities
 

@@ -7,11 +7,10 @@ A rotation is split into a twist about the bone and a swing (Grassia 1998): thre
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.quaternions import (
     quat_conjugate,
     quat_from_matrix,

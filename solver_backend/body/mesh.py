@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from array_api_compat import array_namespace
-
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics, pose_feature, with_resting_hands
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.types.shapes import Float
 
 _CHUNK = 16

@@ -11,11 +11,10 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import device
 
 from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS, require_models
 from solver_backend.exchange.lens_model import LensModel
-from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant, device_of
 from solver_backend.geometry.small_matrices import squared_length
 from solver_backend.types.shapes import Float
 
@@ -182,7 +181,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
     flat = xp.reshape(xy, (xy.shape[0], -1, 2))
     target = xp.where(xp.isfinite(flat), flat, xp.zeros_like(flat))
     guess, limit = xp.asarray(target, copy=True), xp.reshape(limit, (-1, 1))
-    active = xp.arange(target.shape[1], device=device(xy))  # columns that some camera is not done with
+    active = xp.arange(target.shape[1], device=device_of(xy))  # columns that some camera is not done with
     for _ in range(NEWTON_STEPS):
         start = _pulled_inside(guess[:, active], limit)
         value, (xx, cross, yy) = distort_with_jacobian(start, distortion, (model.name,))

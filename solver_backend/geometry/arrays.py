@@ -5,17 +5,42 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace as namespace_of_any
-from array_api_compat import numpy as numpy_namespace
 
+from solver_backend.exchange.errors import BackendMissing
+from solver_backend.geometry.numpy_namespace import NUMPY
 from solver_backend.types.shapes import Array as Array
 
 
+def is_torch(value: Any) -> bool:
+    """Return whether a value is a tensor of torch."""
+    return type(value).__module__.partition(".")[0] == "torch"
+
+
 def array_namespace(*values: Any) -> Any:
-    """Return the namespace of arrays and numbers; that of NumPy's own arrays, asked for in every product, at once."""
-    if all(type(value) is np.ndarray for value in values):
-        return numpy_namespace
-    return namespace_of_any(*values)
+    """Return the namespace of arrays and numbers: NumPy's, or that of torch if a value is a tensor.
+
+    Raises:
+        BackendMissing: a value is a tensor, and array-api-compat is not installed.
+    """
+    if all(type(value) is np.ndarray for value in values) or not any(map(is_torch, values)):
+        return NUMPY
+    return torch_namespace()
+
+
+def torch_namespace() -> Any:
+    """Return torch under the names of the array API standard.
+
+    Raises:
+        BackendMissing: array-api-compat is not installed.
+    """
+    try:
+        from array_api_compat import torch as namespace
+    except ModuleNotFoundError as error:
+        raise BackendMissing(
+            "Computing with torch needs the package array-api-compat, which is not installed.",
+            hint="Install it beside torch with: pip install array-api-compat.",
+        ) from error
+    return namespace
 
 
 def device_of(like: Array) -> Any:
@@ -35,12 +60,12 @@ def astype(values: Array, precision: Any) -> Array:
 
 
 def solved(A: Array, B: Array) -> Array:
-    """Return ``A⁻¹ B`` of (..., n, n) and (..., n, m) arrays; the array interface's own imports modules in each call.
+    """Return ``A⁻¹ B`` of (..., n, n) and (..., n, m) arrays.
 
     Raises:
         LinAlgError: a matrix is singular.
     """
-    return np.linalg.solve(A, B) if isinstance(A, np.ndarray) else array_namespace(A).linalg.solve(A, B)
+    return array_namespace(A).linalg.solve(A, B)
 
 
 def index(values: np.ndarray, like: Array) -> Array:

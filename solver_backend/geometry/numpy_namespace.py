@@ -1,8 +1,10 @@
-"""NumPy under the names of the array API standard, which NumPy has itself from 2.0 on; Blender 4 brings 1.26."""
+"""NumPy under the names of the array API standard.
+
+NumPy has these names itself from version 2.0 on. Blender 4 brings 1.26, and no other package is needed for it.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import Any
 
@@ -76,7 +78,7 @@ def vector_norm(values: np.ndarray, *, axis: int | None = None, keepdims: bool =
     return np.linalg.norm(values, axis=axis, keepdims=keepdims)
 
 
-def svd(values: np.ndarray, *, full_matrices: bool = True) -> SimpleNamespace | Sequence[np.ndarray]:
+def svd(values: np.ndarray, *, full_matrices: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the singular value decomposition (U, S, Vh)."""
     return np.linalg.svd(values, full_matrices=full_matrices)
 
@@ -94,3 +96,56 @@ def trace(values: np.ndarray) -> np.ndarray:
 def cross(a: np.ndarray, b: np.ndarray, *, axis: int = -1) -> np.ndarray:
     """Return cross products of vectors."""
     return np.cross(a, b, axis=axis)
+
+
+_LINALG = SimpleNamespace(
+    cross=cross,
+    det=np.linalg.det,
+    diagonal=diagonal,
+    inv=np.linalg.inv,
+    solve=np.linalg.solve,
+    svd=svd,
+    trace=trace,
+    vector_norm=vector_norm,
+)
+_OWN = {
+    "acos": np.arccos,
+    "arange": arange,
+    "argsort": argsort,
+    "asarray": asarray,
+    "asin": np.arcsin,
+    "astype": astype,
+    "atan": np.arctan,
+    "atan2": np.arctan2,
+    "bool": np.bool_,
+    "concat": np.concatenate,
+    "cumulative_prod": np.cumprod,
+    "cumulative_sum": np.cumsum,
+    "empty": empty,
+    "eye": eye,
+    "full": full,
+    "isdtype": isdtype,
+    "linalg": _LINALG,
+    "matrix_transpose": matrix_transpose,
+    "ones": ones,
+    "permute_dims": np.transpose,
+    "pow": np.power,
+    "sort": sort,
+    "zeros": zeros,
+}
+
+
+class NumpyNamespace:
+    """NumPy's functions, those of the standard first."""
+
+    def __init__(self) -> None:
+        self.__dict__.update(_OWN)
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(np, name)
+        self.__dict__[name] = value
+        return value
+
+
+NUMPY = NumpyNamespace()
+"""The namespace of NumPy's arrays."""

@@ -8,7 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
 
-from array_api_compat import array_namespace, is_torch_array
+from solver_backend.geometry.arrays import array_namespace, is_torch
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -31,7 +31,7 @@ def map_blocks(
         done: called here with the number of blocks that are done, as they are; it may raise to end the work.
     """
     threads = min(MAX_THREADS, usable_cores())
-    if is_torch_array(like):
+    if is_torch(like):
         with torch_threads(threads, like):
             return _collected(map(function, blocks), done)
     if min(threads, len(blocks)) < 2:
@@ -64,7 +64,7 @@ def block_size(size: int, like: Any) -> int:
         size: what stays in the cache.
         like: an array of the kind that is worked with.
     """
-    return size * TORCH_BLOCK if is_torch_array(like) else size
+    return size * TORCH_BLOCK if is_torch(like) else size
 
 
 @contextmanager

@@ -9,9 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import factorial
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.interpolation import aitken_neville
 from solver_backend.geometry.rotations import (
     exp_so3,

@@ -7,11 +7,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import PoseInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
 from solver_backend.types.shapes import Float
 
 Poses = Float[Array, "poses joints 3 3"]

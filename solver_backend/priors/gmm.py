@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
 from solver_backend.priors.base import (
     CodeJacobian,

@@ -10,10 +10,8 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from array_api_compat import array_namespace
-
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.geometry.arrays import Array, constant, device_of
+from solver_backend.geometry.arrays import Array, array_namespace, constant, device_of
 from solver_backend.geometry.rotations import matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack

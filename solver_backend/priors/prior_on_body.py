@@ -6,11 +6,10 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import PoseInvalid, PriorInvalid
-from solver_backend.geometry.arrays import Array, constant, index, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, index, zeros
 from solver_backend.priors.base import AutoencodingPrior, CodeJacobian, Codes, Energies, Poses
 
 UNCOVERED_SIGMA_RAD = 0.5

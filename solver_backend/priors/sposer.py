@@ -5,9 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.arrays import array_namespace
 from solver_backend.geometry.rotations import matrix_to_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import Codes, Energies, Poses, check_rotations

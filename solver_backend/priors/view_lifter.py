@@ -12,12 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import cross, matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.lifter import POINTS, read_lifter_weights

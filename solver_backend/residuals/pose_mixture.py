@@ -7,9 +7,8 @@ from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant, index
+from solver_backend.geometry.arrays import Array, array_namespace, constant, index
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.weights import BODY_JOINTS

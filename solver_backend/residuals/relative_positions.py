@@ -6,9 +6,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, astype, constant
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.residuals.terms import PointEvidence

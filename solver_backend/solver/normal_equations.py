@@ -6,9 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, identity, solved
+from solver_backend.geometry.arrays import Array, array_namespace, identity, solved
 
 
 class NormalEquations(Protocol):

@@ -7,9 +7,9 @@ from math import comb
 import numpy as np
 import pytest
 import torch
-from array_api_compat import array_namespace
 
 from solver_backend.geometry import interpolation as ip
+from solver_backend.geometry.arrays import array_namespace
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import sphere_exp, sphere_log
 

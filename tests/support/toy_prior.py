@@ -1,9 +1,8 @@
 """A smooth made-up decoder, so that the solver's equations can be tested without trained weights."""
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.priors.base import PosePrior
 

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
-from solver_backend.geometry.arrays import constant
+from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.interpolation import Keys, Times, slerp
 from solver_backend.geometry.sphere import Vectors, sphere_exp, sphere_log
 

@@ -8,11 +8,10 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
-from solver_backend.geometry.arrays import Array, device_of
+from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
 _TURNED = 1 + NUM_BODY_JOINTS
 """Joints with a rotation, the pelvis among them."""

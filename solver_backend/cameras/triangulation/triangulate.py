@@ -6,7 +6,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation.point_refinement import (
     CameraArrays,
@@ -17,7 +16,7 @@ from solver_backend.cameras.triangulation.point_refinement import (
 )
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from array_api_compat import array_namespace
-
 from solver_backend.body.rest_skeleton import REST_JOINTS
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
 from solver_backend.geometry.rotations import log_so3, skew
 from solver_backend.priors.base import CodeJacobian, Codes, Poses
 

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so3
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import SPoser
