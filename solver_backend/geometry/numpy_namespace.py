@@ -53,6 +53,11 @@ def arange(
     return np.arange(start, dtype=dtype) if stop is None else np.arange(start, stop, step, dtype=dtype)
 
 
+def clip(values: np.ndarray, min: Any = None, max: Any = None) -> np.ndarray:
+    """Return the values, no less than ``min`` and no more than ``max`` where these are given."""
+    return values if min is None and max is None else np.clip(values, min, max)
+
+
 def matrix_transpose(values: np.ndarray) -> np.ndarray:
     """Exchange the last two axes."""
     return np.swapaxes(values, -1, -2)
@@ -118,6 +123,7 @@ _OWN = {
     "atan": np.arctan,
     "atan2": np.arctan2,
     "bool": np.bool_,
+    "clip": clip,
     "concat": np.concatenate,
     "cumulative_prod": np.cumprod,
     "cumulative_sum": np.cumsum,
