@@ -16,7 +16,7 @@ def asarray(value: Any, *, dtype: Any = None, device: Any = None, copy: bool | N
     return np.array(value, dtype=dtype) if copy else np.asarray(value, dtype=dtype)
 
 
-def astype(values: np.ndarray, dtype: Any, *, copy: bool = True) -> np.ndarray:
+def astype(values: Any, dtype: Any, *, copy: bool = True) -> np.ndarray:
     """Return the values in another type."""
     return values.astype(dtype, copy=copy)
 
@@ -53,22 +53,22 @@ def arange(
     return np.arange(start, dtype=dtype) if stop is None else np.arange(start, stop, step, dtype=dtype)
 
 
-def clip(values: np.ndarray, min: Any = None, max: Any = None) -> np.ndarray:
+def clip(values: Any, min: Any = None, max: Any = None) -> np.ndarray:
     """Return the values, no less than ``min`` and no more than ``max`` where these are given."""
     return values if min is None and max is None else np.clip(values, min, max)
 
 
-def matrix_transpose(values: np.ndarray) -> np.ndarray:
+def matrix_transpose(values: Any) -> np.ndarray:
     """Exchange the last two axes."""
     return np.swapaxes(values, -1, -2)
 
 
-def argsort(values: np.ndarray, *, axis: int = -1, stable: bool = True) -> np.ndarray:
+def argsort(values: Any, *, axis: int = -1, stable: bool = True) -> np.ndarray:
     """Return the places of the values in rising order."""
     return np.argsort(values, axis=axis, kind="stable" if stable else None)
 
 
-def sort(values: np.ndarray, *, axis: int = -1, stable: bool = True) -> np.ndarray:
+def sort(values: Any, *, axis: int = -1, stable: bool = True) -> np.ndarray:
     """Return the values in rising order."""
     return np.sort(values, axis=axis, kind="stable" if stable else None)
 
@@ -78,27 +78,27 @@ def isdtype(dtype: Any, kind: str) -> bool:
     return np.dtype(dtype).kind in {"bool": "b", "integral": "iu", "real floating": "f"}[kind]
 
 
-def vector_norm(values: np.ndarray, *, axis: int | None = None, keepdims: bool = False) -> np.ndarray:
+def vector_norm(values: Any, *, axis: int | None = None, keepdims: bool = False) -> np.ndarray:
     """Return Euclidean lengths."""
     return np.linalg.norm(values, axis=axis, keepdims=keepdims)
 
 
-def svd(values: np.ndarray, *, full_matrices: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def svd(values: Any, *, full_matrices: bool = True) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the singular value decomposition (U, S, Vh)."""
     return np.linalg.svd(values, full_matrices=full_matrices)
 
 
-def diagonal(values: np.ndarray) -> np.ndarray:
+def diagonal(values: Any) -> np.ndarray:
     """Return the diagonals of (..., n, n) matrices."""
     return np.diagonal(values, axis1=-2, axis2=-1)
 
 
-def trace(values: np.ndarray) -> np.ndarray:
+def trace(values: Any) -> np.ndarray:
     """Return the traces of (..., n, n) matrices."""
     return np.trace(values, axis1=-2, axis2=-1)
 
 
-def cross(a: np.ndarray, b: np.ndarray, *, axis: int = -1) -> np.ndarray:
+def cross(a: Any, b: Any, *, axis: int = -1) -> np.ndarray:
     """Return cross products of vectors."""
     return np.cross(a, b, axis=axis)
 

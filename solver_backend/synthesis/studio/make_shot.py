@@ -20,6 +20,7 @@ from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
+from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.person_hands import finger_turns, hidden_of, with_found_hands, with_true_hands
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.sensor_pictures import (
@@ -33,7 +34,6 @@ from solver_backend.synthesis.studio.sensor_pictures import (
     sphere_light,
 )
 from solver_backend.synthesis.studio.shots import Shot
-from solver_backend.synthesis.studio.sight import marker_sight
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
 from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion

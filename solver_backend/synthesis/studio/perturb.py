@@ -17,7 +17,7 @@ from solver_backend.synthesis.simulation.keypoint_detector import (
     miscalibrated,
     px_per_mm,
 )
-from solver_backend.synthesis.studio.sight import marker_sight
+from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.spec import Spec, sizes_of
 from solver_backend.synthesis.studio.stage import Stage, posed_markers
 from solver_backend.synthesis.studio.truth import OUTSIDE, VISIBLE, Truth
