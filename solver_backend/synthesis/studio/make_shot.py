@@ -20,6 +20,7 @@ from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
+from solver_backend.synthesis.studio.histograms import poses_of, views_of
 from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.person_hands import finger_turns, hidden_of, with_found_hands, with_true_hands
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
@@ -38,7 +39,6 @@ from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
 from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
 from solver_backend.synthesis.studio.writers.annotations import coco_text, write_body, write_scene, write_trial
-from solver_backend.synthesis.studio.writers.contact_sheet import poses_of, views_of
 from solver_backend.synthesis.studio.writers.pictures import EXR, PictureWriter
 from solver_backend.types import Capture, Motion
 

@@ -21,7 +21,7 @@ from solver_backend.synthesis.simulation.keypoint_detector import own_faces, sta
 from solver_backend.types import SMPL_JOINTS
 
 if TYPE_CHECKING:
-    from solver_backend.synthesis.studio.stage import Stage
+    pass
 
 CLEARANCE_M = 0.035
 """A sight line ends this far before its point, which lies on the skin or a little below."""
