@@ -14,8 +14,7 @@ _HOMES = {
     "exchange.solve_settings": ("SolveSettings",),
     "fitters.keyframes.frame_range": ("FrameRange", "Pin"),
     "fitters.pipeline": ("resolve_range", "solve", "solve_problem"),
-    "fitters.problem": ("Problem",),
-    "fitters.solution": ("Solution",),
+    "fitters.problem": ("Problem", "Solution"),
 }
 """Names by module, which is imported on first use: a command line that only reads settings starts quickly."""
 
