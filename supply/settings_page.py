@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from solver_backend.cli.setting_options import READING_ROWS, ROWS, describe_default, describe_range, option
+from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.setting import Setting
+from solver_backend.exchange.verb import describe_default, describe_range
+from solver_backend.exchange.verbs.shared import SOLVE_ROWS as ROWS
 
 SOURCE = "solver_backend/exchange/solve_settings.py, reading_settings.py, time_settings.py and world_settings.py"
 _HEAD = """# Settings of a solve
@@ -41,5 +43,5 @@ def _row(name: str, row: Setting) -> str:
     values = describe_range(row) or row.metavar or "on, off"
     alone = f" Of method {' and '.join(f'`{method}`' for method in row.methods)} alone." if row.methods else ""
     what = f"{row.description}.{alone}"
-    cells = (f"`{name}`", f"`{option(name)}`", panel, values, describe_default(name) or "–", what)
+    cells = (f"`{name}`", f"`{row.options[0]}`", panel, values, describe_default(row) or "–", what)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

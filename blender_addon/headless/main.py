@@ -5,11 +5,11 @@ from __future__ import annotations
 import argparse
 import math
 import signal
+import sys
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
-from typing import Any
+from typing import Any, TextIO
 
 from .._exchange.cluster_address import use_certificates
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
@@ -19,7 +19,6 @@ from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..conventions.naming import PERSON_LOOK
 from ..errors import BakeFailed, BatchInvalid
-from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
 from .batch.limits import TakeLimits
 from .batch.request import BatchRequest, Spread
@@ -39,8 +38,9 @@ from .retarget_request import RetargetRequest
 from .retarget_targets import run_retarget_targets
 from .solver import run_solver
 from .studio import StudioRequest, run_studio
+from .verb_table import MODULE, VERBS
+from .verb_table import program as program_called
 
-MODULE = "python -m blender_addon"
 _BREAKS = "\n"
 """Stay in what is reported to a person: tables have several lines."""
 _INTERVAL_S = 0.2
@@ -54,31 +54,37 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         arguments: after the program's name; the process's own if left out.
         program: what the command is called in its help.
     """
-    parse = parser(program)
-    options, rest = parse.parse_known_args(arguments)
-    if rest and options.verb not in SOLVERS_VERBS:
-        parse.error(f"unrecognized arguments: {' '.join(rest)}")
-    options.rest = rest
+    arguments = sys.argv[1:] if arguments is None else arguments
+    as_json = "--json" in arguments
+    try:
+        options = program_called(program).parse(arguments)
+    except MocapError as error:
+        return _report(error, JsonProgress(sys.stdout) if as_json else None, sys.stderr)
     if options.parent_pipe:
         end_with_input()
     with own_streams(verbose=options.verbose) as (out, err):
         lines = JsonProgress(out, _INTERVAL_S)
-        progress = lines if options.json else ConsoleProgress(err, _INTERVAL_S)
+        progress = lines if as_json else ConsoleProgress(err, _INTERVAL_S)
         try:
             result = _done(options, progress)
         except MocapError as error:
-            if options.json:
-                lines.event(error.as_event())
-            else:
-                err.write(f"\nerror: {plain(error.message + (f' ({error.where})' if error.where else ''))}\n")
-                err.write(f"  try: {plain(error.hint)}\n" if error.hint else "")
-            return exit_code(error)
-        if options.json:
+            return _report(error, lines if as_json else None, err)
+        if as_json:
             lines.event(result)
         else:
             err.writelines(f"{plain(line, keep=_BREAKS)}\n" for line in _lines_about(result))
             out.write("\n".join(result["outputs"]) + "\n")
     return result.get("exit_code", 0)
+
+
+def _report(error: MocapError, lines: JsonProgress | None, err: TextIO) -> int:
+    """Report an error as an event, or to a person without ``lines``, and return the exit code."""
+    if lines is not None:
+        lines.event(error.as_event())
+    else:
+        err.write(f"\nerror: {plain(error.message + (f' ({error.where})' if error.where else ''))}\n")
+        err.write(f"  try: {plain(error.hint)}\n" if error.hint else "")
+    return exit_code(error)
 
 
 def _done(options: argparse.Namespace, progress: Progress) -> CommandResult:
@@ -97,7 +103,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> CommandResult:
     cancelled = Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.")
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        return _VERBS[options.verb](options, watched)
+        return VERBS[options.verb].load(__package__)(options, watched)
     except KeyboardInterrupt as stop:
         raise cancelled from stop
     except MocapError:
@@ -253,13 +259,6 @@ def _studio(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 def _certificates(options: argparse.Namespace, progress: Progress) -> CommandResult:
     return run_certificates(options.out, options.days, options.overwrite, progress)
-
-
-_VERBS: dict[str, Callable[[argparse.Namespace, Progress], CommandResult]] = {
-    "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
-    "batch": _batch, "studio": _studio, "certificates": _certificates,
-}  # fmt: skip
 
 
 def _beside(source: Path) -> Path:

@@ -9,12 +9,12 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from solver_backend.cli.arguments import given_world
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import settle_memory
 from solver_backend.cli.live_verb import open_sender, recorded, report_recovered, run_lines
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.setting_options import given_world
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import LiveLine
 from solver_backend.exchange.outputs import check_output
@@ -47,7 +47,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.videos.streaming.moments import LiveMoments
     from solver_backend.videos.streaming.recording import ViewsRecording, motion_of
 
-    sources = picture_sources(args.sources, repeat=bool(args.repeat))
+    sources = picture_sources(args.sources, repeat=args.repeat)
     calibration = _calibration(args.calibration, [source.name for source in sources])
     choice = chosen_detector(args.detector, python=args.python, people=args.people, worker=args.detector_worker)
     betas = None if args.subject is None else read_subject(args.subject).betas
@@ -65,9 +65,9 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:
-            check_output(motion_of(args.record), overwrite=bool(args.overwrite))
+            check_output(motion_of(args.record), overwrite=args.overwrite)
             form = ViewsRecording(session, live.about["name"])
-            recorder = stack.enter_context(Recorder(args.record, form, overwrite=bool(args.overwrite)))
+            recorder = stack.enter_context(Recorder(args.record, form, overwrite=args.overwrite))
         sender = open_sender(args.send, session.proportions)
         if sender is not None:
             stack.enter_context(sender)
@@ -91,24 +91,14 @@ def _check(args: argparse.Namespace) -> None:
 
     Raises:
         CommandLineInvalid: it does not.
-        OutputExists, OutputNotWritable: what would be written.
     """
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         raise CommandLineInvalid(
             f"Poses are made live from two to {MOST_CAMERAS} cameras, not {len(args.sources)}.",
             hint="Name a video, webcam:NUMBER or oak:ID for each.",
         )  # fmt: skip
-    if not 1.0 <= args.rate <= 240.0:
-        raise CommandLineInvalid("The rate is 1 to 240 poses a second.", where=f"--rate {args.rate:g}")
     if args.send is not None:
         read_address(args.send)
-    if args.record is not None and args.record.suffix.lower() != ".npz":
-        raise CommandLineInvalid(
-            "Views are recorded as a capture.", where=str(args.record), hint="Name a file that ends in .npz."
-        )
-    for path in (args.lines, args.record):
-        if path is not None:
-            check_output(path, overwrite=bool(args.overwrite))
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:

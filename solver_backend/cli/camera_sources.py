@@ -12,8 +12,8 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.cli.arguments import given_world
 from solver_backend.cli.reading import reading
-from solver_backend.cli.setting_options import given_world
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CalibrationMissing,
@@ -102,7 +102,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
-    return board_named(given), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
+    return board_named(given), BoardOptions(models, 1, args.fps, args.origin, args.refine_lenses)
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -129,7 +129,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
             raise CommandLineInvalid("--length needs two keypoints and metres.") from error
     names, lenses, keypoints, rough = _person(args, progress)
     progress("Cameras from the person", 0, 1)
-    options = PersonOptions(args.stature, length, rough or bool(args.refine_lenses))
+    options = PersonOptions(args.stature, length, rough or args.refine_lenses)
     return calibrate_by_person(names, lenses, keypoints, options)
 
 
@@ -157,7 +157,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
-    detections = read_detections(sources, configured=config.joint_set, trim=bool(args.trim), progress=progress)
+    detections = read_detections(sources, configured=config.joint_set, trim=args.trim, progress=progress)
     names = tuple(sources)
     videos = headers(find_footage(levels[:2], names))
     fps = args.fps or config.fps or next((v.fps for v in videos if v is not None), 60.0)
@@ -189,7 +189,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
-    return refine_by_person(cameras, keypoints, free_focal=bool(args.refine_lenses))
+    return refine_by_person(cameras, keypoints, free_focal=args.refine_lenses)
 
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:

@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.capture_arguments import CAPTURE_HELP
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -18,73 +17,15 @@ _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
 _SOURCE = "footage of a board, capture, table of clicked points or calibration, as --from needs it"
 
 
-def board_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of board."""
-    verb.add_argument("board", metavar="BOARD", help=_BOARD)
-    verb.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg", help="file to print")
-    verb.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
-
-
-def calibrate_cameras_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of calibrate-cameras."""
-    verb.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION", help=_SOURCE)
-    verb.add_argument(
-        "--from", dest="method", choices=METHODS, default="board", help="how to find the camera positions"
-    )
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
-    verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
-    verb.add_argument("--board", metavar="BOARD", help=_BOARD)
-    verb.add_argument("--lens", action="append", metavar="MODEL", help="lens models to choose from; all if left out")
-    verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
-    verb.add_argument("--keep-lenses", type=Path, metavar="LENSES.json", help="add the lenses found to this library")
-    verb.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
-    verb.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
-    verb.add_argument(
-        "--refine-lenses", action="store_true", help="also refine the lenses; of a person, the focal lengths"
-    )
-    verb.add_argument(
-        "--length",
-        nargs=3,
-        metavar=("KEYPOINT", "KEYPOINT", "METRES"),
-        help="known distance of two keypoints, instead of the stature",
-    )
-    together = verb.add_argument_group("--from together", "sources that adjust a CALIBRATION together")
-    together.add_argument(
-        "--footage", type=Path, metavar="FOLDER", help="footage of --board, seen by several cameras at once"
-    )
-    together.add_argument("--take", type=Path, metavar="CAPTURE", help="synchronised take of a person")
-    together.add_argument(
-        "--clicks", type=Path, metavar="CLICKS.csv", help="points clicked in pictures, some with known places"
-    )
-    together.add_argument(
-        "--hold", type=float, metavar="MM", help="accuracy of the calibration, which then counts as a source"
-    )
-
-
-def check_cameras_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of check-cameras."""
-    verb.add_argument("capture", type=Path, metavar="CAPTURE", help=CAPTURE_HELP)
-
-
-def fit_cameras_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of fit-cameras."""
-    verb.add_argument("capture", type=Path, metavar="CAPTURE", help=CAPTURE_HELP)
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
-    verb.add_argument("--format", help="formats of calibrate-cameras; chosen by the file's ending if left out")
-
-
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a board to print, and beside it the file that describes it."""
     from solver_backend.camera_calibration.boards.board import board_named, board_toml
     from solver_backend.camera_calibration.boards.page import board_page, pdf, svg
     from solver_backend.exchange.outputs import write_text
 
-    suffix, overwrite = args.out.suffix.lower(), bool(args.overwrite)
-    if suffix not in (".pdf", ".svg"):
-        raise CommandLineInvalid("A board is written as .pdf or .svg.", where=str(args.out))
+    suffix, overwrite = args.out.suffix.lower(), args.overwrite
     described = args.out.with_suffix(".toml")
-    for path in (args.out, described):
-        check_output(path, overwrite=overwrite)
+    check_output(described, overwrite=overwrite)
     chosen = board_named(args.board)
     page = board_page(chosen, args.paper)
     if suffix == ".svg":
@@ -109,7 +50,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     if args.method == "lenses":
         return _lenses(args, progress)
-    overwrite = bool(args.overwrite)
+    overwrite = args.overwrite
     kind = args.format or format_of(args.out)
     if kind != "colmap":
         check_output(args.out, overwrite=overwrite)
@@ -178,7 +119,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.camera_sources import capture_of
     from solver_backend.io.recognition.world_fit import check_world
 
-    overwrite = bool(args.overwrite)
+    overwrite = args.overwrite
     kind = args.format or format_of(args.out)
     if kind != "colmap":
         check_output(args.out, overwrite=overwrite)

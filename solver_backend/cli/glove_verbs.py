@@ -4,37 +4,15 @@ from __future__ import annotations
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 from solver_backend.cli.outcome import Outcome, found_data, found_lines
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb_results import GlovesOfMotion, GlovesResult
 
 
-def add_hands_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of add-hands."""
-    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion to which the hands are added; AMASS too")
-    verb.add_argument(
-        "gloves", type=Path, nargs="+", metavar="GLOVES",
-        help="recordings of hands: BVH, or CSV of MANUS or Rokoko; one file, or one for each hand",
-    )  # fmt: skip
-    verb.add_argument("--out", type=Path, required=True, metavar="OUT.npz", help="motion file to write")
-    verb.add_argument(
-        "--offset", type=float, metavar="SECONDS",
-        help="second of the motion at which the gloves begin; estimated from wrist rotation if left out",
-    )  # fmt: skip
-    verb.add_argument(
-        "--side", choices=("left", "right"), default="",
-        help="side of a file with one hand, where its names do not show it",
-    )  # fmt: skip
-    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
-
-
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a motion with the fingers of glove recordings, brought to its time."""
-    check_output(args.out, overwrite=bool(args.overwrite))
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
@@ -55,7 +33,7 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
         files.append({"file": str(path), "sides": sides, "offset_s": round(done.offset_s, 4)})
     progress("adding hands", len(args.gloves), len(args.gloves))
     motion = replace(motion, provenance={**motion.provenance, "gloves": files})
-    write_motion(args.out, motion, overwrite=bool(args.overwrite))
+    write_motion(args.out, motion, overwrite=args.overwrite)
     lines += [*found_lines(found), f"  written     {args.out}"]
     result: GlovesResult = {
         "motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "gloves": files, **found_data(found),

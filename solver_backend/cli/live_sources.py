@@ -104,9 +104,9 @@ def _poses(args: argparse.Namespace) -> LiveSource:
     recorder = face = None
     if args.record is not None:
         form = PosesRecording(args.source, onto.person)
-        recorder = Recorder(args.record, form, overwrite=bool(args.overwrite))
+        recorder = Recorder(args.record, form, overwrite=args.overwrite)
         face_path = args.record.with_name(f"{args.record.stem}_face.csv")
-        face = Recorder(face_path, FaceRecording(), overwrite=bool(args.overwrite))
+        face = Recorder(face_path, FaceRecording(), overwrite=args.overwrite)
     lines = pose_lines(listen(address, assembly), onto, recorder, face)
     found = LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
     return replace(found, beside=() if face is None else (face,))
@@ -132,7 +132,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
     there, ask = address, None
     if address.scheme == IFACIALMOCAP and not address.is_local and address.host not in ("0.0.0.0", "::"):
         there, ask = replace(address, host="0.0.0.0"), ask_phone(address.host, address.port)
-    recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=bool(args.overwrite))
+    recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=args.overwrite)
     heard = listen(there, assembly) if ask is None else listen(there, assembly, ask)
     return LiveSource(
         face_lines(heard, recorder), lambda: (body.layout, body.rest_joints(np.zeros(10))), recorder,
@@ -160,7 +160,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     recorder, keep_up = None, KeepUp()
     if args.record is not None:
         form = PointsRecording(fps, lambda: session.to_metres)
-        recorder = Recorder(args.record, form, overwrite=bool(args.overwrite))
+        recorder = Recorder(args.record, form, overwrite=args.overwrite)
         frames = record_points(frames, recorder)
     make_ready(session)
     lines = session.run(frames if args.fast else keep_up.in_time(frames))

@@ -13,7 +13,6 @@ from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.live_lines import LiveLine, event_line
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 
@@ -25,10 +24,6 @@ if TYPE_CHECKING:
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the source ends; nothing that comes in ends it."""
-    overwrite = bool(args.overwrite)
-    for path in (args.lines, args.record):
-        if path is not None:
-            check_output(path, overwrite=overwrite)
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     if args.send is not None:

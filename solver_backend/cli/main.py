@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
-import argparse
-import importlib
 import logging
 import os
 import sys
 from collections.abc import Callable
 from contextlib import redirect_stdout
-from typing import TextIO
+from typing import Any, TextIO
 
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals, cancelled
-from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
-from solver_backend.cli.verb_table import VERBS
+from solver_backend.cli.outcome import ForPeople, ForPrograms
 from solver_backend.exchange.errors import ExitCode, MocapError, SolverFailed
 from solver_backend.exchange.outputs import full_disk
-from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.verb import check_outputs
+from solver_backend.exchange.verbs import VERBS
 
 logger = logging.getLogger("solver_backend")
-
-Function = Callable[[argparse.Namespace, Progress], Outcome]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -54,7 +50,9 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
             stream=sys.stderr,
         )
         with redirect_stdout(sys.stderr):  # what libraries print must not mix with the result
-            outcome = function_of(args.verb)(args, cancellation.watched(teller.progress))
+            verb = VERBS[args.verb]
+            check_outputs(verb, args)
+            outcome = function_of(verb.name)(args, cancellation.watched(teller.progress))
     except MocapError as error:
         teller.error(error)
         return ExitCode.of(error)
@@ -76,10 +74,9 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
     return ExitCode.RESULT
 
 
-def function_of(name: str) -> Function:
+def function_of(name: str) -> Callable[..., Any]:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    module = importlib.import_module(f"solver_backend.cli.{VERBS[name].module}")
-    return getattr(module, name.replace("-", "_"))
+    return VERBS[name].load("solver_backend.cli")
 
 
 def _silence(stream: TextIO) -> None:

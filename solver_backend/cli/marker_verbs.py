@@ -6,12 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.capture_arguments import add_labels
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
-from solver_backend.exchange.marker_formats import MARKER_FORMATS, file_names
-from solver_backend.exchange.outputs import atomic_output, check_output, write_text
+from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb_results import MarkersResult
 
@@ -24,55 +22,9 @@ CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
 
 
-def label_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of label."""
-    verb.add_argument("capture", type=Path, metavar="TAKE", help="recording of markers")
-    verb.add_argument(
-        "--out", type=Path, required=True, metavar=file_names("LABELLED", "LABELLED.npz"), help="file to write"
-    )
-    verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
-    add_labels(verb)
-    verb.add_argument(
-        "--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate: their labels are "
-        "used, those of markers outside the network's places too",
-    )  # fmt: skip
-    verb.add_argument(
-        "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
-        "and marker layout",
-    )  # fmt: skip
-
-
-def export_markers_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of export-markers."""
-    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    verb.add_argument("--out", type=Path, required=True, metavar=file_names("TAKE"), help="file to write")
-    verb.add_argument(
-        "--contents", choices=tuple(CONTENTS), default="cleaned",
-        help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
-    )  # fmt: skip
-
-
-def marker_places_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of marker-places."""
-    verb.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
-    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
-    verb.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
-
-
-def check_ending(path: Path, *others: str) -> None:
-    """Raise ``CommandLineInvalid`` unless a file ends as a format of markers does, or in another that is named."""
-    *first, last = (f".{ending}" for ending in (*MARKER_FORMATS, *others))
-    if path.suffix.lower() not in (*first, last):
-        raise CommandLineInvalid(f"Markers are written to {', '.join(first)} or {last}.", where=str(path))
-
-
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Name the points of a take and write them as markers, or as our capture, which keeps their covariances."""
-    overwrite = bool(args.overwrite)
-    check_ending(args.out, "npz")
-    for path in (args.out, args.report):
-        if path is not None:
-            check_output(path, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
@@ -112,7 +64,7 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
     from solver_backend.io.load import load_capture
 
     labelled, _ = labelled_like(capture, load_capture(args.like), progress)
-    _write(args.out, labelled, overwrite=bool(args.overwrite))
+    _write(args.out, labelled, overwrite=args.overwrite)
     problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
     data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
     return Outcome(f"{sentence(labelled.notes[-1])}\n  written     {args.out}", data)
@@ -155,9 +107,7 @@ def summary(take: LabelledTake) -> dict[str, object]:
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the markers of a motion in the format that the file's ending names."""
-    overwrite = bool(args.overwrite)
-    check_ending(args.out)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
@@ -176,10 +126,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Draw where the markers of a layout sit and write the picture."""
-    overwrite = bool(args.overwrite)
-    if args.out.suffix.lower() != ".png":
-        raise CommandLineInvalid("The picture is written to a file that ends in .png.", where=str(args.out))
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes

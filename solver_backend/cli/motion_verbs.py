@@ -3,33 +3,16 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from solver_backend.cli.outcome import Outcome, found_data, found_lines
 from solver_backend.exchange.diagnostics import Severity, diagnostic
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb_results import ClipResult
 
 
-def motion_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of motion."""
-    verb.add_argument("clip", type=Path, metavar="CLIP", help="motion of any skeleton (BVH, MVNX, C3D segments, AMASS)")
-    verb.add_argument("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
-    verb.add_argument("--unit", default="", help="length unit of the clip; estimated from the legs if left out")
-    verb.add_argument(
-        "--up-axis", default="", metavar="AXIS", help="axis that points up in the clip; detected if left out"
-    )
-    verb.add_argument(
-        "--keep-height", action="store_true", help="keep the clip's height; do not put the soles on the floor"
-    )
-    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
-
-
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.io.motions.amass import is_amass
     from solver_backend.io.native.motion_file import write_motion
 
@@ -38,7 +21,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.foreign_motion import read_foreign_motion
 
     brought = read_foreign_motion(
-        args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=bool(args.keep_height)
+        args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=args.keep_height
     )  # fmt: skip
     source, roles, found = brought.source, brought.roles, brought.diagnostics
     write_motion(args.out, brought.done.motion, overwrite=overwrite, name=source.name)
@@ -64,7 +47,7 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
-    write_motion(args.out, clip, overwrite=bool(args.overwrite), name=args.clip.stem)
+    write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
     found = [
         diagnostic("motion_mean_shape"),
         *([diagnostic("single_frame", severity=Severity.NOTE)] if clip.num_frames == 1 else []),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome, findings_data
@@ -16,46 +15,6 @@ from solver_backend.exchange.progress import Progress
 if TYPE_CHECKING:
     from solver_backend.sensors.devices.oak import Oak
     from solver_backend.types import Cameras
-
-
-def record_oak_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of record-oak."""
-    verb.add_argument(
-        "--calibration", type=Path, metavar="FILE", help="lenses; those stored in the devices if left out"
-    )
-    add_oak_options(verb)
-    _add_recording(verb)
-
-
-def record_colour_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of record-colour."""
-    _add_recording(verb)
-    verb.add_argument("--fps", type=float, default=60.0, help="frames per second (default 60)")
-    verb.add_argument("--wire", action="store_true", help="the cameras are joined by a sync wire")
-
-
-def _add_recording(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder to record to")
-    verb.add_argument(
-        "--oak",
-        action="append",
-        required=True,
-        metavar="ID[=NAME]",
-        help="a camera and its name; the first one sends the pulse",
-    )
-    verb.add_argument("--seconds", type=float, default=10.0, help="length of the recording (default 10)")
-
-
-def add_oak_options(verb: argparse.ArgumentParser) -> None:
-    """Add how infrared and depth are taken."""
-    verb.add_argument("--fps", type=float, default=60.0, help="frames per second (default 60)")
-    verb.add_argument(
-        "--sync", choices=("none", "wire", "ptp"), default="none", help="how the cameras are synchronised"
-    )
-    verb.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS", help="exposure time (default 800)")
-    verb.add_argument(
-        "--flood", type=float, default=1.0, metavar="SHARE", help="brightness of the infrared light, 0 to 1"
-    )
 
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -72,7 +31,7 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain, SensorTask
 
     oaks, cameras = oak_devices(args)
-    recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=bool(args.overwrite))
+    recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
     # Slaves first, so that they wait when the master begins.
     tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
     findings, points, begin = [], [], 0.0
@@ -132,7 +91,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     """Return the identifiers of the cameras by their names.
 
     Raises:
-        CommandLineInvalid: names repeat, or times and rates are impossible.
+        CommandLineInvalid: names repeat.
         SensorUnknown: a camera is of another kind, or has no identifier.
     """
     from solver_backend.sensors.devices.oak import device_named
@@ -141,8 +100,6 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     found = {oak.name: oak.identifier for oak in given}
     if len(found) < len(given):
         raise CommandLineInvalid("Two cameras have the same name.", hint="Give --oak ID=NAME.")
-    if not ((args.seconds is None or 0 < args.seconds <= 3600) and 0 < args.fps <= 120):
-        raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
     return found
 
 

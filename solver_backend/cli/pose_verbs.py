@@ -9,8 +9,6 @@ from typing import Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load
-from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.types import Motion
 
@@ -22,9 +20,6 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     settings = DenoiseSettings(move_root=not args.keep_root)
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
-    for name, value in given.items():
-        if not 0 <= value < float("inf"):
-            raise JobInvalid(f"--{name} {value} is not valid; a number from 0 is expected.", where=name)
     settings = replace(settings, weights=replace(settings.weights, **given))
     return _made(args, lambda body, prior: denoised_motion(_read(args), body, prior, settings, progress))
 
@@ -44,10 +39,6 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.pose_ndf.edit_motion import fitted_motion
     from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 
-    if not 0 < args.noise_px < float("inf"):
-        raise JobInvalid(f"--noise-px {args.noise_px} is not valid; a number above 0 is expected.", where="noise-px")
-    if not 0 <= args.manifold < float("inf"):
-        raise JobInvalid(f"--manifold {args.manifold} is not valid; a number from 0 is expected.", where="manifold")
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _made(args, lambda body, prior: fitted_motion(capture, _read(args), body, prior, args.noise_px, settings))
@@ -84,8 +75,7 @@ def _read(args: argparse.Namespace) -> Motion:
 
 def _made(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outcome:
     """Check the output, do the work and write its motion."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.body.body import load_body
     from solver_backend.io.native.motion_file import write_motion
     from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf

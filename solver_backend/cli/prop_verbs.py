@@ -4,28 +4,18 @@ from __future__ import annotations
 
 import argparse
 import json
-from pathlib import Path
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
-from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 
 FORMAT, VERSION = "manifold_mocap_props", 1
 
 
-def export_props_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of export-props."""
-    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    verb.add_argument("--out", type=Path, required=True, metavar="PROPS.json", help="file to write")
-
-
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the props of a motion as JSON: markers, poses and standard deviations, metres and radians, Z up."""
-    overwrite = bool(args.overwrite)
-    if args.out.suffix.lower() != ".json":
-        raise CommandLineInvalid("Props are written to a file that ends in .json.", where=str(args.out))
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     from solver_backend.exchange.motion_file import read_motion
 
     motion = read_motion(args.motion)

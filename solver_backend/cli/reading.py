@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.setting_options import given_reading
+from solver_backend.cli.arguments import given_reading
 from solver_backend.exchange.progress import Progress
 from solver_backend.job import joint_set_named, positive_fps
 from solver_backend.types import Capture

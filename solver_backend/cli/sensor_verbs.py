@@ -7,11 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.marker_verbs import check_ending
 from solver_backend.cli.outcome import Outcome, findings_data
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.exchange.marker_formats import file_names
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
@@ -19,46 +16,9 @@ if TYPE_CHECKING:
     from solver_backend.sensors.streaming.chain import MarkerChain
 
 
-def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of markers-from-sensors."""
-    verb.add_argument(
-        "--out", type=Path, required=True, metavar=file_names("CLOUD", "CAPTURE.npz"), help="file to write"
-    )
-    _add_source(verb)
-
-
-def sensors_record_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of sensors-record."""
-    verb.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder to write")
-    _add_source(verb)
-
-
-def _add_source(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-    add_chain_options(verb)
-
-
-def add_chain_options(verb: argparse.ArgumentParser) -> None:
-    """Add how frames are read, joined and kept."""
-    verb.add_argument(
-        "--calibration", type=Path, metavar="CALIBRATION.toml", help="calibration to use instead of the folder's"
-    )
-    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="recording of the empty scene, to mask lights")
-    verb.add_argument(
-        "--clusters", choices=("test", "radius"), default="test",
-        help="join points that their covariances allow (default), or all within 1 cm as published",
-    )  # fmt: skip
-    verb.add_argument(
-        "--pictures", choices=("raw", "png"), default="raw",
-        help="format of recorded pictures: raw takes 1.5 MB per frame; png a third less, but is much slower",
-    )  # fmt: skip
-
-
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find markers in the frames of several sensors and write their points in a format of markers or as our capture."""
-    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    check_ending(args.out, "npz")
-    check_output(args.out, overwrite=overwrite)
+    overwrite, suffix = args.overwrite, args.out.suffix.lower()
     import numpy as np
 
     from solver_backend.io.markers.read import write_markers
@@ -116,7 +76,7 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     recording = None
     if record is not None:
-        recording = Recording(record, args.pictures, folder.fps, folder.cameras, overwrite=bool(args.overwrite))
+        recording = Recording(record, args.pictures, folder.fps, folder.cameras, overwrite=args.overwrite)
     tasks = [
         SensorTask(device, folder.cameras, masks.get(device.name), record=record, kind=args.pictures, live=live)
         for device in devices

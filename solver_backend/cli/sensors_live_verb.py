@@ -18,7 +18,6 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import chain_of, chain_summary, folder_of, mask_of
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import FrameLine, LiveLine
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 
@@ -34,7 +33,7 @@ COVERAGE_INTERVAL_S = 0.5
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
-    overwrite = bool(args.overwrite)
+    overwrite = args.overwrite
     _check(args)
     from solver_backend.live.session_loop import LiveStatistics
 
@@ -50,7 +49,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[Any]  # without a fit and a wand, the points alone
         if session is not None:
-            lines = _poses(session, _frames(chain, stream, until, progress), with_points=bool(args.with_points))
+            lines = _poses(session, _frames(chain, stream, until, progress), with_points=args.with_points)
         elif args.wand:
             lines = _waved(chain, stream, until, progress)
         else:
@@ -80,7 +79,6 @@ def _check(args: argparse.Namespace) -> None:
 
     Raises:
         CommandLineInvalid: it does not.
-        OutputExists, OutputNotWritable: what would be written.
     """
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
@@ -94,9 +92,6 @@ def _check(args: argparse.Namespace) -> None:
         raise CommandLineInvalid("--wand follows a wand and --poses a person: choose one.")
     if args.solve is not None and args.record is None:
         raise CommandLineInvalid("--solve needs --record.")
-    for path in (args.lines, args.solve):
-        if path is not None:
-            check_output(path, overwrite=bool(args.overwrite))
 
 
 def _chain(args: argparse.Namespace) -> MarkerChain:
@@ -110,7 +105,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
     if args.record is not None:
-        recording = Recording(args.record, args.pictures, args.fps, cameras, overwrite=bool(args.overwrite))
+        recording = Recording(args.record, args.pictures, args.fps, cameras, overwrite=args.overwrite)
     tasks = [
         SensorTask(oak, cameras, masks.get(oak.name), record=args.record, kind=args.pictures) for oak in reversed(oaks)
     ]

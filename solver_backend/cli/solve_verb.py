@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from solver_backend.cli.arguments import given_settings
 from solver_backend.cli.motion_and_page import write_both
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
-from solver_backend.cli.setting_options import given_settings
 from solver_backend.cli.solve_outcome import outcome_of, record_found
 from solver_backend.exchange.cluster_address import use_certificates
 from solver_backend.exchange.diagnostics import refuse_errors
@@ -25,9 +25,10 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
+from solver_backend.exchange.verbs import VERBS
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.job import READING, Job, Resolve
+from solver_backend.job import Job, Resolve
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
@@ -238,13 +239,11 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files = ("capture", "out", "report", "subject", "start", "labels", "overwrite", "strict")
-    settings = given_settings(args)
-    given = [name for name in (*files, *READING, "resolve") if getattr(args, name) is not None]
     if args.job is not None:
-        if given or settings:
+        given = [name for name in VERBS["solve"].given(args) if name not in ("job", "scheduler", "tls")]
+        if given:
             raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it in the job file."
+                f"--job cannot be combined with {', '.join(given)}.", hint="Write it in the job file."
             )
         return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
@@ -252,8 +251,8 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     job = {
         "report": args.report, "subject": args.subject, "start": args.start, "labels": args.labels,
-        "overwrite": bool(args.overwrite), "strict": bool(args.strict), **read,
-        "settings": SolveSettings.from_dict(settings), "resolve": _resolve(args),
+        "overwrite": args.overwrite, "strict": args.strict, **read,
+        "settings": SolveSettings.from_dict(given_settings(args)), "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:

@@ -15,56 +15,6 @@ if TYPE_CHECKING:
     from solver_backend.exchange.solve_settings import SolveSettings
 
 
-def studio_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of studio."""
-    verb.add_argument(
-        "description", type=Path, metavar="SPEC.json", help="description: motions, people, camera arrays and looks"
-    )
-    verb.add_argument(
-        "--out", type=Path, required=True, metavar="DIR", help="folder of the data set; an interrupted run resumes"
-    )
-    begin = verb.add_mutually_exclusive_group()
-    begin.add_argument("--plan", action="store_true", help="check the description and report what would be made")
-    begin.add_argument("--claim", action="store_true", help="do the same, and reserve the folder for --shot")
-    verb.add_argument(
-        "--shot", nargs="+", default=[], metavar="NAME",
-        help="make only these shots, in a folder reserved with --claim; several processes may share it",
-    )  # fmt: skip
-
-
-def studio_benchmark_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of studio-benchmark."""
-    verb.add_argument("data_set", type=Path, metavar="DIR", help="folder of the data set")
-    verb.add_argument(
-        "--methods", nargs="+", default=["global"], metavar="METHOD", help="methods of solve, or triangulation"
-    )
-    verb.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="kinds of capture to solve")
-    verb.add_argument(
-        "--faults",
-        nargs="+",
-        default=["perturbed"],
-        choices=("clean", "perturbed"),
-        help="with errors added, or without",
-    )
-    verb.add_argument("--places", action="store_true", help="also map the camera arrays' errors over the floor")
-    verb.add_argument("--settings", type=Path, metavar="SETTINGS.json", help="settings of the solves, as in a job file")
-
-
-def studio_cameras_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of studio-cameras."""
-    verb.add_argument(
-        "description", type=Path, metavar="SPEC.json", help="description; only its camera arrays and perturb are used"
-    )
-    verb.add_argument(
-        "--faults",
-        nargs="+",
-        default=[],
-        metavar="PRESET",
-        help="presets of faults to compare, instead of the description's",
-    )
-    verb.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
-
-
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or report what would be made."""
     from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
@@ -124,19 +74,18 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Map the errors of a description's camera arrays over the floor."""
-    from solver_backend.exchange.outputs import check_output, write_text
+    from solver_backend.exchange.outputs import write_text
     from solver_backend.synthesis.studio.benchmark.page import page_html
     from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
     from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
-    check_output(args.out, overwrite=bool(args.overwrite))
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
         replace(place_errors(array, given, seed=spec.seed, progress=progress), array=f"{array.name}{suffix}")
         for array in spec.arrays for suffix, given in faults.items()
     ]  # fmt: skip
-    write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
+    write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=args.overwrite)
     medians = {p.array: p.median_mm for p in places}
     message = "\n".join(
         f"{name:<32} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from solver_backend.cli.arguments import given_settings
 from solver_backend.cli.describe import describe_capture, describe_people, people_lines
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.reading import load, reading, trials_of
-from solver_backend.cli.setting_options import given_settings
+from solver_backend.cli.reading import load, loaded, reading, trials_of
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import (
     BackendMissing,
@@ -35,8 +35,7 @@ if TYPE_CHECKING:
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Learn a person from one or several marker takes and write the subject file."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.fitters.label_after import person_of_nameless
     from solver_backend.fitters.label_first import labelled_capture
@@ -60,8 +59,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write which place each marker's label is taken for, as a file to be edited."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     capture = load(args.capture, reading(args), progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -74,16 +72,13 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report what a capture holds, what the reader assumed and what is wrong with it."""
-    overwrite = bool(args.overwrite)
-    if args.report is not None:
-        check_output(args.report, overwrite=overwrite)
-    capture = load(args.capture, reading(args), progress)
+    capture = loaded(args, progress)
     text, data = describe_capture(capture)
     if args.report is None:
         return Outcome(text, data)
     from solver_backend.report.capture_page import write_capture_report
 
-    write_capture_report(args.report, capture, overwrite=overwrite)
+    write_capture_report(args.report, capture, overwrite=args.overwrite)
     return Outcome(f"{text}\n  page        {args.report}", {**data, "report": str(args.report)})
 
 
@@ -100,7 +95,7 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     A folder of videos becomes a capture by the default detector, a recording of sensors by finding its markers.
     """
-    overwrite = bool(args.overwrite)
+    overwrite = args.overwrite
     trials = trials_of(args.capture)
     if not trials:
         check_output(args.out, overwrite=overwrite)
@@ -140,8 +135,7 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
 
 def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Correct camera poses by the people they film, and write the capture with them."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     capture = load(args.capture, reading(args), progress)
     from solver_backend.cameras.refinement import refine_calibration
 
@@ -192,8 +186,7 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     if args.markers:
         from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 

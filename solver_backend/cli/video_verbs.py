@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from solver_backend.cli.arguments import given_settings, given_world
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.setting_options import given_settings, given_world
 from solver_backend.exchange.diagnostics import Diagnostic, summarise
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
-from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -31,8 +31,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.videos.pipeline.pictures import write_previews
     from solver_backend.videos.sync.synchronise import synchronise
 
-    overwrite, choice = bool(args.overwrite), _choice(args)
-    check_output(args.out, overwrite=overwrite)
+    overwrite, choice = args.overwrite, _choice(args)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
     calibration = None
@@ -81,7 +80,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     hands = None if args.hand_model is None else chosen_hand_detector(args.hand_model, python=python)
     settings = PipelineSettings(
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
-        redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
+        redo=tuple(args.redo), overwrite=args.overwrite, solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal), hands=hands,
     )  # fmt: skip
@@ -165,8 +164,7 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     captures = [load_capture(path, progress=progress) for path in args.captures]
     weighted = [capture.name for capture in captures if capture.noise_map]
     if weighted:
@@ -191,8 +189,7 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.videos.detect import find_hands as hands
     from solver_backend.videos.detect.detector import chosen_hand_detector
 
-    overwrite = bool(args.overwrite)
-    check_output(args.out, overwrite=overwrite)
+    overwrite = args.overwrite
     choice = chosen_hand_detector(args.model, python=args.python)
     capture = hands.find_hands(load_capture(args.capture, progress=progress), choice, progress)
     write_capture(args.out, capture, overwrite=overwrite)

@@ -12,46 +12,6 @@ from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 
 
-def calibrate_wand_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of calibrate-wand."""
-    verb.add_argument(
-        "folder", type=Path, metavar="FOLDER", help="one table for each sensor, or a recording of sensors"
-    )
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
-    verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
-    verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the calibration")
-    verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
-    verb.add_argument(
-        "--wand", nargs=2, type=float, metavar=("FIRST", "SECOND"),
-        help="metres from light to light of a wand with three lights; leave out for a marker with depth",
-    )  # fmt: skip
-    verb.add_argument("--trigger", action="store_true", help="all sensors share a trigger wire, so their clocks agree")
-    verb.add_argument(
-        "--interleave", type=float, default=0.0, metavar="MICROSECONDS",
-        help="delay of each sensor's exposure after the one before; 160 for time-of-flight sensors",
-    )  # fmt: skip
-    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="recording of the empty scene, to mask lights")
-    verb.add_argument("--every-sensor", action="store_true", help="use only moments at which all sensors see the wand")
-    verb.add_argument(
-        "--gamma", type=Path, metavar="FOLDER", help="recording of the Γ on the floor by the same sensors"
-    )
-    verb.add_argument(
-        "--gamma-lengths",
-        nargs=2,
-        type=float,
-        default=(0.6, 0.4),
-        metavar=("LONG", "SHORT"),
-        help="edges of the Γ in metres",
-    )
-    verb.add_argument(
-        "--gamma-height",
-        type=float,
-        default=0.007,
-        metavar="METRES",
-        help="height of the Γ's marker centres above the floor",
-    )
-
-
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import format_of, write_calibration
@@ -62,12 +22,10 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.sensors.wand.source import is_sensor_folder, sensor_clouds, wand_views
     from solver_backend.sensors.wand.views import Wand
 
-    overwrite = bool(args.overwrite)
+    overwrite = args.overwrite
     kind = args.format or format_of(args.out)
     if kind != "colmap":
         check_output(args.out, overwrite=overwrite)
-    if args.report is not None:
-        check_output(args.report, overwrite=overwrite)
     if args.interleave and not args.trigger:
         raise CommandLineInvalid("--interleave needs sensors on one trigger.", hint="Add --trigger.")
     wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
@@ -75,7 +33,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     gamma = Gamma(long_m, short_m, args.gamma_height)
     views = wand_views(args.folder, args.lenses, lights=wand is not None, empty=args.empty, progress=progress)
     clocks = triggered(tuple(view.name for view in views), 1e-6 * args.interleave) if args.trigger else None
-    found = calibrate_by_wand(views, WandOptions(wand, clocks, bool(args.every_sensor)), progress)
+    found = calibrate_by_wand(views, WandOptions(wand, clocks, args.every_sensor), progress)
     ground = None
     if args.gamma is not None:
         progress("Up, by the Γ", 0, 1)

@@ -1,17 +1,28 @@
-"""What a setting is: one row with type, range, default, unit, words and group."""
+"""A setting is one row: kind, range, default, unit, words and group; everything that takes settings derives from it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
-from math import isfinite
+from dataclasses import MISSING, dataclass, field, fields, replace
+from functools import cache
+from math import inf, isfinite
 from numbers import Real
+from pathlib import Path
 from typing import Any, Literal
 
 from .errors import JobInvalid
 
-Kind = Literal["switch", "whole", "number", "choice", "text", "file", "name_or_file", "texts", "numbers", "range"]
-"""A "file" is a path as text; "texts" and "numbers" are lists; a "range" is the first and the last whole number."""
+Kind = Literal[
+    "switch", "flag", "whole", "number", "choice", "text", "path", "folder", "file", "name_or_file", "texts", "numbers",
+    "range",
+]  # fmt: skip
+"""A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
+one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists; a "range" is the first and the
+last whole number."""
+POSITIVE = 1e-12
+"""Lower bound of numbers that must be greater than 0."""
+REQUIRED = MISSING
+"""Default of a setting that must be given."""
 
 
 @dataclass(frozen=True)
@@ -36,18 +47,18 @@ class Setting:
     """Noun phrase of the panel."""
     description: str
     """A sentence without a full stop: the tooltip and the help text."""
-    group: str
-    """What it is listed under."""
+    group: str = ""
+    """Heading in help and panels; a verb's own options need none."""
     low: float | None = None
-    """Least value of numbers."""
+    """Least value of numbers, or least count of "numbers"."""
     high: float | None = None
-    """Greatest value of numbers."""
+    """Greatest value of numbers, or greatest count of "numbers"."""
     soft_high: float | None = None
     """Where the panel's slider ends, if before ``high``."""
     unit: str = ""
     """Of numbers; "" for a plain factor."""
     count: int = 0
-    """How many there are, of the kind "numbers"."""
+    """How many values it takes; 0 for one, or for any number of "numbers"."""
     choices: tuple[Choice, ...] = ()
     """Of the kind "choice"."""
     metavar: str = ""
@@ -56,18 +67,57 @@ class Setting:
     """False where the panel has something of its own for it, such as sliders."""
     methods: tuple[str, ...] = ()
     """Methods of a solve in which it acts; of all where there is none."""
+    name: str = ""
+    """Key in job files, attribute of parsed arguments and name of the panel's property."""
+    default: Any = None
+    """Value where none is given."""
+    of_class: bool = False
+    """Declared in a dataclass, which has the default: where it is not given, the command line states None."""
+    option: str = ""
+    """Options of the command line, blanks between; empty for ``--name``."""
+    positional: bool = False
+    """Named by its place on the command line."""
+    required: bool = False
+    """Must be given."""
+    many: bool = False
+    """Takes one or more values."""
+    repeated: bool = False
+    """May be given several times; the value is a list."""
+    excludes: str = ""
+    """Settings of one verb with the same text here exclude each other."""
+    endings: tuple[str, ...] = ()
+    """Endings that the file may have, with their dots; empty for any."""
+    is_output: bool = False
+    """A file that the verb writes: it is checked before the work begins."""
+    hidden: bool = False
+    """Left out of help and reference pages."""
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """Options of the command line; none of a positional argument."""
+        if self.positional:
+            return ()
+        return tuple(self.option.split()) or (f"--{self.name.replace('_', '-')}",)
 
     @property
     def expected(self) -> str:
         """What would be valid, for messages."""
-        between = f"from {self.low:g} to {self.high:g}" if self.kind in ("whole", "number") else ""
         return {
-            "switch": "true or false", "whole": f"a whole number {between}", "number": f"a number {between}",
+            "switch": "true or false", "flag": "true or false", "whole": f"a whole number{self._between}",
+            "number": f"a number{self._between}",
             "choice": f"one of {', '.join(choice.value for choice in self.choices)}", "text": "text",
-            "file": "the path of a file",
+            "path": "the path of a file", "folder": "the path of a folder", "file": "the path of a file",
             "name_or_file": "a name or the path of a file", "texts": f"a list of {self.metavar}",
-            "numbers": f"{self.count} numbers or null", "range": "the first and the last whole number, from 0",
+            "numbers": f"{self.count or f'{self.low} to {self.high}'} numbers or null",
+            "range": "the first and the last whole number, from 0",
         }[self.kind]  # fmt: skip
+
+    @property
+    def _between(self) -> str:
+        if self.low is None:
+            return ""
+        start = " above 0" if self.low == POSITIVE else f" from {self.low:g}"
+        return start if self.high is None else f"{start} to {self.high:g}"
 
     def acts_in(self, method: str) -> bool:
         """Return whether it does anything in a method of a solve."""
@@ -75,19 +125,23 @@ class Setting:
 
     def accepts(self, value: Any) -> bool:
         """Return whether a value is valid; true and false are no numbers."""
-        if self.kind == "switch":
+        if self.kind in ("switch", "flag"):
             return isinstance(value, bool)
         if self.kind in ("whole", "number"):
             kind = int if self.kind == "whole" else Real
-            return _is_number(value, kind) and (self.low or 0) <= value <= (self.high or 0)
+            low, high = (-inf if self.low is None else self.low), (inf if self.high is None else self.high)
+            return _is_number(value, kind) and isfinite(value) and low <= value <= high
         if self.kind == "choice":
             return value in [choice.value for choice in self.choices]
         if self.kind == "numbers":
-            return is_list(value) and len(value) == self.count and all(map(_is_finite, value))
+            least, most = (self.count, self.count) if self.count else (self.low or 0, self.high or inf)
+            return is_list(value) and least <= len(value) <= most and all(map(_is_finite, value))
         if self.kind == "range":
             return is_list(value) and len(value) == 2 and _is_range(*value)
         if self.kind == "texts":
             return is_list(value) and all(isinstance(item, str) for item in value)
+        if self.kind in ("path", "folder"):
+            return isinstance(value, Path)
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
 
@@ -96,23 +150,49 @@ def setting(kind: Kind, default: Any, label: str, description: str, *, group: st
 
     Args:
         kind: see ``Setting``.
-        default: its value where none is given.
+        default: its value where none is given; ``REQUIRED`` where one must be.
         label: see ``Setting``.
         description: see ``Setting``.
         group: see ``Setting``.
         more: the other fields of ``Setting``.
     """
-    return field(default=default, metadata={"setting": Setting(kind, label, description, group, **more)})
+    row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
+    return field(default=default, metadata={"setting": row})
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass declares, by name, in its order."""
-    return {item.name: item.metadata["setting"] for item in fields(cls) if "setting" in item.metadata}
+    """Return the settings that a dataclass or one of its values declares, by name, in its order."""
+    return _settings_of(cls if isinstance(cls, type) else type(cls))
+
+
+@cache
+def _settings_of(cls: Any) -> dict[str, Setting]:
+    declared = {item.name: item.metadata["setting"] for item in fields(cls) if "setting" in item.metadata}
+    return {name: replace(row, name=name, of_class=True) for name, row in declared.items()}
 
 
 def defaults_of_class(cls: Any) -> dict[str, Any]:
     """Return the default of each setting that a dataclass declares."""
-    return {item.name: item.default for item in fields(cls) if "setting" in item.metadata}
+    return {name: row.default for name, row in settings_of_class(cls).items()}
+
+
+def values_that_differ(values: Any, cls: Any = None) -> dict[str, Any]:
+    """Return the values that are not at their defaults as JSON has them, by name.
+
+    Args:
+        values: an object that has the settings as attributes.
+        cls: dataclass that declares the settings; the object's own if left out.
+    """
+    rows = settings_of_class(values if cls is None else cls)
+    given = {name: getattr(values, name) for name in rows}
+    return {name: plain_value(value) for name, value in given.items() if value != rows[name].default}
+
+
+def plain_value(value: Any) -> Any:
+    """Return a value of a setting as JSON has it."""
+    if isinstance(value, (str, Path)):
+        return str(value)
+    return list(value) if is_list(value) else value
 
 
 def check_settings(values: Any) -> None:
@@ -121,10 +201,9 @@ def check_settings(values: Any) -> None:
     Raises:
         JobInvalid: one is of another type or out of range; the message names it and what is expected.
     """
-    defaults = defaults_of_class(values)
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
-        if not (value is None and defaults[name] is None) and not row.accepts(value):
+        if not (value is None and row.default is None) and not row.accepts(value):
             raise JobInvalid(f"The setting {name} = {value!r} is not valid; {row.expected} is expected.", where=name)
 
 

@@ -61,7 +61,7 @@ def test_another_program_reads_the_c3d(tmp_path, arrays):
         ("marker_labels", "take.c3d", "was not solved from markers", 3),
         ("poses", "take.c3d", "lacks 'poses'", 3),
         ("mocap_framerate", "take.c3d", "lacks 'mocap_framerate'", 3),
-        ("", "take.fbx", r"written to \.c3d.* or \.\w+\.", 2),
+        ("", "take.fbx", r"must end in \.c3d.* or \.\w+\.", 2),
     ],
 )
 def test_what_cannot_be_written_is_named(tmp_path, arrays, left_out, name, message, code, capsys):

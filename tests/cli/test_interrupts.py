@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.cli.verb_table import VERBS
+from solver_backend.exchange.verbs import VERBS
 from tests.kills.interrupts import SOLVER, interrupt_verb
 from tests.support.interrupted import interrupt
 from tests.support.verb_inputs import COMMANDS, write_inputs

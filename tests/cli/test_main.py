@@ -187,7 +187,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
     ("argv", "message"),
     [
         ([], "The following arguments are required: VERB."),
-        (["slove"], "invalid choice: 'slove'"),
+        (["slove"], "There is no verb 'slove'."),
         (["solve"], "solve needs a capture and --out, or --job."),
         (["solve", "take"], "solve needs a capture and --out, or --job."),
         (["solve", "take", "--out", "m.npz", "--fps", "fast"], "invalid float value: 'fast'"),
@@ -200,7 +200,7 @@ def test_a_folder_that_cannot_be_written_is_refused_before_the_solve(stand_ins, 
         (["solve", "take", "--out", "m.bvh"], "A motion file ends in .npz."),
         (["solve", "take", "--job", "j.json", "--trim"], "--job cannot be combined with capture, trim."),
         (["info", "take", "--colour"], "Unrecognized arguments: --colour."),
-        (["convert", "take"], "The following arguments are required: --out."),
+        (["convert", "take"], "The following arguments are required: -o/--out."),
     ],
 )
 @pytest.mark.parametrize("as_json", [True, False])

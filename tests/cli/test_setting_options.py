@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import pytest
 
-from solver_backend.cli.arguments import parse
-from solver_backend.cli.setting_options import READING_ROWS, ROWS, given_reading, given_settings, option
+from solver_backend.cli.arguments import READING_ROWS, given_reading, given_settings, parse
 from solver_backend.exchange.diagnostics import list_refusals
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.reading_settings import options_of
 from solver_backend.exchange.setting import defaults_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.verbs.shared import SOLVE_ROWS as ROWS
 from solver_backend.job import Job
 
 SOLVE = ["solve", "take", "--out", "motion.npz"]
@@ -21,7 +21,7 @@ def another(name: str) -> tuple[object, list[str]]:
     """Return a value that is not the setting's default, and the words that give it."""
     row, default = ROWS[name], defaults_of_class(SolveSettings)[name]
     if row.kind == "switch":
-        return not default, [option(name).replace("--", "--no-") if default else option(name)]
+        return not default, [row.options[0].replace("--", "--no-") if default else row.options[0]]
     value, words = {
         "whole": (4, "4"), "number": (1.5, "1.5"), "file": ("/x/a.json", "/x/a.json"),
         "name_or_file": ("anny", "anny"), "texts": (["cam1"], "cam1"), "numbers": (BETAS, ",".join(map(str, BETAS))),
@@ -29,7 +29,7 @@ def another(name: str) -> tuple[object, list[str]]:
     }[row.kind]  # fmt: skip
     if name == "accept":
         value, words = [list_refusals()[0]], list_refusals()[0]
-    return value, [f"{option(name)}={words}"]
+    return value, [f"{row.options[0]}={words}"]
 
 
 @pytest.mark.parametrize("name", ROWS)

@@ -2,24 +2,25 @@
 
 from __future__ import annotations
 
-import argparse
+import re
+from itertools import groupby
+from pathlib import Path
 
 import pytest
 
-from solver_backend.cli.arguments import build_parser, parse
+from blender_addon.headless.verb_table import program
+from solver_backend.cli.arguments import PROGRAM, parse
 from solver_backend.cli.main import function_of
-from solver_backend.cli.verb_table import TASKS, VERBS
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.verbs import VERBS
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
-def verbs() -> dict[str, argparse.ArgumentParser]:
-    (action,) = [a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction)]
-    return dict(action.choices)
-
-
-def test_every_verb_is_one_row() -> None:
-    rows = [verb.name for task in TASKS.values() for verb in task]
-    assert len(rows) == len(VERBS)
-    assert rows == list(verbs())
+def test_every_verb_has_a_name_of_its_own_and_verbs_of_a_task_stand_together() -> None:
+    assert [verb.name for verb in VERBS.values()] == list(VERBS)
+    tasks = [task for task, _ in groupby(VERBS.values(), key=lambda verb: verb.task)]
+    assert len(tasks) == len(set(tasks))
 
 
 @pytest.mark.parametrize("name", VERBS)
@@ -31,11 +32,68 @@ def test_a_row_names_the_function_that_runs(name: str) -> None:
 def test_an_example_is_taken_by_its_parser_and_shown_in_its_help(name: str) -> None:
     example = VERBS[name].example
     assert parse(example.split()).verb == name == example.split()[0]
-    assert f"example:\n  python -m solver_backend {example}" in verbs()[name].format_help()
+    assert f"example:\n  python -m solver_backend {example}" in PROGRAM.parser_of(VERBS[name]).format_help()
+
+
+@pytest.mark.parametrize("name", VERBS)
+def test_the_words_of_an_example_are_made_from_its_values(name: str) -> None:
+    """Panels and batches start verbs by values: their words are read back as the same values."""
+    verb, args = VERBS[name], parse(VERBS[name].example.split())
+    given = {row.name: value for row in verb.settings if (value := getattr(args, row.name)) not in (None, row.default)}
+    again = parse([name, *verb.words(given)])
+    assert {name: getattr(again, name) for name in given} == given
+    assert given or name in ("bodies", "oaks")
+
+
+@pytest.mark.parametrize("verbs", [VERBS, program().verbs], ids=["solver", "blender"])
+def test_the_settings_of_a_verb_have_names_and_options_of_their_own(verbs: dict) -> None:
+    for verb in verbs.values():
+        options = [option for row in verb.settings for option in row.options]
+        assert len(verb.rows) == len(verb.settings) and len(set(options)) == len(options), verb.name
+        assert all(row.description[0].isupper() and not row.description.endswith(".") for row in verb.settings)
 
 
 def test_help_lists_each_verb_under_its_task() -> None:
-    text = build_parser().format_help()
-    for task, rows in TASKS.items():
+    text = PROGRAM.parser().format_help()
+    for task, rows in groupby(VERBS.values(), key=lambda verb: verb.task):
         block = text.split(f"\n{task}:\n")[1].split("\n\n")[0]
         assert [line.split()[0] for line in block.splitlines()] == [verb.name for verb in rows]
+
+
+@pytest.mark.parametrize(
+    ("words", "hint"),
+    [
+        (["slove"], "Did you mean solve?"),
+        (["solve", "take", "--out", "m.npz", "--smothing", "3"], "Did you mean --smoothing?"),
+    ],
+)
+def test_a_word_that_is_almost_known_is_suggested(words: list[str], hint: str) -> None:
+    with pytest.raises(CommandLineInvalid) as caught:
+        parse(words)
+    assert caught.value.hint == hint
+
+
+def test_every_verb_with_an_output_takes_its_short_option() -> None:
+    assert str(parse(["convert", "take", "-o", "take.npz"]).out) == "take.npz"
+    rows = [row for verb in (*VERBS.values(), *program().verbs.values()) for row in verb.settings if row.name == "out"]
+    assert all(row.positional or row.options == ("-o", "--out") for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (["camera-live", "a", "--calibration", "c.toml", "--rate", "500"], "500 is not valid; a number from 1 to 240"),
+        (["board", "charuco:5x7:35mm", "--out", "board.png"], r"board.png must end in .pdf or .svg"),
+        (["denoise", "a.npz", "b.npz", "--manifold", "nan"], "nan is not valid; a number from 0 is expected"),
+    ],
+)
+def test_a_value_is_checked_by_its_row(words: list[str], message: str) -> None:
+    with pytest.raises(CommandLineInvalid, match=message):
+        parse(words)
+
+
+def test_no_option_is_declared_outside_the_table() -> None:
+    pattern = re.compile(r"\.add_argument\(")
+    files = [*(ROOT / "solver_backend").rglob("*.py"), *(ROOT / "blender_addon").rglob("*.py")]
+    found = {path.relative_to(ROOT).as_posix() for path in files if pattern.search(path.read_text(encoding="utf-8"))}
+    assert found <= {"solver_backend/exchange/verb.py", "solver_backend/training/hands/__main__.py"}

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import argparse
 import re
-from functools import cache
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
 
-from blender_addon.headless.arguments import SOLVERS_VERBS
-from blender_addon.headless.arguments import parser as blender_parser
-from solver_backend.cli.arguments import build_parser, parse
+from blender_addon.headless.verb_table import program as blender_program
+from solver_backend.cli.arguments import PROGRAM
+from solver_backend.exchange.verb import Verb
 from tests.support.page_commands import commands
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,19 +29,24 @@ LISTED = [
 ]
 
 
-@cache
-def verbs(program: str) -> dict[str, argparse.ArgumentParser]:
-    whole = build_parser() if program == "solver_backend" else blender_parser("python -m blender_addon")
-    [found] = [a for a in whole._actions if isinstance(a, argparse._SubParsersAction)]
-    return dict(found.choices)
+PROGRAMS = {"solver_backend": PROGRAM, "blender_addon": blender_program()}
+
+
+def verbs(program: str) -> Mapping[str, Verb]:
+    return PROGRAMS[program].verbs
+
+
+def options_of(program: str, verb: str) -> set[str]:
+    own = PROGRAMS[program].parser_of(verbs(program)[verb])
+    return {option for action in own._actions for option in action.option_strings}
 
 
 def wrong_options(program: str, words: list[str]) -> list[str]:
     """Return the options of a command that its verb has not; of verbs that hand theirs on, the solver's count, too."""
     verb = words[0]
-    known = {option for action in verbs(program)[verb]._actions for option in action.option_strings}
-    if program == "blender_addon" and verb in SOLVERS_VERBS and verb in verbs("solver_backend"):
-        known |= {o for action in verbs("solver_backend")[verb]._actions for o in action.option_strings}
+    known = options_of(program, verb)
+    if verbs(program)[verb].passes_on:
+        known |= options_of("solver_backend", verb)
     named = [word.split("=")[0].rstrip("…]") for word in words if re.match(r"\[?--?[a-z]", word)]
     return [option for option in (word.lstrip("[") for word in named) if option not in known]
 
@@ -58,10 +62,7 @@ def test_a_command_is_one_that_the_program_takes(page: str, program: str, words:
     assert not wrong_options(program, words), f"{page}: {' '.join(words)}"
     if len(words) == 1 or OPEN.search(" ".join(words)):
         return
-    if program == "solver_backend":
-        parse(words)
-    else:
-        blender_parser("x").parse_known_args(words)
+    PROGRAMS[program].parse(words)
 
 
 def test_a_wrong_command_is_found() -> None:

@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.cli.verb_table import VERBS
 from solver_backend.exchange import marker_formats
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.verbs import VERBS
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import argparse
 import re
 
-from solver_backend.cli.arguments import build_parser
+from solver_backend.exchange.verbs import VERBS
 from supply.command_line_page import command_line_page
 
 SETTINGS = "It also takes the [settings of a solve]"
@@ -17,15 +16,13 @@ def section(verb: str) -> str:
 
 
 def test_a_verb_lists_every_option_or_the_page_that_has_them() -> None:
-    [verbs] = [a for a in build_parser()._actions if isinstance(a, argparse._SubParsersAction)]
     without = [
-        (verb, action.option_strings)
-        for verb, own in verbs.choices.items()
-        if SETTINGS not in section(verb)
-        for action in own._actions
-        if action.option_strings and action.help != argparse.SUPPRESS and action.dest != "help"
-        and not any(f"`{name}`" in section(verb) for name in action.option_strings)
-    ]  # fmt: skip
+        (name, row.options)
+        for name, verb in VERBS.items()
+        if SETTINGS not in section(name)
+        for row in verb.settings
+        if row.options and not any(f"`{option}`" in section(name) for option in row.options)
+    ]
     assert not without
 
 

@@ -125,7 +125,7 @@ def test_a_signal_that_blender_swallows_ends_the_work_at_the_next_progress(
         progress("retargeting", 1, 2)
         return {"event": "result", "outputs": [], "notes": []}
 
-    monkeypatch.setitem(headless._VERBS, "certificates", swallowing)
+    monkeypatch.setattr(headless, "_certificates", swallowing)
     assert main(["certificates", "--out", str(tmp_path), "--json"]) == 130
     assert said(capfd)["code"] == "cancelled"
 

@@ -1,0 +1,365 @@
+"""A verb is one row: name, task, settings, run and result. Parsers, help, panels and reference pages derive from it."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from importlib import import_module
+from itertools import groupby
+from pathlib import Path
+from typing import Any, Literal, NoReturn
+
+from .errors import CommandLineInvalid
+from .outputs import check_output
+from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list
+
+Group = Literal[
+    "solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"
+]  # fmt: skip
+_PROPER_NAMES = ("Blender", "Dask", "Python")
+"""Words that keep their capital within a sentence."""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """One verb."""
+
+    name: str
+    """As on the command line."""
+    task: str
+    """Heading in help and on the reference page."""
+    group: Group
+    """Subject that it belongs to."""
+    help: str
+    """What it does, in lower case, without a full stop."""
+    example: str
+    """A command line without the program."""
+    run: str
+    """``module:function`` in the program's package; imported when the verb runs."""
+    settings: tuple[Setting, ...] = ()
+    """Its arguments and options, in the order of the help."""
+    result: type | None = None
+    """``TypedDict`` of its result event, if another program acts on it."""
+    passes_on: bool = False
+    """Also takes every option of the solver's verb of this name, and passes it on."""
+
+    @property
+    def rows(self) -> dict[str, Setting]:
+        """Its settings by name."""
+        return {row.name: row for row in self.settings}
+
+    def load(self, package: str) -> Callable[..., Any]:
+        """Return the function that runs it."""
+        module, _, function = self.run.partition(":")
+        return getattr(import_module(f"{package}.{module}"), function)
+
+    def given(self, args: argparse.Namespace) -> dict[str, Any]:
+        """Return the values of a parsed command line that are not what they are when left out, by name."""
+        values = {row.name: getattr(args, row.name) for row in self.settings}
+        left_out = {row.name: None if row.of_class else row.default for row in self.settings}
+        return {name: value for name, value in values.items() if value != left_out[name]}
+
+    def words(self, values: Mapping[str, Any]) -> list[str]:
+        """Return the arguments of a command line for values by name; what is None or at its default is left out.
+
+        Raises:
+            KeyError: the verb has no setting of a name.
+        """
+        rows = self.rows
+        given = {name: value for name, value in values.items() if value != rows[name].default}
+        ordered = sorted(given, key=lambda name: not rows[name].positional)
+        return [word for name in ordered for word in words_of(rows[name], given[name])]
+
+
+def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
+    """Return one option of a verb.
+
+    Args:
+        kind: see ``Setting``.
+        name: see ``Setting``; its words are the label of the panel if none is given.
+        metavar: see ``Setting``; empty for the kind's own.
+        description: see ``Setting``.
+        default: value where none is given; ``REQUIRED`` where one must be.
+        more: the other fields of ``Setting``.
+    """
+    given = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
+    own = None if default is REQUIRED else default
+    return Setting(kind, description=description, name=name, default=own, metavar=metavar, **given)
+
+
+def place(kind: Kind, name: str, metavar: str, description: str, default: Any = REQUIRED, **more: Any) -> Setting:
+    """Return a setting that is named by its place on the command line; see ``option``."""
+    return option(kind, name, metavar, description, default, positional=True, **more)
+
+
+def flag(name: str, description: str, **more: Any) -> Setting:
+    """Return a setting that is off unless given; see ``option``."""
+    return option("flag", name, "", description, False, **more)
+
+
+def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind = "path", **more: Any) -> Setting:
+    """Return the option ``-o``, ``--out``, which is checked before the work begins; see ``option``."""
+    return option(kind, "out", metavar, description, default, **{"option": "-o --out", "is_output": True, **more})
+
+
+def values(*texts: str) -> tuple[Choice, ...]:
+    """Return choices that need no words of their own."""
+    return tuple(Choice(text, text.replace("_", " ").title(), "") for text in texts)
+
+
+def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
+    """Return verbs by their names."""
+    return {verb.name: verb for verb in verbs}
+
+
+# Command line
+
+
+class Parser(argparse.ArgumentParser):
+    """Raises our own error where argparse would end the process."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise ``CommandLineInvalid`` with the usage as its hint."""
+        usage = " ".join(["Usage:", *self.format_usage().split()[1:]])
+        raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=usage)
+
+
+@dataclass(frozen=True)
+class Program:
+    """A command line of several verbs."""
+
+    name: str
+    """What stands before the verb."""
+    description: str
+    verbs: Mapping[str, Verb]
+    common: tuple[Setting, ...]
+    """Options of every verb."""
+    epilog: str
+    """Ends the help."""
+    version: str = ""
+
+    def parse(self, argv: list[str]) -> argparse.Namespace:
+        """Return the parsed command line with the verb as ``verb``; ``rest`` holds what the verb passes on.
+
+        Raises:
+            CommandLineInvalid: it makes no sense; the hint is the usage or the nearest known word.
+        """
+        if not argv or argv[0].startswith("-"):
+            self.parser().parse_known_args(argv)
+            self.parser().error("the following arguments are required: VERB")
+        if argv[0] not in self.verbs:
+            near = suggest(argv[0], self.verbs)
+            hint = near or f"{self.name} --help lists the verbs."
+            raise CommandLineInvalid(f"There is no verb {argv[0]!r}.", where=self.name, hint=hint)
+        verb = self.verbs[argv[0]]
+        parser = self.parser_of(verb)
+        args, rest = parser.parse_known_args(_with_signed_axis(argv[1:]))
+        if rest and not verb.passes_on:
+            known = [option for row in (*verb.settings, *self.common) for option in row.options]
+            near = suggest(rest[0].partition("=")[0], known)
+            if near:
+                raise CommandLineInvalid(f"Unrecognized arguments: {' '.join(rest)}.", where=parser.prog, hint=near)
+            parser.error(f"unrecognized arguments: {' '.join(rest)}")
+        args.verb, args.rest = verb.name, rest
+        return args
+
+    def parser(self) -> Parser:
+        """Return the parser of what may stand instead of a verb; its help lists the verbs by task."""
+        whole = Parser(
+            prog=self.name, usage=f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ...",
+            description=f"{self.description} VERB --help lists a verb's options.",
+            epilog=f"{self._list_verbs()}\n\n{self.epilog}", formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        if self.version:
+            whole.add_argument("--version", action="version", version=self.version)
+        return whole
+
+    def parser_of(self, verb: Verb) -> Parser:
+        """Return the parser of one verb."""
+        own = Parser(
+            prog=f"{self.name} {verb.name}", description=f"{verb.help[:1].upper()}{verb.help[1:]}.",
+            epilog=f"example:\n  {self.name} {verb.example}", formatter_class=argparse.RawDescriptionHelpFormatter,
+        )  # fmt: skip
+        sections: dict[str, Any] = {"": own}
+        exclusive: dict[str, Any] = {}
+        for row in (*verb.settings, *self.common):
+            section = sections.get(row.group) or sections.setdefault(row.group, own.add_argument_group(row.group))
+            if row.excludes:
+                section = exclusive.get(row.excludes) or section.add_mutually_exclusive_group()
+                exclusive[row.excludes] = section
+            _add(section, row)
+        return own
+
+    def _list_verbs(self) -> str:
+        width = max(map(len, self.verbs)) + 2
+        tasks = groupby(self.verbs.values(), key=lambda verb: verb.task)
+        return "\n\n".join(
+            "\n".join([f"{task}:", *(f"  {verb.name:{width}}{verb.help}" for verb in rows)]) for task, rows in tasks
+        )
+
+
+def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
+    """Make sure that every file which a verb writes can be written.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``check_output``.
+    """
+    for row in verb.settings:
+        path = getattr(args, row.name) if row.is_output else None
+        if path is not None:
+            check_output(path, overwrite=bool(getattr(args, "overwrite", False)))
+
+
+def suggest(word: str, known: Iterable[str]) -> str:
+    """Return a question for the nearest known word; "" where none is near."""
+    near = get_close_matches(word, list(known), 1)
+    return f"Did you mean {near[0]}?" if near else ""
+
+
+def words_of(row: Setting, value: Any) -> list[str]:
+    """Return the arguments of a command line that give a setting a value; none for None, empty lists and flags off."""
+    if value is None or (is_list(value) and not value):
+        return []
+    if row.positional:
+        return [str(item) for item in value] if is_list(value) else [str(value)]
+    option = row.options[-1]
+    if row.kind in ("switch", "flag"):
+        return [option] if value else []
+    if row.repeated or row.kind == "texts":
+        return [f"{option}={item}" for item in value]
+    if row.kind == "numbers":
+        return [f"{option}={','.join(f'{number:g}' for number in value)}"]
+    if is_list(value):
+        return [option, *map(_text, value)]
+    return [f"{option}={_text(value)}"]
+
+
+def _text(value: Any) -> str:
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def describe_range(row: Setting) -> str:
+    """Return which values a setting may have, in a few words; "" for what its metavar states."""
+    if row.kind == "choice":
+        return ", ".join(choice.value for choice in row.choices)
+    if row.low is None or row.kind == "numbers":
+        return ""
+    bounds = "" if row.high is None else f"{row.low:g} to {row.high:g}"
+    bounds = f"up to {row.high:g}" if bounds and row.low == POSITIVE else bounds
+    return " ".join(filter(None, (bounds, row.unit)))
+
+
+def describe_default(row: Setting) -> str:
+    """Return what a setting is where it is not given; "" for nothing."""
+    value = row.default
+    if isinstance(value, bool):
+        return "" if row.kind == "flag" else "on" if value else "off"
+    if is_list(value):
+        return " ".join(map(_text, value))
+    return _text(value) if value or (value == 0 and row.of_class) else ""
+
+
+def help_of(row: Setting) -> str:
+    """Return the help text of a setting: its description, range and default."""
+    bounds, default = _range_in_help(row), describe_default(row)
+    several = row.repeated or row.kind == "texts"
+    more = [bounds] * bool(bounds) + [f"default {default}"] * bool(default) + ["may be repeated"] * several
+    return in_sentence(row.description) + (f" ({'; '.join(more)})" if more else "")
+
+
+def _range_in_help(row: Setting) -> str:
+    if row.kind != "choice" or row.of_class:
+        return describe_range(row)
+    described = [f"{choice.value}: {in_sentence(choice.description)}" for choice in row.choices if choice.description]
+    return "; ".join(described)  # argparse lists the values
+
+
+def in_sentence(text: str) -> str:
+    """Return a description as it stands within a sentence; names keep their capitals."""
+    word = text.split(maxsplit=1)[0].rstrip(",;:'s")
+    is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
+    return text if is_name else f"{text[0].lower()}{text[1:]}"
+
+
+def _add(section: Any, row: Setting) -> None:
+    """Add one setting to a parser."""
+    given: dict[str, Any] = {"help": argparse.SUPPRESS if row.hidden else help_of(row).replace("%", "%%")}
+    if row.kind == "switch":
+        given["action"] = argparse.BooleanOptionalAction
+    elif row.kind == "flag":
+        given["action"] = "store_true"
+    else:
+        metavar = row.metavar or {"whole": "N", "number": "X"}.get(row.kind)
+        several = row.kind == "range" or (row.count > 1 and row.kind != "numbers")
+        given |= {"type": _Reader(row), "metavar": tuple(metavar.split()) if several and metavar else metavar}
+        if several:
+            given["nargs"] = row.count or 2
+        elif row.many:
+            given["nargs"] = "+"
+        elif row.repeated or row.kind == "texts":
+            given["action"] = "append"
+        if row.kind == "choice" and not row.of_class:
+            given["choices"] = [choice.value for choice in row.choices]
+            given["metavar"] = metavar if metavar != "NAME" else None
+    several = (row.many or row.repeated) and row.default is not None
+    default = None if row.of_class else list(row.default) if several else row.default
+    if row.positional:
+        given |= {"default": default} if row.default is not None else {}
+        given |= {} if row.required or row.many else {"nargs": "?"}
+        section.add_argument(row.name, **given)
+    else:
+        section.add_argument(*row.options, dest=row.name, default=default, required=row.required, **given)
+
+
+class _Reader:
+    """Reads one value of a setting; declared as a class for the name in argparse's messages."""
+
+    def __init__(self, row: Setting) -> None:
+        self._row = row
+        self.__name__ = {"whole": "int", "number": "float"}.get(row.kind, row.kind)
+
+    def __call__(self, text: str) -> Any:
+        """Return the value of a text.
+
+        Raises:
+            argparse.ArgumentTypeError: it is out of range, or a file has another ending.
+            ValueError: it is no number.
+        """
+        row = self._row
+        if row.kind in ("path", "folder"):
+            if row.endings and Path(text).suffix.lower() not in row.endings:
+                *first, last = row.endings
+                listed = f"{', '.join(first)} or {last}" if first else last
+                raise argparse.ArgumentTypeError(f"{text} must end in {listed}")
+            return Path(text)
+        if row.kind == "numbers":
+            return self._checked(text, _numbers(text))
+        if row.kind in ("whole", "range"):
+            return self._checked(text, int(text))
+        return self._checked(text, float(text)) if row.kind == "number" else text
+
+    def _checked(self, text: str, value: Any) -> Any:
+        row = self._row
+        if row.of_class or row.kind == "range" or row.accepts(value):
+            return value
+        raise argparse.ArgumentTypeError(f"{text} is not valid; {row.expected} is expected")
+
+
+def _numbers(text: str) -> tuple[float, ...]:
+    try:
+        return tuple(float(part) for part in text.split(","))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text} is not a list of numbers with commas between") from None
+
+
+def _with_signed_axis(argv: list[str]) -> list[str]:
+    """Return the arguments with ``--up-axis -y`` in one, for argparse takes an axis with a sign for an option."""
+    joined: list[str] = []
+    for argument in argv:
+        if joined and joined[-1] == "--up-axis" and argument.lower() in ("-x", "-y", "-z"):
+            joined[-1] = f"--up-axis={argument}"
+        else:
+            joined.append(argument)
+    return joined
