@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from .errors import FileDamaged
-from .npz import require_file
-from .outputs import open_regular
+from .outputs import open_regular, require_file
 
 LARGEST = 20_000_000
 """Bytes of a file that a person or a program writes as text; real ones have thousands."""

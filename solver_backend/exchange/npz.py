@@ -16,8 +16,8 @@ from typing import IO
 
 import numpy as np
 
-from .errors import FileDamaged, FileMissing
-from .outputs import atomic_output, open_regular
+from .errors import FileDamaged
+from .outputs import atomic_output, open_regular, require_file
 
 MIN_ALLOWANCE, ALLOWANCE = 2**28, 50
 """Bytes that the arrays of a file may take in all: so many, or so many times the file's own size."""
@@ -141,20 +141,6 @@ _DAMAGE = (
 )  # fmt: skip
 """What Python's zip reader raises for bytes that are no sound archive."""
 _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
-
-
-def require_file(path: Path | str) -> Path:
-    """Return the path of a file that exists.
-
-    Raises:
-        FileMissing: there is no such file, or a folder, pipe or device in its place.
-    """
-    path = Path(path)
-    if not path.is_file():
-        other = "A folder, a pipe or a device is in the place of the file."
-        what = other if path.exists() else "There is no such file."
-        raise FileMissing(what, where=str(path), hint="Check the path.")
-    return path
 
 
 def array_names(path: Path | str) -> frozenset[str]:

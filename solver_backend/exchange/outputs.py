@@ -14,7 +14,7 @@ from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from .errors import OutputExists, OutputNotWritable
+from .errors import FileMissing, OutputExists, OutputNotWritable
 
 try:
     import fcntl
@@ -372,6 +372,20 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
         where=str(where),
         hint="Choose a folder you may write to, with enough free space.",
     )
+
+
+def require_file(path: Path | str) -> Path:
+    """Return the path of a file that exists.
+
+    Raises:
+        FileMissing: there is no such file, or a folder, pipe or device in its place.
+    """
+    path = Path(path)
+    if not path.is_file():
+        other = "A folder, a pipe or a device is in the place of the file."
+        what = other if path.exists() else "There is no such file."
+        raise FileMissing(what, where=str(path), hint="Check the path.")
+    return path
 
 
 def open_regular(path: Path | str) -> BinaryIO:

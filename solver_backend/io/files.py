@@ -10,8 +10,7 @@ from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
-from solver_backend.exchange.npz import require_file
-from solver_backend.exchange.outputs import read_regular
+from solver_backend.exchange.outputs import read_regular, require_file
 
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""

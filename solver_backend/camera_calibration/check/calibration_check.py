@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -58,8 +58,17 @@ class CalibrationCheck:
     @property
     def fit(self) -> CameraFits:
         """Return the values of the report."""
-        shared = {item.name: getattr(self, item.name) for item in fields(CameraFits) if item.name != "findings"}
-        return CameraFits(**shared, findings=tuple(sentence(item) for item in self.findings))
+        return CameraFits(
+            verdict=self.verdict,
+            region_px=self.region_px,
+            camera_px=self.camera_px,
+            best_px=self.refined_camera_px,
+            epipolar_px=self.epipolar_px,
+            stature_m=self.stature_m,
+            tilt_deg=self.tilt_deg,
+            tilt_sigma_deg=self.tilt_sigma_deg,
+            findings=tuple(sentence(item) for item in self.findings),
+        )
 
     @property
     def worst_region(self) -> list[str]:

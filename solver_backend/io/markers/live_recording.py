@@ -20,8 +20,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
-from solver_backend.exchange.npz import require_file
-from solver_backend.exchange.outputs import open_regular
+from solver_backend.exchange.outputs import open_regular, require_file
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 

@@ -7,8 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import CaptureNotRecognised
-from solver_backend.exchange.npz import require_file
-from solver_backend.exchange.outputs import open_regular
+from solver_backend.exchange.outputs import open_regular, require_file
 from solver_backend.io.files import as_text
 from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
 from solver_backend.io.markers.c3d import read_c3d
