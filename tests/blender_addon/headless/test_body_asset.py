@@ -99,9 +99,17 @@ def test_existing_file_stays(library: Path) -> None:
     assert library.stat().st_size == size < 5e6
 
 
-@pytest.mark.parametrize("wrong", [["--betas=1,x"], ["--betas=1,2,3,4,5,6,7,8,9,10,11"], ["--betas=nan"], []])
-def test_wrong_command_lines_are_refused(wrong: list[str], tmp_path: Path, capsys: Any) -> None:
+@pytest.mark.parametrize(
+    ("wrong", "named"),
+    [
+        (["--betas=1,x"], "numbers with commas between"),
+        (["--betas=1,2,3,4,5,6,7,8,9,10,11"], "1 to 10 numbers"),
+        (["--betas=nan"], "1 to 10 numbers"),
+        ([], "must end in .blend"),
+    ],
+)
+def test_wrong_command_lines_are_refused(wrong: list[str], named: str, tmp_path: Path, capsys: Any) -> None:
     name = "body.blend" if wrong else "body.fbx"
     assert main(["body", "--out", str(tmp_path / name), *wrong]) == 2
     assert not list(tmp_path.iterdir())
-    assert ("numbers with commas between" if wrong else "must end in .blend") in capsys.readouterr().err
+    assert named in capsys.readouterr().err
