@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
-from scipy.spatial import cKDTree
+from scipy.spatial import KDTree
 
 from assets_procedural.build import write_body
 from assets_procedural.layout import PARENTS
@@ -161,7 +161,7 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
     owner = _owners(rig)
     vertices, joints = _reposed(rig, owner)
     mean, directions = _components(vertices)
-    mirror = cKDTree(mean).query(mean * [-1.0, 1.0, 1.0])[1]
+    mirror = np.asarray(KDTree(mean).query(mean * [-1.0, 1.0, 1.0])[1])
     regressor = _regressor(mean, vertices, joints, mirror)
     off = np.linalg.norm(np.einsum("jv,nvd->njd", regressor, vertices) - joints, axis=-1)
     _LOG.info("joints off by %.2f mm on average, %.1f mm at most", 1e3 * off.mean(), 1e3 * off.max())

@@ -199,7 +199,7 @@ def _forget_plan(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
     self.planned = ""
 
 
-_PLAN = {"update": _forget_plan}
+_PLAN: dict[str, Any] = {"update": _forget_plan}
 
 
 class MocapBenchmarkRow(bpy.types.PropertyGroup):

@@ -34,7 +34,7 @@ _PLAIN = {
 FOLDER = "FOLDER"
 """Value of ``Setting.metavar`` of a path of a folder."""
 if TYPE_CHECKING:
-    Item = TypeVar("Item")
+    Item = TypeVar("Item", covariant=True)
 
     class Items(Protocol[Item]):
         """Annotation of a collection property."""

@@ -133,7 +133,7 @@ def _upright(evidence: Evidence, reading: Reading) -> float:
     columns = [(names.index(a), names.index(b)) for a, b in trunk]
     for view in range(evidence.views):
         rays = evidence.points(evidence.key(reading, view)[0]).rays
-        up = sum(rays[:, a] - rays[:, b] for a, b in columns)
+        up = sum((rays[:, a] - rays[:, b] for a, b in columns), np.zeros(3))
         tilt = np.arctan2(up[:, 0], -up[:, 1])
         tilt = tilt[np.isfinite(tilt)]
         if len(tilt):
@@ -203,16 +203,21 @@ def triangulate_rays(evidence: Evidence, reading: Reading) -> tuple[np.ndarray, 
     # (V, P, J, 2, 4): two equations per view
     rows = rays[..., :2, None] * matrices[:, None, None, 2:3] - matrices[:, None, None, :2]
     weight = seen.astype(float)
-    for _ in range(3):
-        weighted = rows * weight[..., None, None]
-        X = np.linalg.eigh(np.einsum("vpjac,vpjad->pjcd", weighted, weighted))[1][..., 0]
-        w = np.where(np.abs(X[..., 3:]) < 1e-9, 1e-9, X[..., 3:])
-        X = X[..., :3] / w
-        camera = np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
+    X, camera = _meeting_points(rows, weight, matrices)
+    for _ in range(2):
         depth = camera[..., 2]
         plane = camera[..., :2] / np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
         off = np.linalg.norm(plane - rays[..., :2], axis=-1) / size
         weight = seen / (1 + (off / 0.05) ** 2) / np.maximum(np.abs(depth), 0.05)
+        X, camera = _meeting_points(rows, weight, matrices)
     several = seen.sum(0) >= 2
-    behind = (depth < 0) & seen & several
+    behind = (camera[..., 2] < 0) & seen & several
     return np.where(several[..., None], X * unit, np.nan), float(behind.sum() / max((seen & several).sum(), 1))
+
+
+def _meeting_points(rows: np.ndarray, weight: np.ndarray, matrices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the points (P, J, 3) nearest to their rays, and the same (V, P, J, 3) in each camera's coordinates."""
+    weighted = rows * weight[..., None, None]
+    X = np.linalg.eigh(np.einsum("vpjac,vpjad->pjcd", weighted, weighted))[1][..., 0]
+    X = X[..., :3] / np.where(np.abs(X[..., 3:]) < 1e-9, 1e-9, X[..., 3:])
+    return X, np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]

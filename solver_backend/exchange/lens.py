@@ -78,13 +78,14 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
     guess = target.copy()
     active = np.arange(len(target))
     for _ in range(_MOST_STEPS):
-        x, y, derivative = LENS_MODELS[model].distort(*guess[active].T, coefficients, np)
+        x, y, derivative = LENS_MODELS[model].distort(guess[active, 0], guess[active, 1], coefficients, np)
         error = np.stack([x, y], axis=-1) - target[active]
         open_ = np.abs(error).max(axis=-1, initial=0.0) >= _EXACT  # False for NaN: beyond the lens's edge
         active, error = active[open_], error[open_]
         if not len(active):
             break
-        guess[active] -= _solve(*(entry[open_] for entry in derivative), error)
+        xx, cross, yy = (entry[open_] for entry in derivative)
+        guess[active] -= _solve(xx, cross, yy, error)
     off = np.abs(distort(guess, coefficients, model) - target).max(axis=-1, initial=0.0)
     # Beyond the lens's edge the formula folds over, and its other branch lies on the far side of the centre.
     folded = (guess * target).sum(axis=-1) < -_SMALL

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from solver_backend.io.motions.bvh import BvhClip
     from solver_backend.types import Motion
 
-Item = TypeVar("Content")
+Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)

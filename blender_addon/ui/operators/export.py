@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
@@ -73,7 +73,7 @@ _CONTENTS = (
     ("solved", "Solved", "Positions on the solved body"),
 )
 _FRAMES = -(2**31), 2**31 - 1
-_UNSAVED = {"options": {"SKIP_SAVE"}}
+_UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
 
 
 class MOCAP_OT_export_take(

@@ -69,8 +69,8 @@ def panel(
             members["stage"] = stage
         if parent:
             members["bl_parent_id"] = f"VIEW3D_PT_mocap_{parent}"
-        if draw_header is not None:
-            members["draw_header"] = lambda self, context: draw_header(self.layout, context)
+        if (head := draw_header) is not None:
+            members["draw_header"] = lambda self, context: head(self.layout, context)
         return type(name, (bpy.types.Panel,), members)
 
     return make

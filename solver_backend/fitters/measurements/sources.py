@@ -47,8 +47,16 @@ class ViewPoints:
     SETTINGS: ClassVar[frozenset[str]] = frozenset()
     KEEPS_BONES: ClassVar[bool] = False
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
-    recipe: ClassVar[str] = "views"
-    calibrated: ClassVar[bool] = False
+
+    @property
+    def recipe(self) -> str:
+        """See ``PointSource``."""
+        return "views"
+
+    @property
+    def calibrated(self) -> bool:
+        """See ``PointSource``."""
+        return False
 
     def terms(self) -> FrameObjective:
         """See ``Layer``."""

@@ -93,8 +93,16 @@ class OneCamera:
     SETTINGS: ClassVar[frozenset[str]] = frozenset()
     KEEPS_BONES: ClassVar[bool] = False
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
-    recipe: ClassVar[str] = "one camera"
-    calibrated: ClassVar[bool] = False
+
+    @property
+    def recipe(self) -> str:
+        """See ``PointSource``."""
+        return "one camera"
+
+    @property
+    def calibrated(self) -> bool:
+        """See ``PointSource``."""
+        return False
 
     @property
     def sight(self) -> np.ndarray:

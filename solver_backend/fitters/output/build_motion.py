@@ -103,8 +103,8 @@ class PosedTake:
             left = measurements.term.select(part).residuals(fitted.points).deviations
             parts.append([to_numpy(a) for a in (fitted.points, posed.skeleton.joints, bones, left)])
         points, joints, bones, left = zip(*parts, strict=True)
-        whole = (np.concatenate(part) for part in (points, joints, bones))
-        return cls(solved.subject, *whole, np.concatenate(left, axis=1))
+        whole = [np.concatenate(part) for part in (points, joints, bones)]
+        return cls(solved.subject, whole[0], whole[1], whole[2], np.concatenate(left, axis=1))
 
     @property
     def offsets(self) -> np.ndarray:

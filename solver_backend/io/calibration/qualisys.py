@@ -97,7 +97,7 @@ def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:
         K=np.array([[f_u, skew, c_u - left], [0.0, f_v, c_v - top], [0.0, 0.0, 1.0]]),
         distortion=np.array([radial[0], radial[1], tangential[0], tangential[1], radial[2]]),
         R=R,
-        t=-(R @ centre),
+        t=np.negative(R @ centre),
         image_size=size,
     )
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
@@ -176,7 +177,7 @@ def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float]
     best = max(range(len(found)), key=shares.__getitem__)
     if shares[best] - shares[0] < CLEARLY_BETTER:
         return found[0]
-    names = {"used": found[best].source.name, "other": found[0].source.name}
+    names: dict[str, Any] = {"used": found[best].source.name, "other": found[0].source.name}
     percent, other = 100 * shares[best], 100 * shares[0]
     chosen = diagnostic("calibration_of_several", **names, percent=percent, percent_other=other)
     return replace(found[best], problems=(*found[best].problems, chosen))

@@ -127,8 +127,9 @@ def _stated_rate(project: Path | None) -> float | None:
     if project is None or not (project / "config.toml").is_file():
         return None
     stated = read_toml(project / "config.toml").get("fps_recording")
-    good = isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5
-    return float(stated) if good else None
+    if not isinstance(stated, int | float) or isinstance(stated, bool):
+        return None
+    return float(stated) if 0 < stated < 1e5 else None
 
 
 _TAKES = frozenset(

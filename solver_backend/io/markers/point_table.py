@@ -88,7 +88,8 @@ def read_point_table(path: Path) -> MarkerSource:
         positions, labels = triples(values, list(columns.values())), tuple(columns)
     else:
         values, positions, labels = _from_long(rows, headings, first, path)
-    frames = frame_facts(*(_column(values, headings, names) for names in (_FRAMES, _TIMES)), first=0)
+    numbers, times = (_column(values, headings, names) for names in (_FRAMES, _TIMES))
+    frames = frame_facts(numbers, times, first=0)
     source = MarkerSource(path, "Table of points", positions, labels, frames.rate, "mm", "z", unit=stated)
     return replace(source, first_frame=frames.first, problems=frames.problems)
 

@@ -64,7 +64,7 @@ class AutogradWindow:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
         quats = quat_from_matrix(np.concatenate([self.window.first[1], state[1]]))
         quats = quats * np.cumprod(np.r_[1.0, np.where((quats[1:] * quats[:-1]).sum(-1) < 0, -1.0, 1.0)])[:, None]
-        like = self.term.K
+        like = self.term.cameras.K
         fixed = [constant(part, like) for part in (self.window.first[0], quats[:1], self.window.first[2])]
         free = [constant(part, like).clone().requires_grad_() for part in (state[0], quats[1:], state[2])]
         cost = self._cost(fixed, free)
@@ -75,13 +75,13 @@ class AutogradWindow:
 
     def _cost(self, fixed: list[Any], free: list[Any]) -> Any:
         term, subject = self.term, self.window.subject
-        xp, t = _torch(), constant(self.window.time, term.K)
+        xp, t = _torch(), constant(self.window.time, term.cameras.K)
         z, quat, transl = (xp.concat([a, b]) for a, b in zip(fixed, free, strict=True))
         local = self.window.prior.decode(sider2(z[:1], z[1:2], z[2:], t))
         root = matrix_from_quat(sider2(quat[:1], quat[1:2], quat[2:], t))
         frames = PosedFrames(root, local, lagrange(t) @ transl)
         known = Subject(
-            subject.body, subject.landmarks, *(constant(p, term.K) for p in (subject.betas, subject.offsets))
+            subject.body, subject.landmarks, *(constant(p, term.cameras.K) for p in (subject.betas, subject.offsets))
         )
         if self.mesh is None:
             points = pose(known, frames).points

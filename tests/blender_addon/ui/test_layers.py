@@ -26,6 +26,7 @@ def own_action(armature: bpy.types.Object) -> bpy.types.Action:
     armature.animation_data.action = None
     armature.pose.bones["head"].keyframe_insert("rotation_quaternion", frame=1)
     action = armature.animation_data.action
+    assert action is not None
     action.name = "Mine"
     return action
 
