@@ -303,8 +303,8 @@ def _add(section: Any, row: Setting) -> None:
         if row.kind == "choice" and not row.of_class:
             given["choices"] = [choice.value for choice in row.choices]
             given["metavar"] = metavar if metavar != "NAME" else None
-    several = (row.many or row.repeated) and row.default is not None
-    default = None if row.of_class else list(row.default) if several else row.default
+    several = row.many or row.repeated
+    default = None if row.of_class or row.default is None else list(row.default) if several else row.default
     if row.positional:
         given |= {"default": default} if row.default is not None else {}
         given |= {} if row.required or row.many else {"nargs": "?"}
