@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.io.interpretation import interpret_markers
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.live_recording import LiveBlock, pack_block
@@ -14,6 +15,7 @@ from solver_backend.io.markers.nexus_csv import read_nexus_csv
 from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.trc import read_trc
+from solver_backend.io.reader import ReadOptions
 from tests.fuzz import odd_markers
 from tests.fuzz.odd_markers import text as _text
 from tests.fuzz.target import Target, Write, file, is_folder
@@ -65,7 +67,8 @@ _BY_FORMAT = {
 
 def _by_format(folder: Path) -> object:
     path = next(folder.iterdir())
-    return _BY_FORMAT[path.stem](path, fps=-1.0 if path.suffix == ".dat" else None)
+    told = ReadOptions(fps=-1.0 if path.suffix == ".dat" else None)
+    return interpret_markers(_BY_FORMAT[path.stem](path), told)
 
 
 TARGETS: tuple[Target, ...] = (

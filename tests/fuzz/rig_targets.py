@@ -118,8 +118,8 @@ def _frames(folder: Path) -> object:
 
 
 _NOISE = {
-    "format": NOISE, "detector": "detector 1", "confidence": [0.2, 0.5, 0.9], "sigma_mm": [20.0, 9.0, 4.0],
-    "captures": ["a"], "detections": 200,
+    "format": NOISE, "version": 1, "detector": "detector 1", "confidence": [0.2, 0.5, 0.9],
+    "sigma_mm": [20.0, 9.0, 4.0], "captures": ["a"], "detections": 200,
 }  # fmt: skip
 _LABELS = {
     "format": "manifold_mocap_labels", "version": 1,
