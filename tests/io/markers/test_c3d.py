@@ -122,12 +122,12 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
     assert words(found.report.problems)[0].startswith(
-        "Files of this kind mostly state that Z points up, but the body stands"
+        "The body stands along -Z, but files of this kind mostly have Z up. Z is used."
     )
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"
-    assert "Z is used. Give the axis with --up-axis if that is wrong." in words(found.report.problems)[0]
+    assert "Z is used. If the axis is wrong, give it with --up-axis." in words(found.report.problems)[0]
     assert words(take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").report.problems) == ()
 
 
@@ -169,7 +169,7 @@ def test_frame_counts_that_lie_do_not_make_frames(tmp_path: Path) -> None:
     file.more = {"POINT": {"LONG_FRAMES": file.reals(3e9), "FRAMES": file.reals(np.nan)}}
     found = take(tmp_path / "take.c3d", file)
     assert found.report.frames == 12
-    assert "frames but holds 12: it is truncated." in words(found.report.problems)[0]
+    assert "The file states 3000000000 frames but has 12." in words(found.report.problems)[0]
 
 
 def test_a_header_that_states_channels_instead_of_samples(tmp_path: Path) -> None:
