@@ -1,4 +1,4 @@
-"""Where a solve starts: sample frames, and poses fitted to the points that were located in them."""
+"""Where a solve starts: sample frames, and poses fitted to the points located in them (thesis eq. 6.5)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""Subject calibration from markers: shape, every marker's place and the poses of varied frames, in one problem."""
+"""Subject calibration from markers: shape, every marker's place and the poses of varied frames, in one problem.
+
+Reference: Triggs et al. 2000 (poses eliminated frame by frame).
+"""
 
 from __future__ import annotations
 
