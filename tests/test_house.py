@@ -37,7 +37,12 @@ def files_of_tests() -> list[Path]:
 
 
 def statements(tree: ast.AST) -> Iterator[ast.AST]:
-    """Yield every statement of a tree; what expressions hold is passed over, which is most of it."""
+    """Yield every statement of a tree but those for type checkers; what expressions hold is passed over."""
+    if isinstance(tree, ast.If) and isinstance(tree.test, ast.Name) and tree.test.id == "TYPE_CHECKING":
+        for node in tree.orelse:
+            yield node
+            yield from statements(node)
+        return
     for field in ("body", "orelse", "finalbody", "handlers", "cases"):
         held = getattr(tree, field, ())
         for node in held if isinstance(held, list) else ():
@@ -47,7 +52,7 @@ def statements(tree: ast.AST) -> Iterator[ast.AST]:
 
 @cache
 def found_in(path: Path) -> tuple[list[str], list[str]]:
-    """Return the full names that a file imports, also inside functions and for types, and its classes."""
+    """Return the full names that a file imports, also inside functions, and its classes."""
     package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
     names: list[str] = []
     classes: list[str] = []

@@ -1,4 +1,4 @@
-"""Evidence of the body: the log-likelihood of the person that a reading triangulates."""
+"""TakeEvidence of the body: the log-likelihood of the person that a reading triangulates."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.noise import count_in_bins, expected_density, fit_noise
 from solver_backend.agreement.reading import Reading
 
@@ -61,7 +61,7 @@ class BodyEvidence:
         return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < SAME_BODY * self.height)
 
 
-def judge_body(evidence: Evidence, reading: Reading) -> BodyEvidence:
+def judge_body(evidence: TakeEvidence, reading: Reading) -> BodyEvidence:
     """Return what the triangulated person says about a reading.
 
     Terms: ``bones`` are rigid over time; ``proportions`` are a person's; ``upright`` trunks in the pictures; ``handed``
@@ -107,7 +107,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
     return lengths, np.array(usual), sides
 
 
-def _rigid(evidence: Evidence, off: np.ndarray) -> float:
+def _rigid(evidence: TakeEvidence, off: np.ndarray) -> float:
     """Return the log-likelihood of log lengths (bones, P) less their medians; one pose says nothing."""
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
@@ -124,7 +124,7 @@ def _heavy(off: np.ndarray, spread: float) -> float:
     return float((-2.0 * np.log1p((off / spread) ** 2 / 3)).sum())
 
 
-def _upright(evidence: Evidence, reading: Reading) -> float:
+def _upright(evidence: TakeEvidence, reading: Reading) -> float:
     """Return the log-likelihood of the trunks' directions; how cameras are mounted counts per take, not per frame."""
     names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
@@ -185,7 +185,7 @@ def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[lis
     return [(parts, usual) for parts, usual in kinds if parts]
 
 
-def triangulate_rays(evidence: Evidence, reading: Reading) -> tuple[np.ndarray, float]:
+def triangulate_rays(evidence: TakeEvidence, reading: Reading) -> tuple[np.ndarray, float]:
     """Return points (P, J, 3), NaN where fewer than two views see them, and the share of views that see from behind.
 
     Linear triangulation with two rounds of weights against outliers (Hartley and Zisserman 2004, sec. 12.2).

@@ -8,7 +8,7 @@ from math import perm
 import numpy as np
 
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.evidence import BOUND, Evidence
+from solver_backend.agreement.evidence import BOUND, TakeEvidence
 from solver_backend.agreement.noise import density_per_bin
 from solver_backend.agreement.reading import Reading
 from solver_backend.types import Cameras
@@ -34,7 +34,7 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     count, total = len(detections.cameras), len(calibrated)
     if not LEAST_CAMERAS <= count <= total or perm(total, count) > MOST_WAYS:
         return None
-    evidence = Evidence(calibrated, detections)
+    evidence = TakeEvidence(calibrated, detections)
     if not evidence.poses:
         return None
     evidence = evidence.quick(_POSES)
@@ -59,7 +59,7 @@ def _reading(owners: list[int]) -> Reading:
     return Reading(Reading.as_written(len(owners)).pictures, tuple(owners), (False,) * len(owners))
 
 
-def _quick_scores(evidence: Evidence, ways: np.ndarray, total: int) -> np.ndarray:
+def _quick_scores(evidence: TakeEvidence, ways: np.ndarray, total: int) -> np.ndarray:
     """Return (W,) log-likelihoods of assignments under the usual noise of detectors, pair by pair."""
     scores, usual = np.zeros(len(ways)), density_per_bin(0.02, 0.1)
     pairs = list(permutations(range(total), 2))

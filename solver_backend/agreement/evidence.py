@@ -1,4 +1,4 @@
-"""Evidence of the views: distances of one person's keypoints from each other's epipolar lines, repeated poses once."""
+"""evidence of the views: distances of one person's keypoints from each other's epipolar lines, repeated poses once."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.agreement.noise import (
     fit_noise,
     log_density,
 )
-from solver_backend.agreement.reading import Picture, Pose, Reading, unmirror, unturn
+from solver_backend.agreement.reading import PictureReading, Pose, Reading, unmirror, unturn
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.cameras.projection import undistort
@@ -41,7 +41,7 @@ _FAR = 5.0
 _BATCH = 256
 """Readings of a pair that are in memory at once."""
 
-PointsKey = tuple[int, int, Picture, bool, int]
+PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, picture, exchanged sides, frames late."""
 PoseKey = tuple[int, str, bool, Pose | None]
 """Calibrated camera, and how its pose is read."""
@@ -49,7 +49,7 @@ ViewKey = tuple[PointsKey, PoseKey]
 
 
 @dataclass(frozen=True)
-class ViewPoints:
+class ViewRays:
     """What a view shows in one reading."""
 
     rays: np.ndarray
@@ -66,7 +66,7 @@ def body_columns(names: Sequence[str]) -> np.ndarray:
     return np.array([k for k, name in enumerate(names) if name in wanted], int)
 
 
-class Evidence:
+class TakeEvidence:
     """Distances between the views of a capture in any reading. Statistics of views and pairs are cached."""
 
     def __init__(self, cameras: Cameras, detections: Detections) -> None:
@@ -90,7 +90,7 @@ class Evidence:
         self.pairs = compared_pairs(self.views, EACH, NEIGHBOURS)
         self._cameras: dict[int, Cameras] = {}
         self._poses: dict[PoseKey, tuple[np.ndarray, np.ndarray]] = {}
-        self._points: dict[PointsKey, ViewPoints] = {}
+        self._points: dict[PointsKey, ViewRays] = {}
         self._counts: dict[tuple[ViewKey, ViewKey], np.ndarray] = {}
 
     @property
@@ -103,9 +103,9 @@ class Evidence:
         """(P,) weight of each frame: a pose counts once."""
         return 1.0 / np.bincount(self.pose, minlength=1)[self.pose]
 
-    def quick(self, poses: int = POSES) -> Evidence:
+    def quick(self, poses: int = POSES) -> TakeEvidence:
         """Return the same evidence of one frame per pose, and of so many poses at most."""
-        few = object.__new__(Evidence)
+        few = object.__new__(TakeEvidence)
         few.__dict__.update({k: v for k, v in self.__dict__.items() if k != "weight"})
         first = np.unique(self.pose, return_index=True)[1]
         first = first[np.unique(np.linspace(0, len(first) - 1, min(poses, len(first))).astype(int))]
@@ -113,16 +113,16 @@ class Evidence:
         few._points, few._counts = {}, {}
         return few
 
-    def without_view(self, view: int) -> Evidence:
+    def without_view(self, view: int) -> TakeEvidence:
         """Return the same evidence in which a view sees nothing."""
-        few = object.__new__(Evidence)
+        few = object.__new__(TakeEvidence)
         few.__dict__.update(self.__dict__)
         few._xy = self._xy.copy()
         few._xy[view] = np.nan
         few._points, few._counts = {}, {}
         return few
 
-    def points(self, key: PointsKey) -> ViewPoints:
+    def points(self, key: PointsKey) -> ViewRays:
         """Return what a view shows in a reading."""
         if key not in self._points:
             self._read(key[0], key[1], [key])
@@ -163,7 +163,7 @@ class Evidence:
         )  # beyond the lens is far off, not unseen
         rays = np.concatenate([points, np.where(np.isfinite(points[..., :1]), 1.0, np.nan)], axis=-1)
         for key, seen_rays, length, share in zip(keys, rays, focal, outside, strict=True):
-            self._points[key] = ViewPoints(seen_rays, float(self.person_px[view] / length), share)
+            self._points[key] = ViewRays(seen_rays, float(self.person_px[view] / length), share)
 
     def _camera(self, owner: int) -> Cameras:
         if owner not in self._cameras:
@@ -304,7 +304,7 @@ class Evidence:
         return np.moveaxis(np.tensordot(member, values, (1, axis)), 0, axis)
 
 
-def _shape_map(camera: Cameras, picture: Picture) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _shape_map(camera: Cameras, picture: PictureReading) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return scale and offset of pixels of another shape, and the size of the recorded pictures before any turn."""
     if not picture.shape:
         return np.ones(2), np.zeros(2), camera.image_size[0] * picture.size
@@ -315,7 +315,7 @@ def _shape_map(camera: Cameras, picture: Picture) -> tuple[np.ndarray, np.ndarra
 
 def agreement_share(cameras: Cameras, detections: Detections) -> float:
     """Return the share of the keypoints that are no outliers. 0 if nothing is compared."""
-    evidence = Evidence(cameras, detections)
+    evidence = TakeEvidence(cameras, detections)
     if not evidence.poses or evidence.views < 2:
         return 0.0
     noise = evidence.quick().noise([Reading.as_written(evidence.views)])

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.evidence import BOUND, UNRELATED_NOISE, UNRELATED_OUTLIERS, Evidence
+from solver_backend.agreement.evidence import BOUND, UNRELATED_NOISE, UNRELATED_OUTLIERS, TakeEvidence
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
     CONVENTIONS,
@@ -123,7 +123,7 @@ def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = Fa
         detections: all people in C views, synchronised.
         names_stated: the user states which camera is which, so that names are not exchanged.
     """
-    evidence = Evidence(cameras, detections)
+    evidence = TakeEvidence(cameras, detections)
     written = Reading.as_written(evidence.views)
     if evidence.views < 2 or not evidence.poses:
         return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
@@ -136,14 +136,14 @@ def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = Fa
 class _Search:
     """The search over readings of one capture."""
 
-    def __init__(self, evidence: Evidence, written: Reading, *, names_stated: bool, is_alone: bool) -> None:
+    def __init__(self, evidence: TakeEvidence, written: Reading, *, names_stated: bool, is_alone: bool) -> None:
         self.evidence, self.quick, self.written = evidence, evidence.quick(), written
         self.rows = [row for row in ROWS if not (names_stated and row.code == "camera_names_exchanged")]
         self.is_alone = is_alone  # of several people the largest may be another in each view
         self.raw_constraints = self.quick.constraints(written)
         self.constraints = self.raw_constraints
 
-    def _rank(self, readings: Iterable[Reading], evidence: Evidence | None = None) -> list[Reading]:
+    def _rank(self, readings: Iterable[Reading], evidence: TakeEvidence | None = None) -> list[Reading]:
         """Return readings by their quick score, the best first."""
         found = list(dict.fromkeys(readings))
         ratio, _ = (evidence or self.quick).likelihoods(found)

@@ -8,9 +8,9 @@ from itertools import combinations, permutations, product
 
 import numpy as np
 
-from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.moved_camera import refit_pose
-from solver_backend.agreement.reading import PLAIN, Picture, Reading
+from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
@@ -31,19 +31,19 @@ class Hypothesis:
 
     code: str
     """Diagnostic of a correction."""
-    candidates: Callable[[Evidence, Reading], Iterator[Reading]]
+    candidates: Callable[[TakeEvidence, Reading], Iterator[Reading]]
     """Propose readings that differ from one by this fault."""
 
 
-def _conventions(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """All files of a kind are written alike: poses, axes, sizes and turns of all pictures."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
-        pictures = (Picture(size, turn, mirrored),) * evidence.views
+        pictures = (PictureReading(size, turn, mirrored),) * evidence.views
         yield replace(reading, pictures=pictures, pose=pose, graphics=graphics, sides=(False,) * evidence.views)
 
 
-def _one_picture(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """The pictures of one camera have another size or turn, or are mirrored; or its sides are exchanged."""
     for view, picture in enumerate(reading.pictures):
         for size, turn in product(FACTORS, TURNS):
@@ -55,7 +55,7 @@ def _one_picture(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
         yield reading.with_picture(view, picture, other)
 
 
-def _names(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _names(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Cameras bear each other's names."""
     views = evidence.views
     if views < 3:
@@ -72,7 +72,7 @@ def _names(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
         yield replace(reading, owners=tuple(reading.owners[k] for k in order))
 
 
-def _shapes(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _shapes(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Recorded pictures have another shape than those calibrated: all of them, or those of one camera."""
     if evidence.views < 3:
         return
@@ -84,7 +84,7 @@ def _shapes(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
             yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
 
 
-def _moved(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _moved(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
     if evidence.views < 3 or reading.moved:
         return
@@ -94,7 +94,7 @@ def _moved(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
             yield reading.with_pose(view, pose)
 
 
-def _late(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _late(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """One camera is late or early: whole frames, first every third."""
     reach = min(LONGEST_DELAY, evidence.num_frames // 5)
     for view in range(evidence.views == 2, evidence.views):
@@ -106,7 +106,7 @@ def _late(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
                 yield reading.with_delay(view, lag)
 
 
-def _left_out(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     """Nothing explains a camera."""
     if evidence.views > 2 and not reading.left_out:
         for view in range(evidence.views):
@@ -153,7 +153,7 @@ def cost_of(reading: Reading, constraints: float) -> float:
     return float(cost + moved * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
 
 
-def _picture_cost(picture: Picture, usual: Picture, constraints: float) -> float:
+def _picture_cost(picture: PictureReading, usual: PictureReading, constraints: float) -> float:
     sized = (
         np.log(len(FACTORS)) if picture.size in FACTORS else np.log(len(FACTORS)) + 0.5 * np.log(max(constraints, 2.0))
     )
@@ -174,7 +174,7 @@ def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Readin
     if conventions != written:
         phrase = conventions.correction(0).meaning()
         changes.append(("calibration_corrected", everyone, phrase, replace(reading, pose=POSES[0], graphics=False)))
-    by_kind: dict[tuple[Picture, bool], list[int]] = {}
+    by_kind: dict[tuple[PictureReading, bool], list[int]] = {}
     for view, kind in enumerate(zip(reading.pictures, reading.sides, strict=True)):
         if kind != (PLAIN, False):
             by_kind.setdefault(kind, []).append(view)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.agreement.body_evidence import triangulate_rays
-from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.evidence import TakeEvidence
 from solver_backend.agreement.noise import LEAST_NOISE
 from solver_backend.agreement.reading import Pose, Reading
 from solver_backend.geometry.rotations import exp_so3
@@ -21,7 +21,7 @@ _ROBUST = 0.03
 """Scale of the Cauchy weights, in person's sizes."""
 
 
-def refit_pose(evidence: Evidence, reading: Reading, view: int) -> Pose | None:
+def refit_pose(evidence: TakeEvidence, reading: Reading, view: int) -> Pose | None:
     """Return the pose of a view that fits the points which the others see, None if it fits as it is or not at all.
 
     Args:
@@ -50,7 +50,7 @@ def refit_pose(evidence: Evidence, reading: Reading, view: int) -> Pose | None:
     return (*R.ravel().round(9).tolist(), *t.round(9).tolist())
 
 
-def _usual_distance(others: Evidence, reading: Reading, view: int, points: np.ndarray) -> float:
+def _usual_distance(others: TakeEvidence, reading: Reading, view: int, points: np.ndarray) -> float:
     """Return the median distance of what the other views see from their points (P, J, 3), in person's sizes."""
     found = list[np.ndarray]()
     for other in range(others.views):

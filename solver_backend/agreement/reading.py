@@ -19,7 +19,7 @@ Pose = tuple[float, ...]
 
 
 @dataclass(frozen=True)
-class Picture:
+class PictureReading:
     """How the recorded pictures of a camera differ from the calibrated ones."""
 
     size: float = 1.0
@@ -42,14 +42,14 @@ class Picture:
         return MIRROR_MEANINGS[self.turn] if self.mirrored else ""
 
 
-PLAIN = Picture()
+PLAIN = PictureReading()
 
 
 @dataclass(frozen=True)
 class Reading:
     """One interpretation of the files of C recorded views."""
 
-    pictures: tuple[Picture, ...]
+    pictures: tuple[PictureReading, ...]
     """One per view."""
     owners: tuple[int, ...]
     """The calibrated camera of each view."""
@@ -80,7 +80,7 @@ class Reading:
         """Return the correction of a view's calibrated camera."""
         return replace(self.pictures[view].correction, pose=self.pose, graphics=self.graphics)
 
-    def with_picture(self, view: int, picture: Picture, sides: bool | None = None) -> Reading:
+    def with_picture(self, view: int, picture: PictureReading, sides: bool | None = None) -> Reading:
         """Return the reading with another picture, and optionally other sides, of one view."""
         pictures = (*self.pictures[:view], picture, *self.pictures[view + 1 :])
         exchanged = self.sides[view] if sides is None else sides
@@ -102,7 +102,7 @@ class Reading:
         """Return the pose of a moved view, None if it was not moved."""
         return self.moved[view] if self.moved else None
 
-    def common(self) -> tuple[Picture, bool]:
+    def common(self) -> tuple[PictureReading, bool]:
         """Return the picture and the sides that most views have."""
         return Counter(zip(self.pictures, self.sides, strict=True)).most_common(1)[0][0]
 

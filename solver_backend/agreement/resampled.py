@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.evidence import BOUND, Evidence
+from solver_backend.agreement.evidence import BOUND, TakeEvidence
 from solver_backend.agreement.reading import Reading
 from solver_backend.types import UNSEEN_POINT, Cameras
 
@@ -131,7 +131,7 @@ def _standard(length: int, longest: int) -> float:
 
 
 def _likelihood(cameras: Cameras, rows: Detections) -> float:
-    evidence, written = Evidence(cameras, rows), Reading.as_written(len(cameras))
+    evidence, written = TakeEvidence(cameras, rows), Reading.as_written(len(cameras))
     if not evidence.poses:
         return 0.0
     ratio, _ = evidence.likelihoods([written])

@@ -368,7 +368,7 @@ def estimate_delays(
         points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
     else:
         points = triangulation.of_keypoints(limbs).points[frames]
-    search = _Search(cameras, tracks, frames, sigma_px)
+    search = _DelaySearch(cameras, tracks, frames, sigma_px)
     delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
     late = delay[:, None] + drift[:, None] * place_in_take(frames, keypoints.num_frames)
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
@@ -424,7 +424,7 @@ def _beats_no_delay(
 
 
 @dataclass(frozen=True)
-class _Search:
+class _DelaySearch:
     """What the steps on the delays share."""
 
     cameras: Cameras

@@ -11,7 +11,7 @@ import pytest
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Explanation, explain
 from solver_backend.agreement.noise import count_in_bins, fit_noise
-from solver_backend.agreement.reading import PLAIN, Picture, Reading, apply_reading
+from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
@@ -58,19 +58,22 @@ def mirrored(seen: Detections, chosen: tuple[int, ...] = EVERY, sides: bool = Tr
     return replace(seen, xy=xy)
 
 
-def pictures_of(*kinds: Picture) -> Reading:
+def pictures_of(*kinds: PictureReading) -> Reading:
     return replace(WRITTEN, pictures=kinds * (4 // len(kinds)))
 
 
 @pytest.mark.parametrize(
     ("spoil", "expected"),
     [
-        (half, pictures_of(Picture(0.5))),
-        (lambda seen: half(seen, (1,)), pictures_of(PLAIN, Picture(0.5), PLAIN, PLAIN)),
-        (turned, pictures_of(Picture(turn=1))),
-        (lambda seen: turned(seen, (0, 2)), pictures_of(Picture(turn=1), PLAIN)),
-        (lambda seen: half(turned(seen)), pictures_of(Picture(0.5, 1))),
-        (lambda seen: turned(half(seen, (2,)), (0,)), pictures_of(Picture(turn=1), PLAIN, Picture(0.5), PLAIN)),
+        (half, pictures_of(PictureReading(0.5))),
+        (lambda seen: half(seen, (1,)), pictures_of(PLAIN, PictureReading(0.5), PLAIN, PLAIN)),
+        (turned, pictures_of(PictureReading(turn=1))),
+        (lambda seen: turned(seen, (0, 2)), pictures_of(PictureReading(turn=1), PLAIN)),
+        (lambda seen: half(turned(seen)), pictures_of(PictureReading(0.5, 1))),
+        (
+            lambda seen: turned(half(seen, (2,)), (0,)),
+            pictures_of(PictureReading(turn=1), PLAIN, PictureReading(0.5), PLAIN),
+        ),
     ],
     ids=["half", "one camera half", "turned", "two turned", "turned and half", "one turned and another half"],
 )
@@ -88,12 +91,12 @@ def test_pictures_of_another_size_or_turned(spoil: Callable[[Detections], Detect
 @pytest.mark.parametrize(
     ("spoil", "expected"),
     [
-        (lambda seen: scaled(seen, 0.75, 1.0), pictures_of(Picture(shape="squeezed"))),
-        (lambda seen: scaled(seen, 1 / 3, 1 / 3, 140), pictures_of(Picture(1 / 3, shape="boxed"))),
-        (lambda seen: replace(seen, xy=seen.xy - [320, 180]), pictures_of(Picture(shape="middle 2/3"))),
+        (lambda seen: scaled(seen, 0.75, 1.0), pictures_of(PictureReading(shape="squeezed"))),
+        (lambda seen: scaled(seen, 1 / 3, 1 / 3, 140), pictures_of(PictureReading(1 / 3, shape="boxed"))),
+        (lambda seen: replace(seen, xy=seen.xy - [320, 180]), pictures_of(PictureReading(shape="middle 2/3"))),
         (
             lambda seen: scaled(seen, 0.75, 1.0, 0, (1,)),
-            pictures_of(PLAIN, Picture(shape="squeezed"), PLAIN, PLAIN),
+            pictures_of(PLAIN, PictureReading(shape="squeezed"), PLAIN, PLAIN),
         ),
     ],
     ids=["anamorphic", "a square with bars", "cropped", "one anamorphic"],
@@ -268,7 +271,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
 
 def test_hands_are_flipped_with_the_body() -> None:
     hands = np.random.default_rng(0).uniform(0, 1000, (4, 120, 1, 2, 21, 3))
-    reading = replace(WRITTEN, pictures=(Picture(mirrored=True),) * 4, sides=(True,) * 4)
+    reading = replace(WRITTEN, pictures=(PictureReading(mirrored=True),) * 4, sides=(True,) * 4)
     _, undone = apply_reading(CAMERAS, replace(detections(), hands=hands), reading)
     assert undone.hands is not None
     np.testing.assert_allclose(undone.hands[..., 0, :, 0], 1919 - hands[..., 1, :, 0])

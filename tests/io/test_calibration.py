@@ -45,7 +45,7 @@ def test_toml(tmp_path: Path, cameras: Cameras, matrices: bool) -> None:
     assert words(found.notes)[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
     assert [item.code for item in found.notes[1:]] == ["unit_read", "up_axis_read"]
     assert "in m, assumed because the cameras are up to" in words(found.notes)[1]
-    assert "Z up" in words(found.notes)[2]
+    assert "Z points up" in words(found.notes)[2]
 
 
 def test_toml_of_caliscope_names_cameras_by_number(tmp_path: Path, cameras: Cameras) -> None:

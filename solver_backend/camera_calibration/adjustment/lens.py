@@ -20,7 +20,7 @@ FOCAL, CENTRE = (0, 1), (2, 3)
 
 
 @dataclass(frozen=True)
-class LensModel:
+class FittedLens:
     """Fitted coefficients of a distortion model. The others are zero."""
 
     name: str
@@ -30,7 +30,7 @@ class LensModel:
 
 
 LENS_MODELS = {
-    name: LensModel(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
+    name: FittedLens(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
 """From the simplest to the richest. ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
 

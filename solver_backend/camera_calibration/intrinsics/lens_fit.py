@@ -14,8 +14,8 @@ from solver_backend.camera_calibration.adjustment.lens import (
     FOCAL,
     LENS_MODELS,
     PARAMETERS,
+    FittedLens,
     Lens,
-    LensModel,
     focal_from_homographies,
     homography,
     lens_of,
@@ -42,7 +42,7 @@ class LensFit:
     """A lens and how well it explains the pictures it was fitted to."""
 
     lens: Lens
-    model: LensModel
+    model: FittedLens
     rmse_px: float
     view_rmse_px: Float[np.ndarray, " views"]
     """(V,) of each picture."""
@@ -54,7 +54,7 @@ def fitted_lens(
     board: Board,
     views: Sequence[BoardSighting],
     image_size: tuple[int, int],
-    model: LensModel,
+    model: FittedLens,
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
@@ -34,6 +35,9 @@ from solver_backend.fitters.recipes.steps import (
     solved_take,
     space_keys,
 )
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.one_view.depth import OneCamera
 
 
 def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
@@ -70,10 +74,7 @@ def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ..
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    from solver_backend.fitters.one_view.depth import OneCamera
-
-    source = problem.measurements.source
-    assert isinstance(source, OneCamera)
+    source = cast("OneCamera", problem.measurements.source)  # no other source names this recipe
     feet: Step = partial(find_standing_feet, sight=source.sight)
     return (
         Pass(near, ON_THE_MANIFOLD),

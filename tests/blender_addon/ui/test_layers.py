@@ -12,7 +12,14 @@ from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.layers import add_layer, has_layers
 from blender_addon.body.controls.limbs import ROOT
 from blender_addon.ui.operators.import_results import take_motion
-from tests.blender_addon.ui.test_hand_edits import resolve
+
+
+def resolve(review: bpy.types.PropertyGroup, first: int, last: int) -> None:
+    """Solve a range again, fast."""
+    bpy.context.scene.mocap.solve.preset = "FAST"
+    review.first, review.last = first, last
+    assert bpy.ops.mocap.resolve_range() == {"FINISHED"}
+
 
 FRAMES = (4.0, 12.0, 25.0)
 
