@@ -1,4 +1,4 @@
-"""evidence of the views: distances of one person's keypoints from each other's epipolar lines, repeated poses once."""
+"""Evidence of the views: distances of one person's keypoints from each other's epipolar lines, repeated poses once."""
 
 from __future__ import annotations
 
