@@ -15,7 +15,7 @@ import pytest
 from tests.support.budgets import TABLE, measured
 
 ROOT = Path(__file__).resolve().parents[1]
-PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research")
+PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research", "training")
 
 
 @cache

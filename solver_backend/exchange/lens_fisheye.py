@@ -86,3 +86,4 @@ FISHEYE = LensModel(
     colmap=(("OPENCV_FISHEYE", 2, (0, 1, 2, 3)),),
     fits=(("fisheye", (0, 1, 2, 3)),),
 )
+"""The fisheye model of OpenCV (Kannala and Brandt 2006)."""

@@ -91,3 +91,4 @@ OPENCV = LensModel(
         ("rational8", tuple(range(8))),
     ),
 )
+"""The pinhole model of OpenCV with radial and tangential distortion (Brown 1966)."""

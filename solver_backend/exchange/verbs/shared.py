@@ -95,6 +95,7 @@ OAK_RECORDING = (
     option("text", "oak", "ID[=NAME]", "A camera and its name; the first one sends the pulse", REQUIRED, repeated=True),
     option("number", "seconds", "S", "Length of the recording", 10.0, low=POSITIVE, high=3600),
 )
+"""Options of every verb that records OAK cameras."""
 
 LINES = option("path", "lines", "LINES.jsonl", "Write the lines to this file, not to standard output", is_output=True)
 SEND = option("text", "send", "vmc://HOST:PORT", "Also send every pose by the VMC protocol; vmc:// alone is this "
