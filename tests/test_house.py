@@ -15,13 +15,13 @@ import pytest
 from tests.support.budgets import TABLE, measured
 
 ROOT = Path(__file__).resolve().parents[1]
-PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research", "training")
+PRODUCT = ("solver_backend", "blender_addon", "assets_procedural", "research")
 
 
 @cache
 def product_files() -> list[Path]:
     """Return the modules of the three packages, and the scripts and tools beside them."""
-    packages = (path for name in (*PRODUCT, "supply") for path in sorted((ROOT / name).rglob("*.py")))
+    packages = (path for name in (*PRODUCT, "training", "supply") for path in sorted((ROOT / name).rglob("*.py")))
     return [*sorted(ROOT.glob("*.py")), *packages]
 
 
