@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
+from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent

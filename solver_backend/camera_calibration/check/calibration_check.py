@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.from_person import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
-from solver_backend.cameras.camera_pairs import compared_pairs
+from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence

@@ -8,7 +8,6 @@ from functools import partial
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
-from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, StatedCameras
 from solver_backend.io.calibration.opencv_cameras import (
     SUFFIXES,
@@ -17,7 +16,7 @@ from solver_backend.io.calibration.opencv_cameras import (
     read_matrix_file,
     read_toml_cameras,
 )
-from solver_backend.io.calibration.qualisys import read_qualisys
+from solver_backend.io.calibration.qualisys import is_colmap, read_colmap, read_qualisys
 from solver_backend.io.files import LARGEST_TEXT
 from solver_backend.io.interpretation import interpret_cameras
 
