@@ -14,7 +14,7 @@ from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
 from solver_backend.io.detections import column_table, point_arrays
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.picture_documents import (
+from solver_backend.io.detections.json_documents import (
     LINES,
     cameras_in_document,
     cameras_of_flat_files,
