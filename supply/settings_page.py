@@ -9,7 +9,7 @@ from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import describe_default, describe_range
 from solver_backend.exchange.verbs.shared import SOLVE_ROWS as ROWS
 
-SOURCE = "solver_backend/exchange/solve_settings.py, reading_settings.py, time_settings.py and world_settings.py"
+SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve
 
 Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a

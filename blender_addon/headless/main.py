@@ -103,7 +103,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> CommandResult:
     cancelled = Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.")
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        return VERBS[options.verb].load(__package__)(options, watched)
+        return VERBS[options.verb].load(__package__ or "")(options, watched)
     except KeyboardInterrupt as stop:
         raise cancelled from stop
     except MocapError:

@@ -110,7 +110,9 @@ def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 
 _LIFT = {"soft_min": -0.2, "soft_max": 0.2, "precision": 4, "step": 0.1, "update": _lift}
+"""Limits and update of the floor offset, metres."""
 _FRAMES = -(2**31), 2**31 - 1
+"""Frames that a property of Blender can hold."""
 
 
 class MocapReview(bpy.types.PropertyGroup):

@@ -55,7 +55,7 @@ else:
         __class_getitem__ = classmethod(GenericAlias)
 
 
-class Row(NamedTuple):
+class PropertyRow(NamedTuple):
     """A setting of the add-on alone, as the annotation of its property."""
 
     setting: Setting
@@ -64,26 +64,28 @@ class Row(NamedTuple):
     """Further arguments of the property."""
 
 
-def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str, Any], **limits: Any) -> Row:
-    return Row(Setting(kind, label, description, "", **limits), default, more)
+def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str, Any], **limits: Any) -> PropertyRow:
+    return PropertyRow(Setting(kind, label, description, "", **limits), default, more)
 
 
-def switch(label: str, description: str, *, on: bool = False, **more: Any) -> Row:
+def switch(label: str, description: str, *, on: bool = False, **more: Any) -> PropertyRow:
     """Return a row with two states."""
     return _row("switch", label, description, on, more)
 
 
-def text(label: str, description: str, default: str = "", **more: Any) -> Row:
+def text(label: str, description: str, default: str = "", **more: Any) -> PropertyRow:
     """Return a row with a text."""
     return _row("text", label, description, default, more)
 
 
-def path(label: str, description: str, *, folder: bool = False, **more: Any) -> Row:
+def path(label: str, description: str, *, folder: bool = False, **more: Any) -> PropertyRow:
     """Return a row with the path of a file or folder."""
     return _row("file", label, description, "", more, metavar=FOLDER if folder else "")
 
 
-def number(label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any) -> Row:
+def number(
+    label: str, description: str, default: float, low: float, high: float, unit: str = "", **more: Any
+) -> PropertyRow:
     """Return a row with a number between two limits, whole if its default is an integer. The unit is m or Blender's."""
     kind = "whole" if isinstance(default, int) else "number"
     shown: dict[str, Any] = {"unit": unit} if unit else {}
@@ -92,13 +94,13 @@ def number(label: str, description: str, default: float, low: float, high: float
     return _row(kind, label, description, default, shown | more, low=low, high=high)
 
 
-def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> Row:
+def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
     """Return a row with a list of choices, ``Choice`` or its values. The default is the first one."""
     items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
-def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **more: Any) -> Row:
+def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
     """Return a row with a list of choices, some of them chosen."""
     items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
     return _row("texts", label, description, chosen, more, choices=items)
@@ -107,8 +109,8 @@ def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **
 def prepare(cls: Any) -> Any:
     """Return a class ready to be registered: with its properties, and our translation context.
 
-    Annotations become properties: a ``Row`` one with its label, ``frames: int = 1`` one that no panel labels. In an
-    operator the latter is hidden. Annotations of mixins are included.
+    Annotations become properties. A ``PropertyRow`` becomes one with its label, ``frames: int = 1`` one that no panel
+    labels and an operator hides. Annotations of mixins are included.
     """
     if issubclass(cls, bpy.types.Operator | bpy.types.Panel | bpy.types.Menu):
         cls.bl_translation_context = CONTEXT
@@ -132,7 +134,7 @@ def _declare(cls: Any, *, hidden: bool) -> None:
 def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
     if hasattr(hint, "keywords"):
         return hint
-    if isinstance(hint, Row):
+    if isinstance(hint, PropertyRow):
         return make_property(hint.setting, hint.default, **hint.more)
     if hint not in _PLAIN:
         many = get_origin(hint) is Items

@@ -12,9 +12,9 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.noise_aware import solve_in_stages
 from solver_backend.priors.sposer import load_sposer

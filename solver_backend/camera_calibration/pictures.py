@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import BackendMissing, FileDamaged, FileMissing
+from solver_backend.io.camera_names import natural_key
 from solver_backend.io.footage import parts_of
-from solver_backend.io.recognition.camera_names import natural_key
 
 
 def opencv() -> Any:

@@ -137,7 +137,7 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
     """
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
-    from solver_backend.io.recognition.camera_names import listing, match_names
+    from solver_backend.io.camera_names import listing, match_names
 
     calibration = read_calibration(path)
     order = match_names(names, calibration.cameras.names)

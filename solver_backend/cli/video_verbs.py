@@ -23,8 +23,8 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find keypoints in videos and write them as a capture."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
+    from solver_backend.io.camera_names import listing, match_names
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.io.recognition.camera_names import listing, match_names
     from solver_backend.io.recognition.range_checks import checked
     from solver_backend.videos.detect.assemble import assembled
     from solver_backend.videos.detect.detect_videos import detect_videos

@@ -16,17 +16,17 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.cameras.robust_triangulation import Triangulation
+from solver_backend.cameras.triangulation.triangulate import Triangulation
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.build_motion import PosedTake
+from solver_backend.fitters.layers import NO_TERMS, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
-from solver_backend.fitters.measurements.base import NO_TERMS, SolvedLayer
 from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import FrameObjective, points_of
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.single_frame import sample_frames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape

@@ -13,15 +13,15 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.version import VERSION
+from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.optimise import Stretches, in_turn
-from solver_backend.fitters.measurements.base import SolvedLayer
+from solver_backend.fitters.layers import SolvedLayer
 from solver_backend.fitters.methods import (
     METHODS,
     diagnose_settings,
 )
-from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.prepare import first_subject, make_origin, prepare
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, Solution, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import learn_subject
@@ -134,7 +134,7 @@ def calibrate_person(
     for capture in captures:
         if capture.markers is None:
             raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
-    from solver_backend.fitters.hands.layer import split_hands
+    from solver_backend.fitters.hands.shown_hands import split_hands
     from solver_backend.fitters.marker_calibration.label_faults import named_alike
     from solver_backend.fitters.marker_calibration.marker_problem import calibrated
 

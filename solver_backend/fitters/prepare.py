@@ -13,7 +13,7 @@ from solver_backend.body.label_places import places_given
 from solver_backend.exchange.errors import BackendMissing, TakeTooShort
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.measurements.base import Layer, Measurements
+from solver_backend.fitters.layers import Layer, Measurements
 from solver_backend.fitters.methods import METHODS, require_curves, require_network, require_one_view, require_start
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
@@ -101,7 +101,8 @@ def _prepare_markers(
     progress: Progress,
     person: MarkerSubject | None,
 ) -> Problem:
-    from solver_backend.fitters.hands.layer import Hands, split_hands
+    from solver_backend.fitters.hands.layer import Hands
+    from solver_backend.fitters.hands.shown_hands import split_hands
     from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.fitters.measurements.sources import LocatedPoints

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective, Subject
 from solver_backend.geometry.arrays import Array

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.state_layout import RESIDUAL, StateLayout
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.model.states import FrameStates, PosedFrames, d_pose_d_key, decoded, state_layout
 from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
 from solver_backend.fitters.problem import Problem

@@ -20,7 +20,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
-from solver_backend.io.recognition.camera_names import name_key, natural_key
+from solver_backend.io.camera_names import name_key, natural_key
 
 _LARGEST_HEADER = 1 << 26
 """Bytes; ten hours of video have less."""

@@ -29,6 +29,7 @@ _ASK_S = 1.0
 
 
 _RETRY_S = 0.5
+"""Seconds between two attempts to open a port that another program holds."""
 
 
 _BUFFER = 1 << 20

@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.measurements.base import Measurements, RoughMotion
+from solver_backend.fitters.layers import Measurements, RoughMotion
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.pose_ndf.fit_keypoints import fit_keypoints
 from solver_backend.fitters.prepare import first_subject, prepare

@@ -8,8 +8,8 @@ import pytest
 from solver_backend.agreement.camera_assignment import assigned_by_views
 from solver_backend.agreement.detections import Detections
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.camera_names import counted_order
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.camera_names import counted_order
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Capture
 from tests.support.calibration_files import toml_text

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Severity
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.report.checks import diagnose
@@ -70,16 +71,19 @@ def test_a_view_that_was_left_out_contradicts_nobody() -> None:
 
 
 def test_others_count_only_where_the_person_should_be_seen() -> None:
-    """Two cameras see the person, two somebody else: beside her place in their pictures, or in another corner."""
+    """Two cameras see the person, two somebody else: in her place, in another corner, or where she is out of view."""
     capture, motion = solved(faults=False)
     confidence = capture.keypoints.confidence
     mine, theirs = confidence.copy(), np.zeros_like(confidence)
     mine[2:], theirs[2:] = 0.0, 1.0
-    other = PersonInViews("Person 2", replace(capture.keypoints, confidence=theirs))
+    in_her_place = replace(capture.keypoints, xy=project(capture.cameras, motion.keypoints3d), confidence=theirs)
+    other = PersonInViews("Person 2", in_her_place)
     main = replace(capture.keypoints, confidence=mine)
     people = (PersonInViews("Person 1", main), other)
     beside = replace(capture, keypoints=main, people=people, person="Person 1")
     assert "views_contradict" in found(beside, motion)
+    corner = replace(other, keypoints=replace(in_her_place, xy=in_her_place.xy + 800.0))
+    assert "views_contradict" not in found(replace(beside, people=(people[0], corner)), motion)
     away = replace(beside, cameras=replace(capture.cameras, t=capture.cameras.t + np.repeat([0.0, 30.0], 2)[:, None]))
     assert "views_contradict" not in found(away, motion)
 

@@ -339,7 +339,7 @@ class PointNetWidths:
 
 
 @dataclass(frozen=True)
-class Reading:
+class LabelReading:
     """What the network returns for B clouds of N points."""
 
     scores: torch.Tensor
@@ -374,7 +374,7 @@ class PointNet(nn.Module):
         self.register_buffer("frequencies", torch.tensor(FREQUENCIES), persistent=False)
         self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
 
-    def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> Reading:
+    def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> LabelReading:
         """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds."""
         waves = (points[..., None] * self.get_buffer("frequencies")).flatten(-2)
         x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
@@ -390,7 +390,7 @@ class PointNet(nn.Module):
         asked = self.asking(self.queries.expand(len(x), -1, -1), x, gone[:, None, None])
         aim = self.point_at(asked) @ self.pointed(x).transpose(1, 2) * x.shape[-1] ** -0.5 + gone[:, None]
         positions = aim.softmax(-1) @ points + self.offset(asked)
-        return Reading(scores, self.missing, positions, self.spread(asked))
+        return LabelReading(scores, self.missing, positions, self.spread(asked))
 
 
 class _Asking(nn.Module):
@@ -415,7 +415,7 @@ _SHARP_M = 0.01
 """Distance below which the loss is a square, metres; chosen by hand."""
 
 
-def point_loss(reading: Reading, clouds: Clouds) -> torch.Tensor:
+def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
     """Return the mean over samples of the labels' cross-entropies, the positions' robust distance and their likelihood.
 
     A point's label is a softmax over markers and ghost, a marker's point one over points and "missing". Covariances

@@ -73,6 +73,7 @@ _CONTENTS = (
     ("solved", "Solved", "Positions on the solved body"),
 )
 _FRAMES = -(2**31), 2**31 - 1
+"""Frames that a property of Blender can hold."""
 _UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
 
 

@@ -90,6 +90,7 @@ def remarks(result: Remarks) -> tuple[str, ...]:
 
 _ARMATURE = text("Armature", "Armature of an FBX, glTF or Blender file, if several move")
 _TIMES = -1e6, 1e6
+"""Seconds between which times are accepted."""
 _HANDS = (
     ("NAMED", "By Name", "Use the names of the file and its joints"),
     ("LEFT", "Left", "The left hand"),

@@ -27,8 +27,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, CaptureNotRecognised, FileMissing
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.camera_names import natural_key
 from solver_backend.io.footage import join_chapters
-from solver_backend.io.recognition.camera_names import natural_key
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
 _EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the last is a word of users

@@ -32,9 +32,9 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.exchange.outputs import write_text
 from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.camera_names import match_names
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 from solver_backend.io.footage import PLAUSIBLE_MM, recorded_focal_mm
-from solver_backend.io.recognition.camera_names import match_names
 from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold-mocap-lenses", 1

@@ -2,133 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from types import MappingProxyType
-from typing import TYPE_CHECKING, ClassVar
+from dataclasses import dataclass
+from typing import ClassVar
 
-import numpy as np
-
-from solver_backend.body.body import Body
-from solver_backend.body.hand_markers import hand_columns, hand_place
-from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.measurements.base import NO_TERMS, SolvedLayer
+from solver_backend.fitters.build_motion import PosedTake
+from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews
+from solver_backend.fitters.layers import NO_TERMS, SolvedLayer
 from solver_backend.fitters.model.subject import FrameObjective
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem, SolvedFrames
-from solver_backend.types import Cameras, Keypoints2D, MarkerCloud, Motion
-
-if TYPE_CHECKING:
-    from solver_backend.fitters.hands.measured_hands import MeasuredHands
-
-
-@dataclass(frozen=True)
-class HandViews:
-    """Detected points of both hands in C views over F frames."""
-
-    cameras: Cameras
-    """C calibrated cameras."""
-    xy: np.ndarray
-    """(C, F, 2, 21, 2) px, left hand first; NaN where unseen."""
-    confidence: np.ndarray
-    """(C, F, 2, 21) in 0..1, 0 where unseen."""
-
-    @classmethod
-    def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person; None where no view shows any.
-
-        A view that was left out for what it shows of the body is left out with its hands.
-        """
-        if keypoints.hands is None:
-            return None
-        with_body = (keypoints.confidence > 0).any(axis=-1)[..., None, None]
-        confidence = np.where(with_body, keypoints.hands[..., 2], 0.0)
-        return cls(cameras, keypoints.hands[..., :2], confidence) if confidence.any() else None
-
-    def measure(
-        self, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None = None
-    ) -> MeasuredHands:
-        """Return both hands of a body made ready; ``size`` is that of an earlier solve, see ``MeasuredHands``."""
-        from solver_backend.fitters.hands.measured_hands import measure_viewed_hands
-
-        return measure_viewed_hands(self, body, solved, fps, settings, size)
-
-
-NEAR_M = 0.06
-"""Median distance of a marker without a place from the nearest one of a hand, up to which it is the hand's: half of a
-hand's length."""
-OFTEN = 0.8
-"""Share of the frames that show both, in which it is so near."""
-
-
-@dataclass(frozen=True)
-class HandClouds:
-    """Markers of one or both hands over F frames."""
-
-    labels: Mapping[int, tuple[str, ...]]
-    """Places of ``hand_markers`` by side, 0 left and 1 right."""
-    positions: Mapping[int, np.ndarray]
-    """(F, L, 3) metres by side, NaN where missing."""
-    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    """Labels of markers that are near and name no place, by side."""
-    extra: Mapping[int, np.ndarray] = field(default_factory=dict)
-    """(F, N, 3) metres of these by side."""
-
-    def measure(
-        self, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None = None
-    ) -> MeasuredHands:
-        """Return both hands of a body made ready; ``size`` is that of an earlier solve, see ``MeasuredHands``."""
-        from solver_backend.fitters.hands.measured_hands import measure_worn_hands
-
-        return measure_worn_hands(self, body, solved, fps, settings, size)
-
-
-def split_hands(
-    cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
-) -> tuple[MarkerCloud, HandClouds | None]:
-    """Return a body's markers without those of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
-
-    Markers whose labels name no place go with a hand that they stay near to.
-
-    Args:
-        cloud: everybody's markers; the same object comes back where it has none of hands.
-        own: the user's place by label, see ``read_label_places``.
-    """
-    labels = cloud.labels or ()
-    found = hand_columns([own.get(label, label) for label in labels])
-    if not found:
-        return cloud, None
-    near = _near(cloud, found, own)
-    taken = {column for columns in found.values() for column in columns.values()} | set(near)
-    kept = [i for i in range(len(labels)) if i not in taken]
-    beside = {side: [column for column, whose in near.items() if whose == side] for side in found}
-    points = np.asarray(cloud.positions)
-    return cloud.columns(kept, tuple(labels[i] for i in kept)), HandClouds(
-        {side: tuple(columns) for side, columns in found.items()},
-        {side: points[:, list(columns.values())] for side, columns in found.items()},
-        {side: tuple(labels[c] for c in columns) for side, columns in beside.items() if columns},
-        {side: points[:, columns] for side, columns in beside.items() if columns},
-    )
-
-
-def _near(cloud: MarkerCloud, found: Mapping[int, Mapping[str, int]], own: Mapping[str, str]) -> dict[int, int]:
-    labels = cloud.labels or ()
-    places = {label: place for label, place in own.items() if hand_place(place) is None}
-    unknown = set(name_markers([label for label in labels if not is_unnamed(label)], places).unknown)
-    points, near = np.asarray(cloud.positions), dict[int, int]()
-    hands = {column for columns in found.values() for column in columns.values()}
-    for column, label in enumerate(labels):
-        if column in hands or label not in unknown or label in own:
-            continue
-        for side, columns in found.items():
-            away = np.linalg.norm(points[:, list(columns.values())] - points[:, column, None], axis=-1)
-            known = np.isfinite(away).any(axis=1)
-            least = np.nanmin(np.where(known[:, None], away, np.inf), axis=1)[known]
-            if len(least) and (least < NEAR_M).mean() >= OFTEN:
-                near[column] = side
-    return near
+from solver_backend.types import Cameras, Keypoints2D, Motion
 
 
 @dataclass(frozen=True)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import singledispatch
 
 import numpy as np
 
@@ -24,8 +25,8 @@ from solver_backend.fitters.hands.hand_view_term import (
     pixels_per_metre,
     sort_hands,
 )
-from solver_backend.fitters.hands.layer import HandClouds, HandViews
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
+from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.small_matrices import unpacked
@@ -150,15 +151,28 @@ class ArmPaths:
         return WristPath(self.rotations[:, side], self.wrists[:, side], self.covariance[:, side])
 
 
-def measure_viewed_hands(
-    shown: HandViews, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
+@singledispatch
+def measure_hands(
+    shown: HandViews | HandClouds,
+    body: Body,
+    solved: SolvedFrames,
+    fps: float,
+    settings: SolveSettings,
+    size: float | None,
 ) -> MeasuredHands:
-    """Return the hands of a body as views have them.
+    """Return both hands of a body, ready to be solved.
 
     Args:
-        shown: detections of both hands.
-        size: of the hands, where an earlier solve found it.
+        shown: detections or markers of both hands.
+        size: size of the hands, where an earlier solve found it.
     """
+    raise TypeError(f"nothing measures hands of {type(shown).__name__}")
+
+
+@measure_hands.register(HandViews)
+def _(
+    shown: HandViews, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
+) -> MeasuredHands:
     arms, skeletons = arm_paths(solved), _skeletons(body, solved)
     kept = sort_hands(shown, arms.wrists, arms.elbows)
     views, hands = kept.views, dict[int, MeasuredHand]()
@@ -174,10 +188,10 @@ def measure_viewed_hands(
     return MeasuredHands(skeletons, hands, size, kept.diagnostics)
 
 
-def measure_worn_hands(
+@measure_hands.register(HandClouds)
+def _(
     shown: HandClouds, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
 ) -> MeasuredHands:
-    """Return the hands of a body as markers have them; the arguments are those of ``measure_viewed_hands``."""
     arms, skeletons = arm_paths(solved), _skeletons(body, solved)
     hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
     if size is None:

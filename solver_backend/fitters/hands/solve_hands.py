@@ -18,9 +18,10 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.build_motion import PosedTake
 from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SHIFT, TURN, KeyModel
-from solver_backend.fitters.hands.layer import HandClouds, HandViews
-from solver_backend.fitters.hands.measured_hands import MeasuredHand
+from solver_backend.fitters.hands.measured_hands import MeasuredHand, measure_hands
+from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews
 from solver_backend.fitters.hands.solve_hand import (
     THROUGH_M,
     SolvedHand,
@@ -35,7 +36,6 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.splice_range import range_layout
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.quaternions import quat_from_matrix
@@ -158,7 +158,7 @@ def solve_hands(
     except BodyInvalid:
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
     progress(STAGE, 0, 1)
-    found = shown.measure(body, solved, fps, settings)
+    found = measure_hands(shown, body, solved, fps, settings, None)
     hands, doubts = dict[int, SolvedHand](), found.diagnostics
     for number, (side, hand) in enumerate(found.hands.items()):
         alive = partial(progress, STAGE, number, len(found.hands))
@@ -253,7 +253,7 @@ def solve_hands_again(
         return solved, {}
     progress(STAGE, 0, 1)
     size = float(earlier.provenance.get("hands", {}).get("size", 1.0))
-    found = shown.measure(body, solved, earlier.fps, settings, size)
+    found = measure_hands(shown, body, solved, earlier.fps, settings, size)
     hands = dict[int, HandRange]()
     for number, (side, hand) in enumerate(found.hands.items()):
         still = _still_angles(found.skeletons[side], side, earlier, frame_range.pins)

@@ -8,7 +8,7 @@ from functools import partial
 import numpy as np
 
 from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, BundleModel, Schedule, Stretch, solve_keys
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import points_of

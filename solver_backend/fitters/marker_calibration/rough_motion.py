@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.fitters.measurements.base import RoughMotion
+from solver_backend.fitters.layers import RoughMotion
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem

@@ -18,7 +18,7 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettings
-from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.layers import Measurements, seen_frames
 from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject

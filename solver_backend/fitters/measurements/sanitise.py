@@ -13,12 +13,12 @@ from solver_backend.agreement.label_swaps import undo_swaps
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
 from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.agreement.view_faults import Mirrored, NamedLike, ViewFault, exclude_views, repair_views
-from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge, sentence
 from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
-from solver_backend.fitters.measurements.base import seen_frames
+from solver_backend.fitters.layers import seen_frames
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Cameras, Capture, Keypoints2D
 

@@ -11,18 +11,20 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Severity
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.measurements.base import NO_TERMS, RestWords, SolvedLayer
+from solver_backend.fitters.layers import NO_TERMS, RestWords, SolvedLayer
+from solver_backend.fitters.model.states import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, state_layout
 from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem, SolvedFrames
-from solver_backend.fitters.recipes.bundle import Bundle
-from solver_backend.fitters.recipes.steps import learn_view_noise, learn_window_noise
+from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
+from solver_backend.geometry.arrays import index
 from solver_backend.metrics.positions import reprojection_px
 from solver_backend.residuals.terms import DataTerm
 from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Cameras, Keypoints2D, Motion
 
 if TYPE_CHECKING:
-    from solver_backend.fitters.output.build_motion import PosedTake
+    from solver_backend.fitters.build_motion import PosedTake
+    from solver_backend.fitters.recipes.bundle import Bundle
 
 CONSTANT_M = 0.0065
 """Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
@@ -88,7 +90,9 @@ class ViewPoints:
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
         """Learn how reliable each keypoint is in each view."""
-        return learn_view_noise(bundle)
+        problem, posed = bundle.problem, bundle.posed
+        sample = posed.poses.select(index(problem.sample, posed.keys.z))
+        return with_learned_noise(problem, posed.subject, sample, bundle.settings)
 
 
 @dataclass(frozen=True)
@@ -138,7 +142,7 @@ class LocatedPoints:
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with the markers, what they miss, and the recording with its gaps filled."""
-        from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
+        from solver_backend.fitters.measurements.gap_filling import bone_rotations, filled
 
         subject, seen = posed.subject, np.isfinite(self.points).all(-1)
         bones = bone_rotations(subject.landmarks, posed.bones)
@@ -173,7 +177,16 @@ class LocatedPoints:
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
         """Learn how reliable each landmark is in each part of the take."""
-        return learn_window_noise(bundle)
+        problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
+        if not settings.learn_noise:
+            return bundle.data
+        # Codes that stay were found from the same landmarks, and count.
+        names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+        dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
+        seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
+        return with_window_variances(
+            problem.measurements.term, posed.points, problem.fps, settings.robust_scale, dof, seen
+        )
 
 
 def _bring_to_rest(problem: Problem, solved: SolvedFrames) -> SolvedFrames:

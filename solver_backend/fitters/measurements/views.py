@@ -11,18 +11,18 @@ from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.noise_map import read_noise_map
-from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
+from solver_backend.fitters.build_motion import PosedTake
 from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.measurements.base import Layer, Measurements, RoughMotion, SolvedLayer, seen_frames
+from solver_backend.fitters.layers import Layer, Measurements, RoughMotion, SolvedLayer, seen_frames
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.fitters.measurements.sources import ViewPoints, fit_sigma_px
 from solver_backend.fitters.model.states import FrameStates, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.body.state_layout import CODE, ROOT, TRANSL, PoseLayout, StateLayout
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, PoseLayout, StateLayout
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity, index, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, quat_from_rotvec, quat_multiply
 from solver_backend.geometry.sphere import spherical_normalisation
@@ -18,6 +18,12 @@ from solver_backend.types import Motion
 
 CODES = ZeroMeanSphere()
 """Where codes live: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
+
+
+ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
+"""Free blocks of poses that the prior decodes."""
+OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
+"""Every joint may leave the prior's manifold by a small rotation."""
 
 
 def state_layout(prior: PosePrior) -> StateLayout:

@@ -11,12 +11,12 @@ from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.measurements.base import RestWords, SolvedLayer
+from solver_backend.fitters.build_motion import PosedTake
+from solver_backend.fitters.layers import RestWords, SolvedLayer
 from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.one_view.faults import glides
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.geometry.arrays import constant, to_numpy

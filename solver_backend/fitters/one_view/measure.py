@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.measurements.base import Measurements, RoughMotion, seen_frames
+from solver_backend.fitters.layers import Measurements, RoughMotion, seen_frames
 from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject

@@ -20,7 +20,7 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.fitters.measurements.base import Measurements, RestWords
+from solver_backend.fitters.layers import Measurements, RestWords
 from solver_backend.fitters.partial_body.resting_spread import (
     ANCHORS,
     assumed_joints,

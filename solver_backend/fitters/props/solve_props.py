@@ -15,10 +15,10 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.props import Prop
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.build_motion import PosedTake
+from solver_backend.fitters.layers import NO_TERMS, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import FRAMES, LEAST_MARKERS, BonePoses, loose_groups
-from solver_backend.fitters.measurements.base import NO_TERMS, SolvedLayer
 from solver_backend.fitters.model.subject import FrameObjective
-from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.props.prop_equations import (
     LEAST_SIGMA_M,

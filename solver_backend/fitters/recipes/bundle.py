@@ -9,7 +9,7 @@ from typing import Protocol
 
 import numpy as np
 
-from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
+from solver_backend.body.state_layout import RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, BundleObjective, bundle_objective
@@ -18,7 +18,7 @@ from solver_backend.fitters.keyframes.lost_limbs import Start
 from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, Stretches, solve_in_single
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, PosedFrames, state_layout
+from solver_backend.fitters.model.states import ON_THE_MANIFOLD, Keyframes, PosedFrames, state_layout
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts
@@ -26,10 +26,6 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import DataTerm
 
-ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
-"""Free blocks of poses that the prior decodes."""
-OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
-"""Every joint may leave the prior's manifold by a small rotation."""
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
 """Joints leave the manifold from where it was reached. Exact markers of a known person constrain a pose through
 its joints: a code that is free beside the residual rotations is determined twice, and Gauss-Newton's steps overshoot

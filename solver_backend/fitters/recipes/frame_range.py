@@ -24,10 +24,16 @@ from solver_backend.fitters.keyframes.splice_range import (
     spliced,
 )
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
+from solver_backend.fitters.model.states import (
+    OFF_THE_MANIFOLD,
+    ON_THE_MANIFOLD,
+    Keyframes,
+    PosedFrames,
+    hemisphere_aligned,
+)
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames
-from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle, Pass
+from solver_backend.fitters.recipes.bundle import Bundle, Pass
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise
 from solver_backend.geometry.arrays import Array, constant, to_numpy

@@ -19,13 +19,11 @@ from solver_backend.fitters.model.keyframe_layout import control_points
 from solver_backend.fitters.model.states import hemisphere_aligned, state_layout
 from solver_backend.fitters.model.subject import points_of
 from solver_backend.fitters.problem import MethodResult, SolvedFrames
-from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.fitters.subject_calibration.shape import ShapePrior
 from solver_backend.fitters.subject_calibration.shape import refit_shape as refit
-from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
 from solver_backend.geometry.arrays import index, to_numpy
-from solver_backend.residuals.terms import DataTerm
 
 
 def space_keys(bundle: Bundle) -> Bundle:
@@ -79,26 +77,6 @@ def refit_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
     objective = bundle.objective.frames.select(problem.sample)
     subject = refit(posed.subject, sample, objective, bundle.settings.robust_scale, known)
     return replace(bundle, posed=posed.of_subject(subject))
-
-
-def learn_view_noise(bundle: Bundle) -> DataTerm:
-    """Learn how reliable each keypoint is in each view; landmarks that are measured once stay as they are."""
-    problem, posed = bundle.problem, bundle.posed
-    sample = posed.poses.select(index(problem.sample, posed.keys.z))
-    return with_learned_noise(problem, posed.subject, sample, bundle.settings)
-
-
-def learn_window_noise(bundle: Bundle) -> DataTerm:
-    """Learn how reliable each landmark is in each part of the take."""
-    problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
-    if not settings.learn_noise:
-        return bundle.data
-    # Codes that stay were found from the same landmarks, and count.
-    names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
-    seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
-    scale, term = settings.robust_scale, problem.measurements.term
-    return with_window_variances(term, posed.points, problem.fps, scale, dof, seen)
 
 
 def learn_noise(bundle: Bundle) -> Bundle:

@@ -13,18 +13,10 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.initial_keys import closer_window, initial_keys, keys_of_frames, paces
 from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, solve_in_single
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.states import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem
-from solver_backend.fitters.recipes.bundle import (
-    FIXED_CODES,
-    OFF_THE_MANIFOLD,
-    ON_THE_MANIFOLD,
-    Bundle,
-    Pass,
-    Step,
-    run_passes,
-    start_take,
-)
+from solver_backend.fitters.recipes.bundle import FIXED_CODES, Bundle, Pass, Step, run_passes, start_take
 from solver_backend.fitters.recipes.steps import (
     STAGE,
     find_standing_feet,

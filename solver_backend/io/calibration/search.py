@@ -18,7 +18,7 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import FORMATS, calibrations_in
-from solver_backend.io.recognition.camera_names import counted_order, listing, match_names, name_key, takes_in_names
+from solver_backend.io.camera_names import counted_order, listing, match_names, name_key, takes_in_names
 from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"

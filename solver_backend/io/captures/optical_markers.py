@@ -24,10 +24,10 @@ from solver_backend.body.marker_names import (
 )
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.io.camera_names import listing
 from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.source import MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import Capture, MarkerCloud
 

@@ -13,8 +13,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, 
 from solver_backend.exchange.errors import JobInvalid, NotSynchronised
 from solver_backend.exchange.reading_settings import offsets_by_camera
 from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
+from solver_backend.io.camera_names import listing, name_key
 from solver_backend.io.reader import ReadOptions
-from solver_backend.io.recognition.camera_names import listing, name_key
 from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
 from solver_backend.types import Cameras, Capture, stacked_hands
 

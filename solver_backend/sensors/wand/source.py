@@ -14,8 +14,8 @@ from solver_backend.camera_calibration.intrinsics.known_lenses import known_lens
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid, FileDamaged, FileMissing
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.camera_names import natural_key
 from solver_backend.io.files import read_text
-from solver_backend.io.recognition.camera_names import natural_key
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
 from solver_backend.sensors.devices.record import ABOUT
 from solver_backend.sensors.devices.recorded import STUDIO_SHOT, SensorFolder, open_folder

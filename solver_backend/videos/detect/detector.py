@@ -51,6 +51,7 @@ _LOG_BYTES = 1 << 16
 """Bytes at the end of a detector's log that are read."""
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
+"""Arrays of an answer about a body or a hand, with their shapes; None is any length."""
 
 
 class AnswerInvalid(ValueError):

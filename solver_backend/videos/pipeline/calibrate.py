@@ -23,7 +23,7 @@ from solver_backend.camera_calibration.intrinsics.known_lenses import FocalLengt
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
-from solver_backend.io.recognition.camera_names import match_names
+from solver_backend.io.camera_names import match_names
 from solver_backend.io.recognition.one_camera import stand_camera
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake

@@ -11,8 +11,8 @@ from pathlib import Path
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, MocapError
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import find_calibration, is_calibration_folder
+from solver_backend.io.camera_names import name_key, natural_key
 from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of, is_picture, is_video, join_chapters
-from solver_backend.io.recognition.camera_names import name_key, natural_key
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
 """Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""

@@ -12,7 +12,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.measurements.markers import measure_landmarks
 from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.point_network import load_network

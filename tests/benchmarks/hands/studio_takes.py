@@ -14,7 +14,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.hands.hand_view_term import sort_hands
-from solver_backend.fitters.hands.layer import HandViews
+from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.synthesis.studio.person_hands import (

@@ -13,9 +13,9 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import silent
-from solver_backend.fitters.hands.layer import HandViews
+from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.fitters.hands.solve_hands import SolvedHands, follow_hand, solve_hands
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.measurements.views import measure_views
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject

@@ -15,7 +15,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.fitters.hands.layer import split_hands
+from solver_backend.fitters.hands.shown_hands import split_hands
 from solver_backend.fitters.label_after import labelled_like
 from solver_backend.fitters.pipeline import calibrate_person, solve
 from solver_backend.geometry.rotations import exp_so3

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from research.baselines.rigid_filling import fill_rigidly
-from solver_backend.fitters.marker_calibration import gap_filling
-from solver_backend.fitters.marker_calibration.gap_filling import (
+from solver_backend.fitters.measurements import gap_filling
+from solver_backend.fitters.measurements.gap_filling import (
     filled,
     joining_shares,
     lasting_frames,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver_backend.fitters.output.build_motion import flagged
+from solver_backend.fitters.build_motion import flagged
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE
 
 FRAMES = 60

@@ -9,7 +9,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.initial_keys import closer_window, paces
-from solver_backend.fitters.measurements.base import RoughMotion
+from solver_backend.fitters.layers import RoughMotion
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.io.camera_names import match_names, name_key
 from solver_backend.io.footage import read_video_header
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.camera_names import match_names, name_key
 from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker

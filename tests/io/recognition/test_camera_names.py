@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from solver_backend.exchange.errors import CalibrationMismatch, CaptureNotRecognised, JobInvalid
+from solver_backend.io.camera_names import match_names, takes_in_names
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.camera_names import match_names, takes_in_names
 from tests.support.trial_files import mp4_bytes, write_trial
 
 

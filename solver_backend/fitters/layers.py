@@ -18,7 +18,7 @@ from solver_backend.residuals.terms import DataTerm
 from solver_backend.types import Motion
 
 if TYPE_CHECKING:
-    from solver_backend.fitters.output.build_motion import PosedTake
+    from solver_backend.fitters.build_motion import PosedTake
     from solver_backend.fitters.problem import Problem, SolvedFrames
     from solver_backend.fitters.recipes.bundle import Bundle
 

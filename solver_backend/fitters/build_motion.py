@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.kinematics import recorded_vectors
 from solver_backend.fitters.keyframes.lost_limbs import lost_landmarks
-from solver_backend.fitters.measurements.base import Measurements, SolvedLayer
+from solver_backend.fitters.layers import Measurements, SolvedLayer
 from solver_backend.fitters.model.states import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import SolvedFrames

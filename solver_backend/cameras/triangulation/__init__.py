@@ -1,0 +1,1 @@
+"""Points from views: linear candidates, robust refinement, the detector's noise."""
