@@ -12,27 +12,26 @@ ARKit's ``Left`` and ``Right``. Angles of head and eyes are not read.
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+import socket
 import struct
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 from solver_backend.exchange.live_lines import EventLine, LiveLine, frame_line
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
-from solver_backend.live.port import JUMP_S, OneSender
+from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder
 
 VERSION = 6
-"""Of Live Link Face's packets."""
-_LONGEST_NAME, _MOST_CHANNELS = 256, 256
-"""Bytes of a device's or subject's name, and channels of a packet, that are read at most."""
-_LARGEST = 10.0
-"""No channel has a value as large."""
+"""Version of Live Link Face's packets."""
+_LONGEST_NAME = 256
+"""Longest name of a device or subject, in bytes. Chosen by hand."""
 _OF_EYE = ("Blink", "LookDown", "LookIn", "LookOut", "LookUp", "Squint", "Wide")
 
 
@@ -48,31 +47,29 @@ BLEND_SHAPES = (
     *_both("mouthPress", "mouthLowerDown", "mouthUpperUp", "browDown"), "browInnerUp", *_both("browOuterUp"),
     "cheekPuff", *_both("cheekSquint", "noseSneer"), "tongueOut",
 )  # fmt: skip
-"""ARKit's names of the 52 in the packets' order."""
+"""ARKit's 52 names in the order of the packets."""
 _PAIR = re.compile(r"(\w{1,64})[-&](-?\d{1,6}(?:\.\d{1,9})?)")
-_SIDES = {"_L": "Left", "_R": "Right"}
-_NOT_CHANNELS = ("trackingStatus",)
+_SIDE = re.compile(r"_[LR]$")
 
 
 class FacePacketInvalid(ValueError):
-    """A packet is none of the app's."""
+    """A packet does not have the app's format."""
 
 
-@dataclass(frozen=True)
-class FacePacket:
-    """A face at a moment."""
+class FacePacket(NamedTuple):
+    """A face at one moment."""
 
     channels: dict[str, float]
-    """Value of each channel, 0 to 1 as a rule; {} where the app sees no face."""
+    """Value of each channel, usually 0 to 1. Empty where the app sees no face."""
     time: float | None = None
-    """Seconds on the app's clock, None where it has none."""
+    """Seconds on the app's clock, None if it has no clock."""
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Return what a packet of Live Link Face holds.
+    """Decode a packet of Live Link Face.
 
     Raises:
-        FacePacketInvalid: it is cut, or of another kind or version.
+        FacePacketInvalid: it is cut, or has another kind or version.
     """
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
@@ -96,16 +93,16 @@ def decode_live_link(packet: bytes) -> FacePacket:
         return FacePacket({}, seconds)
     if count < len(BLEND_SHAPES):
         raise FacePacketInvalid(f"it has {count} values, and a face has {len(BLEND_SHAPES)}")
-    if not all(abs(value) < _LARGEST for value in values[: len(BLEND_SHAPES)]):  # NaN is not
+    if not all(abs(value) < LARGEST_CHANNEL for value in values[: len(BLEND_SHAPES)]):  # NaN is not
         raise FacePacketInvalid("a value is not valid")
     return FacePacket(dict(zip(BLEND_SHAPES, values, strict=False)), seconds)
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Return what a packet of iFacialMocap holds.
+    """Decode a packet of iFacialMocap.
 
     Raises:
-        FacePacketInvalid: it is not text of its form.
+        FacePacketInvalid: it is not text of that format.
     """
     try:
         text = packet.decode("utf-8")
@@ -114,16 +111,17 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
     face = text.partition("=head#")[0].partition("=")[0]
     pairs = [pair for pair in face.split("|") if pair]
     found = [_PAIR.fullmatch(pair) for pair in pairs]
-    if not pairs or len(pairs) > _MOST_CHANNELS or None in found:
+    if not pairs or len(pairs) > MOST_CHANNELS or None in found:
         raise FacePacketInvalid("it is not a list of names and values")
-    channels = {_with_side(match[1]): float(match[2]) / 100.0 for match in found if match is not None}
-    if not all(abs(value) < _LARGEST for value in channels.values()):
+    channels = {_SIDE.sub(_write_side, match[1]): float(match[2]) / 100.0 for match in found if match is not None}
+    if not all(abs(value) < LARGEST_CHANNEL for value in channels.values()):
         raise FacePacketInvalid("a value is not valid")
-    return FacePacket({name: value for name, value in channels.items() if name not in _NOT_CHANNELS})
+    channels.pop("trackingStatus", None)
+    return FacePacket(channels)
 
 
-def _with_side(name: str) -> str:
-    return f"{name[:-2]}{_SIDES[name[-2:]]}" if name[-2:] in _SIDES else name
+def _write_side(match: re.Match[str]) -> str:
+    return "Left" if match[0] == "_L" else "Right"
 
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
@@ -131,57 +129,43 @@ REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 
-@dataclass(frozen=True)
-class FaceFrame:
-    """A face at a moment."""
+class FaceFrame(NamedTuple):
+    """A face of one frame."""
 
     time: float
+    """Seconds since the first frame."""
     arrived: float
-    """``time.perf_counter()`` when it came."""
+    """``time.perf_counter()`` when it arrived."""
     channels: dict[str, float]
-    """Value of each channel; {} where no face is seen."""
+    """Value of each channel, empty where no face is seen."""
 
 
 class FaceAssembly(OneSender):
-    """Frames of one phone. Packets of others, late, doubled and hostile ones are skipped."""
+    """Frames of one phone. Packets of others, and late, doubled or invalid ones, are skipped."""
 
     def __init__(self, scheme: str) -> None:
         super().__init__()
         self._decode, self._has_clock = _DECODERS[scheme], scheme == LIVE_LINK
-        self._before: tuple[float | None, float] | None = None
-        self._time = 0.0
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[FaceFrame]:
-        """Yield the frame of a packet, if it is one.
-
-        Args:
-            arrived: ``time.perf_counter()``.
-        """
+        """Yield the frame of a packet, if it is one. ``arrived`` is its ``time.perf_counter()``."""
         if self.is_other(sender, arrived):
             return self.name_once("second_sender", "Another phone is ignored while the first one sends.")
         try:
-            found = self._decode(packet)
+            channels, clock = self._decode(packet)
         except FacePacketInvalid as error:
             return self.name_once("packet_invalid", f"A packet is not one of this app's: {plain(str(error))}.")
         if sender != self._sender:
-            self._sender, self._packets, self._clock, self._before = sender, [], None, None
+            self._meet(sender)
         self._heard = arrived
-        if self._has_clock and not self.is_next(packet, found.time):  # without a clock, alike ones are a face
-            return
-        if self._before is not None:
-            clock, came = self._before
-            passed = arrived - came
-            if clock is not None and found.time is not None and 0.0 < found.time - clock < JUMP_S:
-                passed = found.time - clock
-            self._time += max(passed, 0.0)
-        self._before = (found.time, arrived)
-        yield FaceFrame(self._time, arrived, found.channels)
+        if not self._has_clock or self.is_next(packet, clock):  # without a clock, equal packets are a still face
+            yield FaceFrame(self.pass_time(clock, arrived), arrived, channels)
 
 
-def ask_phone(host: str, port: int) -> Callable[[Any], None]:
-    """Return what asks iFacialMocap on a phone, by a socket, to send. A phone that is away is asked again later."""
+def ask_phone(host: str, port: int) -> Callable[[socket.socket], None]:
+    """Return a function that asks iFacialMocap on a phone to send. It ignores a phone that is away."""
 
-    def ask(there: Any) -> None:
+    def ask(there: socket.socket) -> None:
         with suppress(OSError):
             there.sendto(REQUEST, (host, port))
 
@@ -189,12 +173,8 @@ def ask_phone(host: str, port: int) -> Callable[[Any], None]:
 
 
 def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
-    """Yield the lines of a live run of a face. Frames are recorded before.
-
-    Args:
-        found: what ``listen`` yields.
-    """
-    number = 0
+    """Yield the lines of a live face from the items of ``listen``, each after its frame was recorded."""
+    number = itertools.count()
     for item in found:
         if isinstance(item, dict):
             yield item
@@ -204,6 +184,5 @@ def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | 
         lag_s = time.perf_counter() - item.arrived
         state, shown = "no_person", {"why": "the phone sees no face"}
         if item.channels:
-            state, shown = "tracking", {"face": {name: round(value, 4) for name, value in item.channels.items()}}
-        yield frame_line(number, item.time, state, lag_s, lag_s, points=0, **shown)
-        number += 1
+            state, shown = "tracking", {"face": rounded_face(item.channels)}
+        yield frame_line(next(number), item.time, state, lag_s, lag_s, points=0, **shown)

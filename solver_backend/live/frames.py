@@ -1,4 +1,4 @@
-"""Read live points from a replayed file or from lines, and drop frames that come too late."""
+"""Moments of live sources. Read points from a replayed file or from lines, and drop frames that come too late."""
 
 from __future__ import annotations
 
@@ -6,10 +6,11 @@ import json
 import math
 import time
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from queue import Empty, Full, Queue
 from threading import Event, Thread
-from typing import BinaryIO
+from typing import BinaryIO, ClassVar
 
 import numpy as np
 
@@ -28,6 +29,7 @@ class PointFrame:
     """Points of one frame."""
 
     time: float
+    """Seconds on the source's clock."""
     points: np.ndarray
     """(N, 3) in the source's unit and axes."""
     arrived: float
@@ -41,6 +43,25 @@ class PointFrame:
     def lag_s(self) -> float:
         """Delay of its pose at this moment, in seconds."""
         return time.perf_counter() - (self.arrived if self.due is None else self.due)
+
+
+@dataclass(frozen=True)
+class ViewMoment:
+    """Detections of C cameras at one moment."""
+
+    fault: ClassVar[str] = ""
+    time: float
+    arrived: float
+    """``time.perf_counter()`` when its last picture arrived."""
+    people: tuple[np.ndarray | None, ...]
+    """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
+    times: tuple[float, ...] = ()
+    """Time of each view's picture in seconds, NaN for a skipped view."""
+
+    @property
+    def lag_s(self) -> float:
+        """Delay of its pose at this moment, in seconds."""
+        return time.perf_counter() - self.arrived
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
@@ -66,8 +87,7 @@ def measured(points: np.ndarray) -> np.ndarray:
 def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
     """Yield a frame per line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
 
-    A line that is neither is yielded with its fault. Empty lines are skipped, and so are events of whoever sends them.
-    Bytes that are no UTF-8 are part of such a line, and end nothing.
+    Other lines are yielded with a fault, also if they are not UTF-8. Empty lines and events are skipped.
     """
     number = 0
     while line := stream.readline(_LONGEST_LINE):
@@ -75,20 +95,15 @@ def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
         if not text or text.startswith('{"event":'):
             continue
         try:
-            _require_whole(line, stream)
-            at, points = _parsed(text, number / fps)
-            yield PointFrame(at, points, arrived)
+            if len(line) == _LONGEST_LINE and not line.endswith(b"\n"):
+                while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith(b"\n"):
+                    pass
+                raise ValueError(f"it has more than {_LONGEST_LINE} bytes")
+            yield PointFrame(*_parsed(text, number / fps), arrived)
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            yield PointFrame(math.nan, np.zeros((0, 3)), arrived, _message(error))
+            fault = f"the line is not in our format ({str(error)[:80]})"
+            yield PointFrame(math.nan, np.zeros((0, 3)), arrived, fault)
         number += 1
-
-
-def _require_whole(line: bytes, stream: BinaryIO) -> None:
-    if len(line) < _LONGEST_LINE or line.endswith(b"\n"):
-        return
-    while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith(b"\n"):
-        pass
-    raise ValueError(f"it has more than {_LONGEST_LINE} bytes")
 
 
 def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
@@ -97,7 +112,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         points = np.asarray(values["points"], dtype=np.float64).reshape(-1, 3)
         at = float(values.get("t", clock))
     else:
-        # Not np.array of texts: each would take as much memory as the longest.
+        # Not np.array of texts, which needs as much memory per text as the longest one.
         numbers = np.array([float(word) for word in text.replace(",", " ").replace(";", " ").split()])
         if len(numbers) % 3 != 1:
             raise ValueError(f"{len(numbers)} numbers are not a time and points of three each")
@@ -109,13 +124,6 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         raise ValueError(f"{len(points)} points in one frame; at most {MOST_POINTS} are read")
     return at, points
 
-
-def _message(error: Exception) -> str:
-    return f"the line is not in our format ({str(error)[:80]})"
-
-
-_Waiting = Queue[PointFrame | BaseException | None]
-"""Frames, then an error or None at the end."""
 
 LATE_S = 0.1
 """Frames with a larger delay are dropped, in seconds. People notice a delay of this size."""
@@ -146,62 +154,51 @@ class KeepUp:
 
 
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-    """Yield the frames of a stream in order, and read each one as soon as it arrives.
+    """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Raise what reading raises.
 
-    A frame is due when it came, or when its sender's clock has it due, whichever is later: lines of a file, which come
-    all at once, are late only once they are behind their own clock.
-
-    Raises:
-        whatever reading the stream raises.
+    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. So the lines of a file,
+    which arrive all at once, are late only if they are behind their own clock.
     """
-    waiting: _Waiting = Queue(_MOST_WAITING)
+    waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()
-    # A reader that waits for a line cannot be stopped; the process does not wait for it at its end.
-    Thread(target=_read, args=(iter(frames), waiting, gone), name="read ahead", daemon=True).start()
+
+    def put(item: PointFrame | BaseException | None) -> None:
+        while not gone.is_set():
+            with suppress(Full):
+                waiting.put(item, timeout=_LOOK_S)
+                return
+
+    def read() -> None:
+        last: BaseException | None = None
+        try:
+            for frame in frames:
+                put(frame)
+                if gone.is_set():
+                    return
+        except Exception as error:  # raised again by the consumer
+            last = error
+        put(last)
+
+    # A reader that waits for a line cannot be stopped. As a daemon it does not delay the end of the process.
+    Thread(target=read, name="read ahead", daemon=True).start()
     anchor: float | None = None
+    nothing_waits = waiting.empty()
     try:
         while True:
-            nothing_waits = waiting.empty()
-            item = _next(waiting)
+            try:
+                item = waiting.get(timeout=_LOOK_S)
+            except Empty:
+                continue  # a wait without end cannot be interrupted on every system
             if item is None:
                 return
             if isinstance(item, BaseException):
                 raise item
             if item.fault:
                 yield item
-                continue
-            if anchor is None or nothing_waits:  # whatever clock it has, its sender is not behind it
-                anchor = item.arrived - item.time
-            yield replace(item, arrived=time.perf_counter(), due=max(item.arrived, anchor + item.time))
+            else:
+                if anchor is None or nothing_waits:  # its sender is not behind this clock
+                    anchor = item.arrived - item.time
+                yield replace(item, arrived=time.perf_counter(), due=max(item.arrived, anchor + item.time))
+            nothing_waits = waiting.empty()
     finally:
         gone.set()
-
-
-def _next(waiting: _Waiting) -> PointFrame | BaseException | None:
-    while True:
-        try:
-            return waiting.get(timeout=_LOOK_S)
-        except Empty:
-            continue  # a wait without end cannot be interrupted everywhere
-
-
-def _read(frames: Iterator[PointFrame], waiting: _Waiting, gone: Event) -> None:
-    last: BaseException | None = None
-    try:
-        for frame in frames:
-            if not _put(waiting, frame, gone):
-                return
-    except Exception as error:  # to be raised where the frames are wanted
-        last = error
-    _put(waiting, last, gone)
-
-
-def _put(waiting: _Waiting, item: PointFrame | BaseException | None, gone: Event) -> bool:
-    while not gone.is_set():
-        try:
-            waiting.put(item, timeout=_LOOK_S)
-        except Full:
-            continue
-        else:
-            return True
-    return False

@@ -6,9 +6,8 @@ import errno
 import math
 import socket
 import time
+from collections import Counter
 from collections.abc import Callable, Generator, Iterator
-from contextlib import ExitStack
-from dataclasses import dataclass, field
 from typing import Any, Protocol, TypeVar
 
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -17,26 +16,19 @@ from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 
 SILENT_S = 2.0
-"""A sender is reported as silent after this time without a packet, in seconds."""
-
-
+"""A sender is reported as silent after this time without a packet, in seconds. Chosen by hand."""
 _LOOK_S = 0.2
-"""Longest uninterrupted wait, in seconds."""
-
-
+"""Longest uninterrupted wait, in seconds. Chosen by hand."""
 _ASK_S = 1.0
-"""Time between requests while the sender is silent, in seconds."""
-
-
+"""Time between requests while the sender is silent, in seconds. Chosen by hand."""
 _RETRY_S = 0.5
-"""Seconds between two attempts to open a port that another program holds."""
-
-
+"""Time between attempts at a busy port, in seconds. Chosen by hand."""
 _BUFFER = 1 << 20
 """Receive buffer of the system in bytes: one second of the largest bundles."""
 
-
 Frame = TypeVar("Frame", covariant=True)
+Ask = Callable[[socket.socket], None]
+"""Asks a sender to send, through our socket."""
 
 
 class Assembly(Protocol[Frame]):
@@ -46,53 +38,48 @@ class Assembly(Protocol[Frame]):
     """Kind and sentence of each new kind of fault."""
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
-        """Yield the frames that a packet completes."""
+        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
         ...
 
 
 def listen(
-    address: VmcAddress, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
+    address: VmcAddress, assembly: Assembly[Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive. Wait while another program uses the port.
-
-    Args:
-        ask: asks a sender to send, by our socket. Called at the beginning and as long as nothing comes.
+    """Yield frames and events as they arrive. Wait while another program uses the port, and ask while nothing comes.
 
     Raises:
-        CommandLineInvalid: there is no such address on this machine.
+        CommandLineInvalid: this machine does not have the address.
     """
-    there: socket.socket | None = None
-    busy = False
+    there = _bound(address)
+    if there is None:
+        yield event_line("port_busy", f"Another program listens at {address}; waiting until it ends.")
     while there is None:
+        time.sleep(_RETRY_S)
         there = _bound(address)
-        if there is None:
-            if not busy:
-                yield event_line("port_busy", f"Another program listens at {address}; waiting until it ends.")
-            busy = True
-            time.sleep(_RETRY_S)
     with there:
         yield event_line("listening", f"Listening at {address}.")
         yield from _received(there, assembly, ask)
 
 
 def _received(
-    there: socket.socket, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
+    there: socket.socket, assembly: Assembly[Frame], ask: Ask = lambda _: None
 ) -> Iterator[Frame | EventLine]:
-    heard, silent, broken = time.perf_counter(), False, False
+    heard = asked = time.perf_counter()
+    silent = broken = False
     ask(there)
-    asked = heard
     while True:
         try:
             packet, sender = there.recvfrom(LONGEST + 1)
         except TimeoutError:
-            if time.perf_counter() - asked > _ASK_S:
-                asked = time.perf_counter()
+            now = time.perf_counter()
+            if now - asked > _ASK_S:
+                asked = now
                 ask(there)
-            if not silent and time.perf_counter() - heard > SILENT_S:
+            if not silent and now - heard > SILENT_S:
                 silent = True
                 yield event_line("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
             continue
-        except ConnectionError:  # Windows reports what an earlier packet of ours met
+        except ConnectionError:  # Windows reports a failure of our earlier packet
             continue
         except OSError as error:
             if not broken:
@@ -110,43 +97,23 @@ def _received(
 
 
 def _bound(address: VmcAddress) -> socket.socket | None:
-    """Return a socket that listens, None where another program has the port."""
-    with ExitStack() as on_failure:
-        try:
-            family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
-            there = on_failure.enter_context(socket.socket(family, kind, protocol))
-            there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
-            there.settimeout(_LOOK_S)
-            there.bind(where)
-        except (OSError, UnicodeError) as error:
-            return _refuse(error, address)
-        on_failure.pop_all()
-        return there
-
-
-def _refuse(error: Exception, address: VmcAddress) -> None:
-    """Return None for a port that is taken."""
-    if getattr(error, "errno", None) == errno.EADDRINUSE:
-        return
-    reason = getattr(error, "strerror", None) or error
-    hint = "A source is an address of this machine: vmc:// for its own programs, vmc://0.0.0.0 for the network."
-    raise CommandLineInvalid(f"Nothing can be received here: {reason}.", where=str(address), hint=hint) from error
-
-
-@dataclass
-class NamedOnce:
-    """Counts of faults by kind."""
-
-    counts: dict[str, int] = field(default_factory=dict)
-    """Number of faults by kind."""
-    news: list[tuple[str, str]] = field(default_factory=list)
-    """Kind and sentence of what was wrong for the first time. Whoever reports it takes it out."""
-
-    def name_once(self, kind: str, message: str) -> None:
-        """Count a fault. The first of its kind is news."""
-        if kind not in self.counts:
-            self.news.append((kind, message))
-        self.counts[kind] = self.counts.get(kind, 0) + 1
+    """Return a listening socket, None while another program has the port."""
+    there = None
+    try:
+        family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
+        there = socket.socket(family, kind, protocol)
+        there.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER)
+        there.settimeout(_LOOK_S)
+        there.bind(where)
+    except (OSError, UnicodeError) as error:
+        if there is not None:
+            there.close()
+        if getattr(error, "errno", None) == errno.EADDRINUSE:
+            return None
+        message = f"Nothing can be received here: {getattr(error, 'strerror', None) or error}."
+        hint = "A source is an address of this machine: vmc:// for its own programs, vmc://0.0.0.0 for the network."
+        raise CommandLineInvalid(message, where=str(address), hint=hint) from error
+    return there
 
 
 SENDER_GONE_S = 1.0
@@ -156,28 +123,68 @@ JUMP_S = 1.0
 _LATEST = 8
 """Number of recent packets that are compared to find repeated ones. Chosen by hand."""
 
+MOST_CHANNELS = 256
+"""Most channels of a face. ARKit has 52."""
+LARGEST_CHANNEL = 10.0
+"""Values of face channels must be smaller. Usual values are 0 to 1."""
 
-class OneSender(NamedOnce):
-    """Packets of one sender in order. Repeated and late packets are counted."""
+
+def rounded_face(channels: dict[str, float]) -> dict[str, float]:
+    """Return the values of a face's channels as lines show them."""
+    return {name: round(value, 4) for name, value in channels.items()}
+
+
+class OneSender:
+    """Packets of one sender in order, and the time of its frames. Faults are counted by kind."""
 
     def __init__(self) -> None:
-        super().__init__()
+        self.counts: Counter[str] = Counter()
+        """Number of faults by kind."""
+        self.news: list[tuple[str, str]] = []
+        """Kind and sentence of the first fault of each kind. The reader removes them."""
         self._sender: Any = None
         self._heard = -math.inf
+        self._before: float | None = None
+        self._time = 0.0
+        self._meet(None)
+
+    def _meet(self, sender: Any) -> None:
+        """Forget the packets of the former sender. The time of frames goes on."""
+        self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None
+        self._clock_before: float | None = None
+
+    def name_once(self, kind: str, message: str) -> None:
+        """Count a fault. The first of its kind is news."""
+        if kind not in self.counts:
+            self.news.append((kind, message))
+        self.counts[kind] += 1
 
     def is_other(self, sender: Any, arrived: float) -> bool:
-        """Return whether a packet is of another sender than the one who is still heard."""
+        """Return whether a packet comes from a second sender while the first one still sends."""
         return sender != self._sender and arrived - self._heard < SENDER_GONE_S
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:
-        """Return whether a packet comes after those before it, by its clock, and was not there already."""
+        """Return whether a packet is new and not older than the one before, by its clock."""
         if packet in self._packets:
-            return bool(self.name_once("packet_doubled", "A packet came twice."))
+            self.name_once("packet_doubled", "A packet came twice.")
+            return False
         self._packets = [*self._packets[1 - _LATEST :], packet]
         if clock is not None:
             if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
-                return bool(self.name_once("packet_late", "A packet came after one that was sent later."))
+                self.name_once("packet_late", "A packet came after one that was sent later.")
+                return False
             self._clock = clock
         return True
+
+    def pass_time(self, clock: float | None, arrived: float) -> float:
+        """Return seconds from the first frame to this one: by the sender's clock unless that was reset."""
+        if self._before is not None:
+            passed = arrived - self._before
+            step = None if clock is None or self._clock_before is None else clock - self._clock_before
+            if step is not None and step > 0.0 and abs(step - passed) < JUMP_S:
+                passed = step
+            self._time += max(passed, 0.0)
+        self._clock_before, self._before = clock, arrived
+        return self._time

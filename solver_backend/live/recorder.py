@@ -43,14 +43,13 @@ class RecordingFormat(Protocol[Item]):
 
 @final
 class Recorder(Generic[Item]):
-    """Append items to ``PATH.recording`` and make ``PATH`` of them at the end. A context manager.
+    """Append items to ``PATH.recording`` and convert it to ``PATH`` at the end. A context manager.
 
     The file keeps all items however the process ends. The next run to the same path finishes it under another name.
     """
 
     def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
-        """Begin a recording."""
-        # First: a run that was killed as it finished has left both, and the file that is there is refused.
+        # First, because a run that was killed as it finished has left both, and check_output refuses the file.
         self.recovered = recover(path, form.finish)
         self.path = check_output(path, overwrite=overwrite)
         self.unfinished = recording_of(self.path)
@@ -65,12 +64,12 @@ class Recorder(Generic[Item]):
         return self._file.written
 
     def add(self, *args: Item.args, **kwargs: Item.kwargs) -> None:
-        """Append an item. One that cannot be written is counted, and reported at the end."""
+        """Append an item. Items that cannot be written are counted and reported at the end."""
         piece = self._form.encode(*args, **kwargs)
         self._file.append(piece if self._file.written else self._form.head() + piece)
 
     def finish(self) -> None:
-        """Write the file and remove the unfinished recording. Only the latter if nothing came."""
+        """Write the file, if there is an item, and remove the unfinished recording."""
         if self.finished:
             return
         self.finished = True
@@ -93,10 +92,10 @@ def recording_of(path: Path) -> Path:
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Finish what a killed run has left of the recording to a file. Return where it is, None for nothing.
+    """Finish the recording of a killed run. Return the new file, None if there was nothing.
 
     Raises:
-        OutputNotWritable: another process is recording, or the disk is full. Nothing is lost.
+        OutputNotWritable: another process is recording, or the disk is full. The recording is kept.
     """
     left = recording_of(path)
     if not left.exists():
@@ -132,7 +131,7 @@ def read_rows(
     """Return the head and the (N, width) rows of a recording. A last row that was cut off is skipped.
 
     Raises:
-        FileDamaged: it is not of this format, or of another version.
+        FileDamaged: it has another format or version.
     """
     head, line, content = recording.read_bytes().partition(b"\n")
     if not line:  # ended before the first item was whole

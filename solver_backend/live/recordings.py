@@ -42,7 +42,7 @@ _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 14
 _NEAR = 0.03
 """Largest difference of a measured rate from a usual one, a share."""
 _NEIGHBOURS = 4.0
-"""Longer intervals, in usual ones, are silences and not lost frames."""
+"""Intervals of more usual intervals than this are silences and not lost frames. Chosen by hand."""
 _SILENCE_S, _CUT_TO_S = 10.0, 1.0
 """A longer silence is not part of a take and is cut to the second value."""
 _GAP_S = 0.1
@@ -68,7 +68,7 @@ class PointsRecording:
         return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
-        """Write a C3D file, see ``RecordingFormat``. Points whose world was never known stay as they came."""
+        """Write a C3D file, see ``RecordingFormat``. Points keep their coordinates if the world was never known."""
         with recording.open("rb") as stream:
             extent = measure_recording(stream)
             world = self.world()
@@ -115,13 +115,7 @@ class PosesRecording:
         return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
 
     def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return one pose's row.
-
-        Args:
-            time: seconds, not before the last one's.
-            rotvec: (24, 3) axis-angles, or (52, 3) with fingers, which may begin at any pose.
-            transl: (3,) metres.
-        """
+        """Return one pose's row: ascending seconds, (24, 3) or, with fingers, (52, 3) axis-angles and (3,) metres."""
         if self._last is not None and time - self._last > _SILENCE_S:
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
@@ -140,8 +134,7 @@ class PosesRecording:
             else:
                 rows = np.pad(rows[:, : 4 + 3 * FIRST_FINGER], ((0, 0), (0, 3 * (SMPL.num_joints - FIRST_FINGER))))
             rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 1e-4])]
-            fps = rate_of(rows[:, 0])
-            times = rows[0, 0] + np.arange(round((rows[-1, 0] - rows[0, 0]) * fps) + 1) / fps
+            fps, times = even_times(rows[:, 0])
             motion = poses_at(times, rows, fps, np.array(head["betas"]), body, head["source"])
             write_motion(path, motion, overwrite=overwrite)
         recording.unlink()
@@ -155,13 +148,11 @@ def _row_width(head: dict[str, Any]) -> int:
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) even times, by great arcs between recorded poses. The ends hold the nearest pose.
+    """Return a motion at (F,) even times, interpolated along great arcs. The ends hold the nearest pose.
 
     Args:
-        times: seconds, at the rate.
-        rows: (N, 4 + 3 J) time ascending, transl and axis-angles of the poses that came.
-        betas: (10,) shape.
-        source: where they came from.
+        times: seconds.
+        rows: (N, 4 + 3 J) ascending time, transl and axis-angles of the recorded poses.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)
@@ -188,8 +179,14 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
     )
 
 
+def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
+    """Return the frame rate of (N,) ascending seconds, and (F,) even times from the first to the last."""
+    fps = rate_of(times)
+    return fps, times[0] + np.arange(round((times[-1] - times[0]) * fps) + 1) / fps
+
+
 def rate_of(times: np.ndarray) -> float:
-    """Return the frame rate of (F,) seconds that may jitter or lack frames: a usual one, or a whole number."""
+    """Return the frame rate of (F,) seconds with jitter and gaps: a usual rate, or a whole number."""
     if len(times) < 2:
         return 60.0
     apart = np.diff(times)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.live_lines import FrameLine, LiveLine, event_line, frame_line
+from solver_backend.exchange.live_lines import FrameLine, LiveLine, PoseValues, event_line, frame_line
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle
@@ -22,14 +22,12 @@ Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
 
 
 class PoseSender:
-    """Sends the poses among lines. A context manager."""
+    """Send the poses among lines. A context manager.
+
+    It asks for the proportions before the first pose and whenever the shape or the fingers become known.
+    """
 
     def __init__(self, address: VmcAddress, proportions: Proportions) -> None:
-        """Find the receiver's host.
-
-        Args:
-            proportions: of the body. Asked before the first pose, when the shape is known, and when there are fingers.
-        """
         self._proportions = proportions
         self._bundle: FrameBundle | None = None
         self._clock = math.nan
@@ -37,14 +35,15 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Yield the same lines, those with a pose after they were sent, and events about the receiver.
+        """Yield the same lines after their poses were sent, and events about the receiver.
 
         Raises:
-            MotionInvalid: the body is no humanoid.
+            MotionInvalid: the body is not a humanoid.
         """
         for line in lines:
             if "event" in line:
-                self._bundle = None if line["event"] in ("shape", "fingers") else self._bundle
+                if line["event"] in ("shape", "fingers"):
+                    self._bundle = None
             elif message := self._send(line):
                 back = message.endswith("is back.")
                 yield event_line("receiver_back" if back else "receiver_away", message, line["t"])
@@ -59,14 +58,14 @@ class PoseSender:
         return self._packets.send(self._bundle.encode(self._time(line["t"]), rotvec, np.array(line["trans"])))
 
     def _time(self, t: float) -> float:
-        """Return seconds since the first pose, which never run back: receivers would take a pose for an old one."""
+        """Return a time that never runs backwards, because receivers would ignore the pose as old."""
         if math.isnan(self._clock) or t < self._clock:
             self._shift += (0.0 if math.isnan(self._clock) else self._clock) - t
         self._clock = t
         return t + self._shift
 
     def summary(self) -> dict[str, object]:
-        """Return where bundles were sent, and how many."""
+        """Return the address and the number of sent and refused bundles."""
         return {"sent_to": str(self._packets.address), "sent": self._packets.sent, "refused": self._packets.refused}
 
     def __enter__(self) -> PoseSender:
@@ -76,36 +75,37 @@ class PoseSender:
         self._packets.close()
 
 
-_DIGITS = 6
-"""Decimals of numbers in a line: micrometres and microradians."""
+def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
+    """Return (J, 3) axis-angles and (3,) metres for a line, to 1 µrad and 1 µm."""
+    root, pose, trans = (np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl))
+    return {"root": root, "pose": pose, "trans": trans}
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
-    """Yield a line per frame, of all joints of the motion. Frames that come more than ``LATE_S`` late are skipped.
+    """Yield a line per frame with all joints of the motion.
 
     Args:
-        paced: at its own rate. False: as fast as lines are taken.
-        repeat: again and again. The time goes on.
+        paced: play at the motion's rate and skip frames that are more than ``LATE_S`` late.
+        repeat: play again and again. The time goes on.
     """
-    vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
+    vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     start, number = time.perf_counter(), 0
     while True:
-        for root_and_pose, transl in zip(vectors, motion.transl, strict=True):
+        for rotvec, transl in zip(vectors, motion.transl, strict=True):
             due = start + number / motion.fps if paced else time.perf_counter()
             if (ahead := due - time.perf_counter()) > 0:
                 time.sleep(ahead)
             lag = time.perf_counter() - due
             if lag < LATE_S:
-                parts = (root_and_pose[:3], root_and_pose[3:], transl)
-                shown = dict(zip(("root", "pose", "trans"), map(_rounded, parts), strict=True))
-                yield frame_line(number, number / motion.fps, "tracking", 0.0, lag, points=0, **shown)
+                pose = pose_values(rotvec, transl)
+                yield frame_line(number, number / motion.fps, "tracking", 0.0, lag, points=0, **pose)
             number += 1
         if not repeat:
             return
 
 
 def rest_joints(motion: Motion) -> np.ndarray:
-    """Return the (J, 3) rest joints of the body that a motion was solved for, from its first frame.
+    """Return the (J, 3) rest joints of a motion's body, from its first frame.
 
     ``J_j = J_p + G_pᵀ (x_j - x_p)`` with joints x and global rotations G, ``J_0 = x_0 - transl``.
     """
@@ -117,7 +117,3 @@ def rest_joints(motion: Motion) -> np.ndarray:
         rest.append(rest[p] + G[p].T @ (places[j] - places[p]))
         G.append(G[p] @ local[j])
     return np.stack(rest)
-
-
-def _rounded(values: np.ndarray) -> list[float]:
-    return np.round(values, _DIGITS).tolist()

@@ -27,23 +27,23 @@ _PEOPLE_M = (0.5, 3.5)
 _CLEARLY = 0.08
 """Least gain in certainty of an up axis other than z."""
 _UPRIGHT = 0.1
-"""What a person who stands counts for beside that: read from eight recorded takes, whose own axis is surer than the
-next by -0.001 to 0.21, and along whose wrong axes the head is at most 0.16 of a trunk above the pelvis."""
+"""Weight of a standing person in that certainty. In eight recorded takes the true axis is surer than the next one by
+-0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the pelvis."""
 _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit where (N, 3) points are as large as a person, None if in none."""
+    """Return the unit in which (N, 3) points have the size of a person, or None."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the axis along which the network is surest of what the points are. Z unless another is clearly better.
+    """Return the up axis with the surest labels. Z unless another axis is clearly better.
 
-    ``mean p + w max(0, u)``: the points' mean best probability p, and the height u of the head above the pelvis in
-    trunk lengths. The network reads people who lie nearly as surely, and people who begin to record stand.
+    The score is ``mean p + w max(0, u)`` with the best probability p of each point and the height u of the head above
+    the pelvis in trunk lengths. The height is needed because the network labels lying people nearly as surely.
     """
     sure = {}
     for axis in AXES:
@@ -57,7 +57,8 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 
 
 REACH_M, REACH_M_S = 0.03, 2.0
-"""A point is the same as one of the frame before within 3 cm of where that was going, and 2 m/s more."""
+"""A point continues a track within this distance of its expected place, in metres and metres per second. Chosen by
+hand."""
 MEMORY_S = 0.7
 """Time constant of earlier labels, in seconds."""
 UNSEEN_S = 0.15
@@ -80,11 +81,11 @@ class PointTracks:
         self.__init__()
 
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N, 54) evidence of the points of a frame: what their tracks have gathered, and this frame's.
+        """Return the (N, 54) evidence of a frame's points, including that of their tracks.
 
         Args:
             points: (N, 3) metres.
-            log_probability: (N, 54) of this frame.
+            log_probability: (N, 54) of each label in this frame.
             dt: seconds since the last frame.
         """
         before = self._matched(points, dt)
@@ -92,10 +93,10 @@ class PointTracks:
         evidence = np.maximum(log_probability, _FLOOR)
         fade = np.exp(-dt / MEMORY_S)
         evidence[known] += fade * self.evidence[before[known]]
+        passed = np.maximum(dt + self.unseen_s[before[known], None], 1e-4)
+        step = points[known] - self.position[before[known]]
         velocity = np.zeros_like(points)
-        velocity[known] = 0.5 * self.velocity[before[known]] + 0.5 * (
-            points[known] - self.position[before[known]]
-        ) / np.maximum(dt + self.unseen_s[before[known], None], 1e-4)
+        velocity[known] = 0.5 * self.velocity[before[known]] + 0.5 * step / passed
         waiting = np.ones(len(self.position), dtype=bool)
         waiting[before[known]] = False
         waiting &= self.unseen_s + dt < UNSEEN_S
@@ -106,7 +107,7 @@ class PointTracks:
         return evidence
 
     def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
-        """Return (N,) the track that each point goes on from: pairs that are each other's nearest; -1 for none."""
+        """Return the (N,) track of each point, -1 for none. Pairs must be each other's nearest."""
         found = np.full(len(points), -1)
         if not len(self.position) or not len(points):
             return found
@@ -142,12 +143,7 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
     def __init__(
         self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
     ) -> None:
-        """Create a session.
-
-        Args:
-            unit: of the points. Found from the first frames if None.
-            up_axis: axis that points up. Found from the first frames if None.
-        """
+        """Create a session. Unit and up axis are found from the first frames if None."""
         super().__init__(fit)
         self.network, self.unit, self.up_axis = network, unit, up_axis
         self.tracks = PointTracks()
@@ -155,36 +151,34 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self._good: float | None = None
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
-        self._turn: np.ndarray | None = None
+        self.to_metres: np.ndarray | None = None
+        """(3, 3) matrix that turns the source's points into metres, Z up. None while it is not known."""
 
     def warm_up(self) -> None:
-        """Fit a few frames of the body at rest and forget them, so that no first frame of a person is late."""
+        """Fit a few frames of the body at rest and discard them, so that the first real one is not late."""
         person = self.fit.subject
         trial = LiveSession(self.network, LiveFit(person.body, person.landmarks), unit="m", up_axis="z")
         rest = person.landmarks.anchors.sum(axis=1)[:, [2, 0, 1]]
         for number in range(_TRIAL_FRAMES):
             list(trial.step(PointFrame(number / 60.0, rest + 1e-4 * number, time.perf_counter())))
 
-    @property
-    def to_metres(self) -> np.ndarray | None:
-        """(3, 3) what turns the source's points into metres, Z up. None while it is not known."""
-        return self._turn
-
     def _lines(self, moment: PointFrame, dt: float) -> Iterator[LiveLine]:
-        frame, points = moment, moment.points
+        points = moment.points
         if len(points) < FEWEST:
-            yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
+            yield self._nothing(moment, f"{len(points)} points: too few for a person", "waiting")
             return
-        if self._turn is None:
-            if (message := self._found_world(points)) is not None:
-                yield event("world", message, frame.time)
-            if self._turn is None:
-                yield self._nothing(frame, "estimating unit and up axis", "waiting")
+        if self.to_metres is None:
+            yield from self._find_world(moment)
+            if self.to_metres is None:
+                yield self._nothing(moment, "estimating unit and up axis", "waiting")
                 return
-        if self._stands_still(points, dt):
-            yield self._nothing(frame, "the stream is frozen: the same points repeat", "frozen")
+        same = self._last_points is not None and np.array_equal(points, self._last_points)
+        self._last_points = points
+        self._still_s = self._still_s + dt if same else 0.0
+        if self._still_s > FROZEN_S:
+            yield self._nothing(moment, "the stream is frozen: the same points repeat", "frozen")
             return
-        yield self._fitted(frame, points @ self._turn.T, dt)
+        yield self._fitted(moment, points @ self.to_metres.T, dt)
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> FrameLine:
         self.shown, self.shown_off_m = points, np.full(len(points), np.nan)
@@ -205,22 +199,14 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
         self.shown_off_m[near[named]] = found.markers_off_m[labels[named]]
         doubts = doubts_of(found.markers_off_m, len(points) - len(named))
-        state = "unsure" if doubts else "tracking"
-        if not found.off_m < BAD_M:
-            state = "unsure"
-            if self._good is None or frame.time - self._good > LOST_S:
-                self.fit.restart()
-        else:
+        good = found.off_m < BAD_M
+        if good:
             self._good = frame.time
-        return self._line(
-            frame,
-            state,
-            doubts,
-            **pose_of(found.pose),
-            markers=len(named),
-            points=len(frame.points),
-            off_mm=round(1e3 * found.off_m, 2),
-        )
+        elif self._good is None or frame.time - self._good > LOST_S:
+            self.fit.restart()
+        state = "tracking" if good and not doubts else "unsure"
+        counts = {"markers": len(named), "points": len(frame.points), "off_mm": round(1e3 * found.off_m, 2)}
+        return self._line(frame, state, doubts, **pose_of(found.pose), **counts)
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
         if len(points) <= MOST_READ:
@@ -233,39 +219,32 @@ class LiveSession(SessionLoop[PointFrame, LiveFit]):
         self.fit.restart()
         self._good = None
 
-    def _found_world(self, points: np.ndarray) -> str | None:
-        """Gather first frames, and then find unit and axis from them. Return what was found."""
-        unit = self.unit or unit_of(points)
+    def _find_world(self, frame: PointFrame) -> Iterator[LiveLine]:
+        """Find unit and axis as soon as enough frames were gathered, and report them."""
+        unit = self.unit or unit_of(frame.points)
         if unit is None:
-            return None
-        self._first.append(points)
+            return
+        self._first.append(frame.points)
         if self.up_axis is None and len(self._first) < _WORLD_FRAMES:
-            return None
+            return
         metres = UNITS[unit]
         axis = self.up_axis or up_axis_of([metres * p for p in self._first], self.network)
-        self._turn = metres * rotation_to_z_up(axis)
-        return f"Points are in {unit}, {axis} is up" + (
-            "." if self.unit and self.up_axis else ", as far as can be seen."
-        )
-
-    def _stands_still(self, points: np.ndarray, dt: float) -> bool:
-        same = self._last_points is not None and np.array_equal(points, self._last_points)
-        self._last_points = points
-        self._still_s = self._still_s + dt if same else 0.0
-        return self._still_s > FROZEN_S
+        self.to_metres = metres * rotation_to_z_up(axis)
+        end = "." if self.unit and self.up_axis else ", as far as can be seen."
+        yield event("world", f"Points are in {unit}, {axis} is up{end}", frame.time)
 
     def _nothing(self, frame: PointFrame, why: str, state: str) -> FrameLine:
         return self._line(frame, state, why, points=len(frame.points))
 
 
 def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
-    """Return (N,) whether each label has most of what its track has gathered."""
+    """Return (N,) whether each label has most of its track's evidence."""
     shifted = np.exp(evidence - evidence.max(1, keepdims=True))
     return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a calibrated person, or of one whose shape is learned as they move.
+    """Return the network and a fit of a calibrated person, or of a person with unknown shape if None.
 
     Raises:
         FileMissing, SubjectInvalid: the subject cannot be read.

@@ -7,7 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
@@ -17,46 +17,22 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.labelling.outputs import MARKERS
+from solver_backend.live.frames import PointFrame, ViewMoment
 
 NEVER = 1.0 / 120.0
 """Assumed time step of the first frame, in seconds."""
 LOST_S = 0.4
 """The pose starts again after this time without a good pose or without a frame, in seconds."""
 _LONGEST_S, _SHORTEST_S = 0.1, 1e-3
+"""Limits of a time step, in seconds. Chosen by hand."""
 
 
-class Moment(Protocol):
-    """One sample of a live source."""
-
-    @property
-    def time(self) -> float:
-        """Seconds on the source's clock."""
-        ...
-
-    @property
-    def arrived(self) -> float:
-        """``time.perf_counter()`` when it came."""
-        ...
-
-    @property
-    def fault(self) -> str:
-        """Fault of a sample without data, or an empty text."""
-        ...
-
-    @property
-    def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
-        ...
-
-
-Shown = TypeVar("Shown", bound=Moment)
-
-
+Shown = TypeVar("Shown", PointFrame, ViewMoment)
 Fit = TypeVar("Fit", bound=PersonFollower)
 
 
 class SessionLoop(ABC, Generic[Shown, Fit]):
-    """One person, live: clock, restarts, lines and events. Subclasses fit the moments."""
+    """Run one person live. Handle the clock, restarts, lines and events. Subclasses fit the moments."""
 
     def __init__(self, fit: Fit) -> None:
         self.fit = fit
@@ -65,7 +41,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
         self.shown: np.ndarray | None = None
         """(N, 3) points of the last fitted moment, metres, Z up."""
         self.shown_off_m = np.zeros(0)
-        """(N,) metres between each of them and the body. NaN where they are not the body's."""
+        """(N,) distance of each point from the body in metres, NaN where it is not the body's."""
 
     @abstractmethod
     def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
@@ -122,7 +98,7 @@ class SessionLoop(ABC, Generic[Shown, Fit]):
 
 
 def pose_of(frame: PosedFrames) -> PoseValues:
-    """Return the keys ``root``, ``pose`` and ``trans`` of one pose."""
+    """Return a pose for a line."""
     root, pose = log_so3(frame.root)[0], log_so3(frame.local)[0].ravel()
     return {"root": rounded(root), "pose": rounded(pose), "trans": rounded(frame.transl[0])}
 
@@ -147,7 +123,7 @@ UNEXPLAINED = 10
 OFF_M = 0.08
 """A pose is unsure if the median distance of a limb's markers is larger, in metres."""
 _FEWEST = 3
-"""Fewest markers by which a limb is judged."""
+"""A limb is judged by at least this many points."""
 _PARTS = {
     "arm": ("UPA", "ELB", "ELM", "FRM", "WRA", "WRB", "FIN"),
     "leg": ("THI", "KNE", "KNM", "SHN", "ANK", "ANM", "HEE", "MT5", "MT1", "TOE"),
@@ -163,20 +139,15 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
     """Return why a pose is unsure, with numbers, or an empty text.
 
     Args:
-        off_m: (L,) metres between each seen marker or keypoint and the body, NaN where it is not seen.
-        limbs: rows of each limb, by default of the 53 markers.
+        off_m: (L,) distance of each marker or keypoint from the body in metres, NaN where it is not seen.
+        limbs: rows of each limb, by default among the 53 markers.
     """
-    far = {limb: off for limb, off in limbs_off(off_m, limbs).items() if off > OFF_M}
-    found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in far.items()]
+    seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
+    medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
+    found = [f"the {limb} is {1e3 * off:.0f} mm off" for limb, off in medians.items() if off > OFF_M]
     if unexplained >= UNEXPLAINED:
         found.append(f"{unexplained} points are unexplained")
     return "; ".join(found)
-
-
-def limbs_off(off_m: np.ndarray, limbs: Mapping[str, list[int]] = _LIMBS) -> dict[str, float]:
-    """Return the median distance of each limb's points in metres, of limbs with enough of them."""
-    seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
-    return {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
 
 
 def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
@@ -190,7 +161,7 @@ def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
-    """Return a line with ``cloud``, ``cloud_off_mm`` and, where it has a pose, ``sigma_mm``."""
+    """Return a line with ``cloud`` and ``cloud_off_mm``, and with ``sigma_mm`` if it has a pose."""
     if session.shown is None:
         return line
     line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
@@ -206,7 +177,7 @@ RATE_S = 1.0
 
 
 class LiveStatistics:
-    """Counts the lines of a run. Memory does not grow."""
+    """Count the lines of a run in bounded memory."""
 
     def __init__(self) -> None:
         self.states: Counter[str] = Counter()
@@ -236,12 +207,9 @@ class LiveStatistics:
         return (len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6)
 
     def summary(self) -> dict[str, object]:
-        """Return frames, states, events, and latency and lag in the median and their 99th percentile."""
-        data: dict[str, object] = {
-            "frames": sum(self.states.values()),
-            "states": dict(self.states),
-            "events": dict(self.events),
-        }
+        """Return numbers of frames, states and events, and the median and 99th percentile of latency and lag."""
+        data: dict[str, object] = {"frames": sum(self.states.values())}
+        data |= {"states": dict(self.states), "events": dict(self.events)}
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):
             if values:
                 median, p99 = np.percentile(values, [50, 99])

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.recipes.live import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
+from solver_backend.live.frames import ViewMoment
 from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
@@ -47,11 +46,11 @@ class ExchangedSides:
                 self._pairs.append((np.array(own), np.array(other)))
 
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return one view's (K, 3) keypoints with exchanged pairs put back, and how many pairs were.
+        """Return one view's (K, 3) keypoints with corrected sides, and the number of corrected pairs.
 
         Args:
             seen: (K, 3) x, y and confidence, NaN or confidence 0 where missing.
-            expected: (K, 2) px where the person is expected, NaN where nothing is.
+            expected: (K, 2) px of the person's last pose, NaN where unknown.
         """
         size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
         found, count = seen.copy(), 0
@@ -80,29 +79,6 @@ SAME_PERSON = 0.5
 """Largest median distance of the person's detection, as a share of their size in the picture."""
 
 
-@dataclass(frozen=True)
-class ViewMoment:
-    """Detections of C cameras at one moment."""
-
-    time: float
-    arrived: float
-    """``time.perf_counter()`` when its last picture arrived."""
-    people: tuple[np.ndarray | None, ...]
-    """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
-    times: tuple[float, ...] = ()
-    """Time of each view's picture in seconds, NaN for a skipped view."""
-
-    @property
-    def fault(self) -> str:
-        """Return an empty text: a moment always has views."""
-        return ""
-
-    @property
-    def lag_s(self) -> float:
-        """Delay of its pose at this moment, in seconds."""
-        return time.perf_counter() - self.arrived
-
-
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     """One person in front of live cameras."""
 
@@ -117,9 +93,9 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         """Create a session.
 
         Args:
-            cameras: as calibrated. The session moves them to a world that fits the person once that is known.
-            betas: (10,) shape of a person who is known.
-            up_axis: axis of the calibration that points up. Z, or the one that the person stands along, if None.
+            cameras: calibrated cameras. The session moves them to the person's world once that is known.
+            betas: (10,) shape of a known person.
+            up_axis: up axis of the calibration. If None, Z or the axis along which the person stands.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
         self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis
@@ -136,10 +112,9 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
     def warm_up(self) -> None:
         """Fit a few moments of a standing body and discard them, so that the first real one is not late."""
-        cameras, trial = self.cameras, LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
-        standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(cameras)[None])
-        points = pose(trial.subject, standing).points
-        xy = project(cameras, points)[:, 0]
+        trial = LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
+        standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(self.cameras)[None])
+        xy = project(self.cameras, pose(trial.subject, standing).points)[:, 0]
         sure = np.isfinite(xy).all(-1).astype(np.float64)
         for _ in range(_TRIAL_MOMENTS):
             trial.step(xy, sure, trial.locate(xy, sure), 1.0 / 30.0)
@@ -147,8 +122,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
     def _lines(self, moment: ViewMoment, dt: float) -> Iterator[LiveLine]:
         self.chosen = None
-        xy, confidence = self._person(moment)
-        self.chosen = xy, confidence
+        self.chosen = xy, confidence = self._person(moment)
         located = self.fit.locate(xy, confidence)
         points = np.asarray(located.points)[0]
         seen = np.isfinite(points).all(-1)
@@ -180,7 +154,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         off_m = float(np.median(self.shown_off_m))
         doubts = doubts_of(found.points_off_m, 0, self._limbs)
         if doubts and self.fit.is_starting and self._may_start_anew:
-            # What is lifted from one moment may have an arm elsewhere, where a fit stays for a second; another has not.
+            # A start may place an arm wrongly, and the fit keeps it for a second. Another start may not.
             self._may_start_anew = False
             self.fit.restart()
             return self._nothing(moment, f"starting again: {doubts}", "waiting")
@@ -188,25 +162,18 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
             self._good = moment.time
         elif moment.time - self._good > LOST_S:
             self._reset()
-        return self._line(
-            moment,
-            "tracking" if off_m < BAD_M and not doubts else "unsure",
-            doubts,
-            **pose_of(found.pose),
-            points=int(seen.sum()),
-            views=_views(moment),
-            off_mm=round(1e3 * off_m, 2),
-        )
+        state = "tracking" if off_m < BAD_M and not doubts else "unsure"
+        counts = {"points": int(seen.sum()), "views": _views(moment), "off_mm": round(1e3 * off_m, 2)}
+        return self._line(moment, state, doubts, **pose_of(found.pose), **counts)
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them.
 
-        Limbs whose sides a detector exchanged in one view are put back where the views then agree on more: where it is
-        the pose that has them wrong, they agree as they are.
+        Exchanged sides are corrected only if the views then agree on more keypoints. Otherwise the pose is wrong.
         """
         K, count = self.joint_set.num_keypoints, len(self.cameras.names)
         seen = np.full((count, K, 3), np.nan)
-        expected = None if self._expected is None else self._project(self._expected)
+        expected = None if self._expected is None else project(self.cameras, self._expected[None])[:, 0]
         for c, people in enumerate(moment.people):
             if people is not None and len(people):
                 found = _nearest(people[:, :K], None if expected is None else expected[c])
@@ -221,11 +188,6 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
     def _agreement(self, seen: np.ndarray) -> int:
         """Count the (C, K, 3) keypoints on which two views agree."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
-
-    def _project(self, points: np.ndarray) -> np.ndarray:
-        """Return (C, K, 2) px of (K, 3) points."""
-        c = self.cameras
-        return project(c, points[None])[:, 0]
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
         xy, confidence = (np.stack(part, axis=1) for part in zip(*self._first, strict=True))
@@ -246,13 +208,13 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return px and confidence of (..., 3) keypoints, missing where a number is or the confidence is 0."""
+    """Return px and confidence of (..., 3) keypoints. They are missing where a number is, or the confidence is 0."""
     there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
     return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
 
 
 def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
-    """Return which of (P, K, 3) detections is the person: where (K, 2) px expect them, at a start the largest one."""
+    """Return the person among (P, K, 3) detections: the one nearest to (K, 2) px, or the largest one at a start."""
     shown, confidence = _split(people)
     known = np.isfinite(shown).all(-1).any(axis=1)
     if not known.any():

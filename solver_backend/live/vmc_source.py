@@ -1,13 +1,11 @@
-"""Receive poses of the VMC protocol and put their bones on our body.
-
-Packets that cannot be used are reported once per kind and change nothing.
-"""
+"""Receive poses of the VMC protocol and put their bones on our body."""
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -23,16 +21,13 @@ from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.humanoid import BONE_OF, JOINT_OF, Humanoid, t_pose, turned
 from solver_backend.exchange.vmc.osc import BONE, ROOT, TIME, OscMessage, PacketInvalid, decode_packet
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
-from solver_backend.live.port import JUMP_S, OneSender
+from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
+from solver_backend.live.sending import pose_values
 
 FARTHEST_M = 1e4
 """Largest plausible distance from the origin, in metres."""
 FACE = "/VMC/Ext/Blend/Val"
-MOST_CHANNELS = 256
-"""Most channels of a face. ARKit has 52."""
-_LARGEST = 10.0
-"""Largest plausible value of a channel."""
 _LONGEST_NAME = 40
 """Longest foreign name in messages. Chosen by hand."""
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
@@ -45,7 +40,7 @@ class BoneFrame:
     time: float
     """Seconds since the first frame, on the sender's clock if it has one."""
     arrived: float
-    """``time.perf_counter()`` when its last packet arrived."""
+    """``time.perf_counter()`` when its first packet arrived."""
     quat: dict[str, np.ndarray]
     """(4,) unit quaternion wxyz of each received bone, relative to its parent."""
     place: dict[str, np.ndarray]
@@ -59,15 +54,8 @@ class BoneFrame:
 class FrameAssembly(OneSender):
     """Gather the bones of one sender. A frame ends when all bones of the last one, or one bone twice, arrived."""
 
-    def __init__(self) -> None:
-        super().__init__()
-        self._sender: Any = None
-        self._heard = -math.inf
-        self._packets: list[bytes] = []
-        self._forget()
-
-    def _forget(self) -> None:
-        self._clock: float | None = None
+    def _meet(self, sender: Any) -> None:
+        super()._meet(sender)
         self._quat: dict[str, np.ndarray] = {}
         self._place: dict[str, np.ndarray] = {}
         self._root = (np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
@@ -75,30 +63,30 @@ class FrameAssembly(OneSender):
         self._came: set[str] = set()
         self._whole: frozenset[str] = frozenset()
         self._begun: tuple[float | None, float] = (None, 0.0)
-        self._last: tuple[float | None, float] | None = None
-        self._time = 0.0
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[BoneFrame]:
-        """Yield the frames that a packet completes.
-
-        Args:
-            sender: whose it is. Frames are of one sender at a time.
-            arrived: ``time.perf_counter()``.
-        """
-        if self.is_other(sender, arrived):  # at once: it may send without end
+        """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
+        if self.is_other(sender, arrived):  # before decoding, because it may send without end
             return self.name_once("second_sender", "Another sender is ignored while the first one sends.")
         try:
             messages = decode_packet(packet)
         except PacketInvalid as error:
             return self.name_once("packet_invalid", f"A packet is not Open Sound Control: {error}.")
-        if not self._is_ours(messages, sender, arrived) or not self._is_next(messages, packet):
+        if sender != self._sender:
+            if not any(message.address == BONE for message in messages):
+                return
+            self._meet(sender)
+        self._heard = arrived
+        times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
+        clock = next((time for time in times if math.isfinite(time)), None)
+        if clock is not None and not self.is_next(packet, clock):
             return
         for message in messages:
             if message.address == BONE:
                 if (bone := self._bone(message)) is not None:
                     if bone[0] in self._came:
                         yield self._frame()
-                    self._add(bone, arrived)
+                    self._add(*bone, arrived)
             elif message.address == ROOT:
                 if (root := self._numbers(message)) is not None:
                     self._root = root
@@ -108,20 +96,6 @@ class FrameAssembly(OneSender):
                 self.name_once("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
         if self._whole and self._came >= self._whole:
             yield self._frame()
-
-    def _is_ours(self, messages: Sequence[OscMessage], sender: Any, arrived: float) -> bool:
-        if sender != self._sender:
-            if not any(message.address == BONE for message in messages):
-                return False
-            self._sender, self._packets = sender, []
-            self._forget()
-        self._heard = arrived
-        return True
-
-    def _is_next(self, messages: Sequence[OscMessage], packet: bytes) -> bool:
-        times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
-        clock = next((time for time in times if math.isfinite(time)), None)
-        return clock is None or self.is_next(packet, clock)
 
     def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
         name = message.values[0] if message.values else None
@@ -134,16 +108,13 @@ class FrameAssembly(OneSender):
         """Return rotation wxyz and position from a message's seven numbers, None if they are impossible."""
         values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
         numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
-        good = bool(np.isfinite(numbers).all()) and bool((np.abs(numbers) < FARTHEST_M).all())
-        length = float(np.linalg.norm(numbers[3:])) if good else 0.0
+        length = float(np.linalg.norm(numbers[3:])) if (np.abs(numbers) < FARTHEST_M).all() else 0.0
         if not 0.5 < length < 2.0:
-            return self.name_once(
-                "numbers_impossible", f"The numbers of {_shown(message.values[:1])} are not possible."
-            )
+            what = _shown(message.values[:1])
+            return self.name_once("numbers_impossible", f"The numbers of {what} are not possible.")
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
 
-    def _add(self, bone: tuple[str, np.ndarray, np.ndarray], arrived: float) -> None:
-        name, quat, place = bone
+    def _add(self, name: str, quat: np.ndarray, place: np.ndarray, arrived: float) -> None:
         if not self._came:
             self._begun = (self._clock, arrived)
         self._came.add(name)
@@ -151,7 +122,7 @@ class FrameAssembly(OneSender):
 
     def _add_face(self, message: OscMessage) -> None:
         name, value = (*message.values, None, None)[:2]
-        if isinstance(name, str) and isinstance(value, float) and abs(value) < _LARGEST:  # NaN is not
+        if isinstance(name, str) and isinstance(value, float) and abs(value) < LARGEST_CHANNEL:  # NaN is not
             channel = name[:_LONGEST_NAME]
             if len(self._face) < MOST_CHANNELS or channel in self._face:
                 self._face[channel] = value
@@ -159,21 +130,10 @@ class FrameAssembly(OneSender):
         self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
 
     def _frame(self) -> BoneFrame:
-        clock, arrived = self._begun
-        if self._last is not None:
-            before, arrived_before = self._last
-            passed = arrived - arrived_before
-            if clock is not None and before is not None and clock > before and abs(clock - before - passed) < JUMP_S:
-                passed = clock - before
-            self._time += max(passed, 0.0)
-        self._last, self._whole = self._begun, frozenset(self._came)
+        time_s = self.pass_time(*self._begun)
+        self._whole = frozenset(self._came)
         self._came.clear()
-        return BoneFrame(self._time, arrived, dict(self._quat), dict(self._place), self._root, dict(self._face))
-
-
-def has_fingers(frame: BoneFrame) -> bool:
-    """Return whether the sender moves fingers."""
-    return any(finger in bone for bone in frame.quat for finger in _FINGERS)
+        return BoneFrame(time_s, self._begun[1], dict(self._quat), dict(self._place), self._root, dict(self._face))
 
 
 def _shown(name: object) -> str:
@@ -183,18 +143,16 @@ def _shown(name: object) -> str:
 _OURS_M = 1e-4
 """Largest bone error of our own body, in metres. Other bodies differ by centimetres."""
 _ROUNDS = 6
+"""Number of Gauss-Newton steps. Chosen by hand."""
 _PULL = 1e-11
 """Weight of the mean shape, in square metres, for directions that joints do not determine."""
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
-    """Return the (10,) shape whose T-pose has these joints, None where the sender's body is another.
+    """Return the (10,) shape with these (24, 3) joints in T-pose, None if the sender has another body.
 
-    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton over the bones b that the T-pose does not turn, and over the
-    lengths ``|b_j|`` of those that it does: ``d|b| = b/|b| · db``.
-
-    Args:
-        joints: (24, 3) of the sender's T-pose, NaN where it has none.
+    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton. The sum covers the bones b that the T-pose does not turn, and
+    the lengths ``|b_j|`` of the others: ``d|b| = b/|b| · db``. Missing joints are NaN.
     """
     layout, count = body.layout, len(joints)
     child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
@@ -205,14 +163,13 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     slopes = body.joints_shapedirs[child] - body.joints_shapedirs[parent]
     still = np.abs(t_pose(layout, body.rest_joints(np.zeros(10)))[parent, 0] - 1.0) < 1e-12
     length = np.linalg.norm(wanted, axis=1)
-    betas: np.ndarray = np.zeros(slopes.shape[-1])
-    r: np.ndarray = np.zeros(0)
+    betas, r = np.zeros(slopes.shape[-1]), np.zeros(0)
     for _ in range(_ROUNDS):
-        bones = body.rest_joints(betas)[child] - body.rest_joints(betas)[parent]
+        rest = body.rest_joints(betas)
+        bones = rest[child] - rest[parent]
         reach = np.linalg.norm(bones, axis=1)
-        J = np.concatenate(
-            [slopes[still].reshape(-1, len(betas)), np.einsum("ni,nik->nk", bones / reach[:, None], slopes)[~still]]
-        )
+        along = np.einsum("ni,nik->nk", bones / reach[:, None], slopes)
+        J = np.concatenate([slopes[still].reshape(-1, len(betas)), along[~still]])
         r = np.concatenate([(wanted - bones)[still].ravel(), (length - reach)[~still]])
         betas = betas + np.linalg.solve(J.T @ J + _PULL * np.eye(len(betas)), J.T @ r - _PULL * betas)
     return betas if np.abs(r).max() < _OURS_M else None
@@ -224,10 +181,7 @@ _SAME = 0.005
 
 
 class BonesOnBody:
-    """Puts the bones of a sender onto a body, whose shape follows from the first frame's lengths.
-
-    The body has fingers from the first frame on that has some.
-    """
+    """Put a sender's bones onto a body. The first frame determines its shape. Fingers are added when they appear."""
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         self.body, self.betas = body, betas
@@ -247,17 +201,13 @@ class BonesOnBody:
         """Return the (J, 3) axis-angles and (3,) transl of a frame. Missing bones do not turn."""
         if self._humanoid is None:
             self._meet(frame)
-        if not self._fingers and has_fingers(frame):
+        if not self._fingers and any(finger in bone for bone in frame.quat for finger in _FINGERS):
             self._fingers, self.body = True, with_fingers(self.body)
             self._humanoid = Humanoid(*self.proportions())
             self.news.append(event_line("fingers", "The sender moves fingers, so the body has them too."))
         humanoid = self._humanoid
         assert humanoid is not None
-        quat = np.tile([1.0, 0.0, 0.0, 0.0], (len(humanoid.bones), 1))
-        rows = {bone: row for row, bone in enumerate(humanoid.bones)}
-        for bone, turn in frame.quat.items():
-            if bone in rows:
-                quat[rows[bone]] = turn
+        quat = np.array([frame.quat.get(bone, (1.0, 0.0, 0.0, 0.0)) for bone in humanoid.bones])
         root_quat, root_place = frame.root
         quat[0] = quat_multiply(root_quat, quat[0])
         hips = root_place + turned(root_quat, frame.place.get("Hips", np.zeros(3)))
@@ -286,12 +236,8 @@ def pose_lines(
     recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
 ) -> Iterator[LiveLine]:
-    """Yield the lines of a live run, each after its frame was recorded.
-
-    Args:
-        found: what ``listen`` yields.
-    """
-    number = 0
+    """Yield the lines of a live run from the items of ``listen``, each after its frame was recorded."""
+    number = itertools.count()
     for item in found:
         if isinstance(item, dict):
             yield item
@@ -305,16 +251,14 @@ def pose_lines(
         yield from onto.news
         onto.news.clear()
         now = time.perf_counter()
-        pose = [np.round(part, 6).ravel().tolist() for part in (rotvec[0], rotvec[1:], transl)]
-        shown: dict[str, Any] = dict(zip(("root", "pose", "trans"), pose, strict=True))
+        shown: dict[str, Any] = {**pose_values(rotvec, transl)}
         if item.face:
-            shown["face"] = {name: round(value, 4) for name, value in item.face.items()}
-        yield frame_line(number, item.time, "tracking", now - taken, now - item.arrived, points=0, **shown)
-        number += 1
+            shown["face"] = rounded_face(item.face)
+        yield frame_line(next(number), item.time, "tracking", now - taken, now - item.arrived, points=0, **shown)
 
 
 def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
-    """Return (24, 3) joints of the sender's T-pose from its places, NaN where it has none."""
+    """Return the (24, 3) joints of the sender's T-pose, NaN where missing."""
     layout, joints = body.layout, np.full((NUM_JOINTS, 3), np.nan)
     for j, name in enumerate(layout.joints[:NUM_JOINTS]):
         p, place = layout.parents[j], frame.place.get(BONE_OF.get(name, ""))

@@ -21,9 +21,9 @@ from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle, encode_bundle, encode_message
 from solver_backend.exchange.vmc.sender import VmcAddress
-from solver_backend.live.port import _received, listen
+from solver_backend.live.port import MOST_CHANNELS, _received, listen
 from solver_backend.live.sending import PoseSender, rest_joints
-from solver_backend.live.vmc_source import MOST_CHANNELS, BoneFrame, BonesOnBody, FrameAssembly, pose_lines
+from solver_backend.live.vmc_source import BoneFrame, BonesOnBody, FrameAssembly, pose_lines
 from solver_backend.types import Motion
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver, messages_of

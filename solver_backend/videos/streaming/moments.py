@@ -18,7 +18,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import MocapError, SolverFailed, TooFewViews
 from solver_backend.exchange.live_lines import EventLine, event_line
-from solver_backend.live.views_session import ViewMoment
+from solver_backend.live.frames import ViewMoment
 from solver_backend.videos.detect.detector import DetectorFailed
 from solver_backend.videos.streaming.picture_sources import LivePicture, PictureSource
 

@@ -15,9 +15,10 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
+from solver_backend.live.frames import ViewMoment
 from solver_backend.live.recorder import Recorder, pack_head, pack_row, read_rows
-from solver_backend.live.recordings import poses_at, rate_of
-from solver_backend.live.views_session import ViewMoment, ViewsSession
+from solver_backend.live.recordings import even_times, poses_at
+from solver_backend.live.views_session import ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.clocks import at_times
 
@@ -69,8 +70,7 @@ class ViewsRecording:
         if seen:
             cameras, joint_set = _cameras(head, R[-1], t[-1]), JointSet(head["joint_set"])
             C, K, time_s = len(cameras), joint_set.num_keypoints, time_s[:, 0]
-            fps = rate_of(time_s)
-            frames = time_s[0] + np.arange(round((time_s[-1] - time_s[0]) * fps) + 1) / fps
+            fps, frames = even_times(time_s)
             xy, confidence = xy.reshape(-1, C, K, 2), confidence.reshape(-1, C, K)
             views = [_view(seen_s[:, c], xy[:, c], confidence[:, c], frames) for c in range(C)]
             keypoints = Keypoints2D(np.stack([v[0] for v in views]), np.stack([v[1] for v in views]), joint_set, fps)
