@@ -16,7 +16,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import format_of, write_calibration
     from solver_backend.sensors.take import triggered
-    from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma, on_ground
+    from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma
     from solver_backend.sensors.wand.session import calibrate_by_wand
     from solver_backend.sensors.wand.solve import WandOptions, in_world
     from solver_backend.sensors.wand.source import is_sensor_folder, sensor_clouds, wand_views
@@ -41,7 +41,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
         by_sensors = is_sensor_folder(args.gamma)
         clouds = sensor_clouds(args.gamma, cameras, args.empty) if by_sensors else gamma_clouds(args.gamma, cameras)
         ground = ground_from_gamma(clouds, gamma, cameras.centres)
-        found = in_world(found, on_ground(found.array, ground), ground)
+        found = in_world(found, ground)
     write_calibration(args.out, found.array.cameras, kind, found.array.rmse_px, overwrite=overwrite)
     if args.report is not None:
         from solver_backend.sensors.wand.evaluation import wand_page

@@ -19,17 +19,17 @@ from solver_backend.sensors.devices.device import NoMarkers, SensorFailed
 from solver_backend.sensors.devices.recorded import SensorFolder
 from solver_backend.sensors.fusion.clusters import DEFAULT as FUSION
 from solver_backend.sensors.fusion.clusters import FusionSettings, fuse
-from solver_backend.sensors.fusion.moments import CloudBuilder, Finding, Gatherer, MarkerTracks
+from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, build_cloud
 from solver_backend.types import Capture, MarkerCloud
 from solver_backend.videos.sync.clocks import Clocks
 
 
 @dataclass(frozen=True)
 class SensorTake:
-    """Result of a folder of sensors."""
+    """Point cloud of a folder of sensors."""
 
     cloud: MarkerCloud
-    """Points without names, with covariances. The residual is each point's standard deviation."""
+    """Unnamed points with covariances. The residual is each point's standard deviation."""
     frames: dict[str, int]
     findings: tuple[Diagnostic, ...]
 
@@ -45,63 +45,61 @@ def cloud_of(
     """Return the point cloud of a folder of sensors.
 
     Args:
-        masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
+        masks: (h, w) bool per sensor, True for constant lights, see ``masks_of``.
 
     Raises:
         NoMarkers: no sensor saw a marker in any frame.
-        PicturesDiffer: infrared, depth and calibration are of different sizes.
+        PicturesDiffer: infrared, depth and calibration have different sizes.
         RecordingInvalid: an index cannot be read.
     """
     finders = [Acquisition(folder.cameras, d.name, masks.get(d.name), acquisition) for d in folder.devices]
     gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
-    tracks, builder = MarkerTracks(fusion), CloudBuilder()
+    tracks, tracked = MarkerTracks(fusion), []
     frames: Counter[str] = Counter()
     ended: list[Diagnostic] = []
     expected = max((device.count() for device in folder.devices), default=0)
     for moment in _moments(folder, gatherer, finders, frames, ended):
-        builder.add(tracks.update(fuse(moment, fusion)))
-        progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
-    cloud = builder.cloud(folder.fps)
+        tracked.append(tracks.update(fuse(moment, fusion)))
+        progress("Markers from sensors", len(tracked), max(len(tracked), expected))
+    cloud = build_cloud(tracked, folder.fps)
+    found = (*ended, *counted(gatherer.findings))
     if not cloud.positions.shape[1]:
-        hint = "; ".join(map(sentence, (*ended, *counted(gatherer.findings))))
-        raise NoMarkers(
-            "No sensor saw a marker in any frame.",
-            where=str(folder.path),
-            hint=hint or "Check that the markers are retro-reflective and lit.",
-        )
+        hint = "; ".join(map(sentence, found)) or "Check that the markers are retro-reflective and lit."
+        raise NoMarkers("No sensor saw a marker in any frame.", where=str(folder.path), hint=hint)
     missing = [diagnostic("sensor_failed", reason="missing", cameras=[name]) for name in folder.missing]
-    return SensorTake(cloud, dict(frames), (*missing, *ended, *counted(gatherer.findings)))
+    return SensorTake(cloud, dict(frames), (*missing, *found))
 
 
 def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
-    """Return the capture of a take: its points without names, its cameras, and what was wrong."""
-    return Capture(
-        name, cameras=folder.cameras, markers=take.cloud, sources=(str(folder.path),), problems=take.findings
-    )
+    """Return the capture of a take: its unnamed points, cameras and problems."""
+    source = (str(folder.path),)
+    return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)
 
 
 def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
-    """Return the capture of a folder of sensors, named as it is. Raises what ``cloud_of`` raises."""
+    """Return the capture of a folder of sensors with its name. Raises what ``cloud_of`` raises."""
     return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
 
 
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return what was found, each once, with its first time and how often."""
+    """Return each finding once, with its first time and its number."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
-    return [_with_time(same[0], len(same)) for same in alike.values()]
-
-
-def _with_time(first: Finding, times: int) -> Diagnostic:
-    when = [f"at {first.time:.2f} s"] if np.isfinite(first.time) else []
-    when += [f"{times} times"] if times > 1 else []
-    words = f" ({', '.join(when)})" if when else ""
-    return replace(first.found, values={**first.found.values, "when": words, "times": times})
+    found = []
+    for first, *others in alike.values():
+        times, when = 1 + len(others), []
+        if np.isfinite(first.time):
+            when.append(f"at {first.time:.2f} s")
+        if others:
+            when.append(f"{times} times")
+        words = f" ({', '.join(when)})" if when else ""
+        found.append(replace(first.found, values={**first.found.values, "when": words, "times": times}))
+    return found
 
 
 def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> dict[str, np.ndarray]:
-    """Return each sensor's mask of what is bright in a recording of the scene with nobody there."""
+    """Return each sensor's mask of constant lights from a recording of the empty scene."""
     return {
         device.name: learned_mask((frame.infrared for frame in device.frames()), settings)
         for device in empty.devices
@@ -117,7 +115,7 @@ def _moments(
     going = {finder: iter(device.frames()) for finder, device in zip(finders, folder.devices, strict=True)}
     clock = dict.fromkeys(going, -np.inf)
     while going:
-        # The sensor that is farthest behind is asked next, so that little waits.
+        # Ask the sensor that is farthest behind, so that few frames wait.
         finder = min(going, key=lambda f: clock[f])
         try:
             frame = next(going[finder])
@@ -139,19 +137,17 @@ INTERLEAVE_S = 160e-6
 """Exposure delay between successive time-of-flight sensors, so that the light of one does not reach another
 (thesis 5.3.2, after the Azure Kinect's documentation)."""
 LARGEST_INTERLEAVE_S = 0.02
-"""Seconds between two sensors' exposures at most. Chosen by hand."""
+"""Largest exposure delay between two sensors, in seconds. Chosen by hand."""
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
-    """Return the clocks of sensors on one trigger: sensor c exposes ``c · interleave`` later than the first.
-
-    Stamps are the trigger's: what a sensor shows at stamp t happened at ``t + c · interleave``.
+    """Return the clocks of sensors on one trigger. At stamp t, sensor c shows what happened at ``t + c · interleave``.
 
     Args:
-        interleave_s: seconds. ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
+        interleave_s: ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
 
     Raises:
-        CommandLineInvalid: the interleave is negative or longer than a frame.
+        CommandLineInvalid: the interleave is negative or too long.
     """
     if not 0.0 <= interleave_s <= LARGEST_INTERLEAVE_S:
         hint = f"160 for time-of-flight sensors, 0 for others; at most {1e6 * LARGEST_INTERLEAVE_S:.0f}."

@@ -10,7 +10,7 @@ from scipy.optimize import linear_sum_assignment
 
 from solver_backend.sensors.devices.device import RecordingInvalid
 from solver_backend.sensors.fusion.clusters import FusedPoints, FusionSettings, fuse, matched
-from solver_backend.sensors.fusion.moments import CloudBuilder, Gatherer, MarkerTracks
+from solver_backend.sensors.fusion.moments import Gatherer, MarkerTracks, build_cloud
 from tests.support.sensor_pictures import sensors_around, spread_points
 from tests.support.sightings import sighted
 
@@ -125,14 +125,14 @@ def test_a_marker_that_was_hidden_shortly_goes_on_and_later_is_another() -> None
 
 
 def test_ghosts_are_those_that_nobody_confirms() -> None:
-    tracks, builder, rng = MarkerTracks(), CloudBuilder(), np.random.default_rng(1)
+    tracks, tracked, rng = MarkerTracks(), [], np.random.default_rng(1)
     for frame in range(100):
         ghosts = rng.uniform(-1, 1, (1, 3)) if frame % 5 == 0 else np.zeros((0, 3))
         points = np.vstack([POINTS, ghosts])
         found = moment(frame / 60, points)
         found.depths[len(POINTS) :] = 1
-        builder.add(tracks.update(found))
-    cloud = builder.cloud(60.0)
+        tracked.append(tracks.update(found))
+    cloud = build_cloud(tracked, 60.0)
     assert cloud.positions.shape == (100, 30, 3)
     assert cloud.covariance is not None and cloud.covariance.shape == (100, 30, 3, 3)
     assert cloud.residual is not None and cloud.residual == pytest.approx(1e-3)
@@ -218,8 +218,8 @@ def test_times_of_the_end_of_the_world_end_nothing(host: float) -> None:
 
 def test_moments_that_are_hours_apart_are_named_before_memory_is_taken() -> None:
     """An index in milliseconds spread three moments over six million frames."""
-    tracks, builder = MarkerTracks(), CloudBuilder()
+    tracks, tracked = MarkerTracks(), []
     for time in (100.0, 100.02, 100_000.0):
-        builder.add(tracks.update(moment(time, POINTS)))
+        tracked.append(tracks.update(moment(time, POINTS)))
     with pytest.raises(RecordingInvalid, match=r"3 moments with markers span 99900 s at 60 a second"):
-        builder.cloud(60.0)
+        build_cloud(tracked, 60.0)

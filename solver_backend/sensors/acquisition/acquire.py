@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -37,21 +37,21 @@ class SensorSightings:
     sensor: int
     time: float
     px: np.ndarray
-    """(N, 2) pixels of the middles."""
+    """(N, 2) pixels of the centres."""
     depth: np.ndarray
-    """(N,) metres along the axis to the middles, NaN where there is none."""
+    """(N,) metres along the axis to the centres, NaN where unknown."""
     points: np.ndarray
-    """(N, 3) world metres, NaN where there is no depth."""
+    """(N, 3) world metres, NaN without depth."""
     covariance: np.ndarray
-    """(N, 3, 3) m², NaN where there is no depth."""
+    """(N, 3, 3) m², NaN without depth."""
     origin: np.ndarray
-    """(3,) the sensor's place."""
+    """(3,) place of the sensor."""
     direction: np.ndarray
     """(N, 3) unit directions of the rays in the world."""
     sigma_ray: np.ndarray
-    """(N,) radians, how sure the rays are across."""
+    """(N,) standard deviation across the rays in radians."""
     finding: str = ""
-    """Code of what is wrong with the frame, where something is."""
+    """Code of a problem of the frame, or an empty text."""
     number: int = 0
     host_s: float = field(default=0.0, compare=False)
 
@@ -69,19 +69,19 @@ def no_sightings(
 
 
 SUNLIGHT = "sensor_sunlight"
-"""Code where there are no markers for sunlight, a window or a lamp."""
+"""Code of a frame without markers because of sunlight, a window or a lamp."""
 MEDIAN_LOSS = 1.25
-"""Standard deviation of a median by that of a mean. The ring's mean about it is no worse."""
+"""Ratio of the standard deviations of a median and a mean. The ring's mean about the median is no worse."""
 
 
 class Acquisition:
-    """Finds markers in the frames of one sensor.
+    """Find markers in the frames of one sensor.
 
     Args:
-        mask: (h, w) bool of what is bright with nobody there, see ``learned_mask``.
+        mask: (h, w) bool of constant lights, see ``learned_mask``.
 
     Raises:
-        SensorUnknown: the calibration does not name the sensor.
+        SensorUnknown: the calibration has no such sensor.
     """
 
     def __init__(
@@ -106,8 +106,7 @@ class Acquisition:
         """Return the markers of a frame."""
         self._require_size(frame)
         infrared, settings = frame.infrared, self.settings
-        threshold = threshold_of(infrared, settings)
-        blobs = find_blobs(infrared, threshold, self._mask, settings)
+        blobs = find_blobs(infrared, threshold_of(infrared, settings), self._mask, settings)
         if blobs is None or not blobs.count:
             found, when = "" if blobs is not None else SUNLIGHT, {"number": frame.number, "host_s": frame.host_s}
             return no_sightings(self.index, frame.device_s, self.lens.centre, found, **when)
@@ -121,14 +120,11 @@ class Acquisition:
             sizes["depth"] = frame.depth.shape
         if len(set(sizes.values())) > 1:
             message = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
-            raise PicturesDiffer(
-                f"A sensor's pictures are of different sizes: {message}.",
-                where=frame.sensor,
-                hint="Record infrared and depth in one mode, aligned, and calibrate in the same.",
-            )
-        if frame.infrared.dtype not in (np.uint8, np.uint16) or (
-            frame.depth is not None and frame.depth.dtype != np.uint16
-        ):
+            message = f"A sensor's pictures are of different sizes: {message}."
+            hint = "Record infrared and depth in one mode, aligned, and calibrate in the same."
+            raise PicturesDiffer(message, where=frame.sensor, hint=hint)
+        depth_type = np.uint16 if frame.depth is None else frame.depth.dtype
+        if frame.infrared.dtype not in (np.uint8, np.uint16) or depth_type != np.uint16:
             message = f"Infrared is {frame.infrared.dtype}; 8 or 16 bits are read, and depth of 16."
             raise PicturesDiffer(message, where=frame.sensor, hint="Record whole millimetres and counts.")
 
@@ -147,9 +143,11 @@ class Acquisition:
         if parts.any():
             changed = parts[ring.owner]
             of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
-            shapes = shapes_of(blobs)
-            rings = rings.with_parts(ring_depths(of_parts, blobs.count, settings), parts)
-        return shapes, rings.without(slivers_of(blobs, saturated)), parts
+            shapes, whole = shapes_of(blobs), rings
+            rings = ring_depths(of_parts, blobs.count, settings)
+            rings.take_over(whole, np.flatnonzero(~parts[: len(whole.depth)]))
+        depth = np.where(slivers_of(blobs, saturated), np.nan, rings.depth)
+        return shapes, replace(rings, depth=depth), parts
 
     def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
         settings = self.settings
@@ -183,17 +181,8 @@ class Acquisition:
         with np.errstate(invalid="ignore", divide="ignore"):
             sigma_depth = np.hypot(pixel / np.sqrt(rings.count), settings.depth_floor_m)
         flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]
-        return SensorSightings(
-            self.index,
-            frame.device_s,
-            shapes.centre[keep],
-            depth,
-            lens.points(flat, depth),
-            lens.covariances(flat, depth, sigma_px, sigma_depth),
-            lens.centre,
-            lens.directions(flat),
-            sigma_px / lens.focal.mean(),
-            "",
-            frame.number,
-            frame.host_s,
-        )
+        measured = lens.points(flat, depth), lens.covariances(flat, depth, sigma_px, sigma_depth)
+        rays = lens.centre, lens.directions(flat), sigma_px / lens.focal.mean()
+        place = shapes.centre[keep], depth
+        times = {"number": frame.number, "host_s": frame.host_s}
+        return SensorSightings(self.index, frame.device_s, *place, *measured, *rays, **times)

@@ -10,94 +10,94 @@ import numpy as np
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
-    """Constants of acquisition, for sensors like an Azure Kinect at 1 to 4 m and markers of 14 mm."""
+    """Settings for sensors like an Azure Kinect at 1 to 4 m and markers of 14 mm."""
 
     marker_radius_m: float = 0.007
     """Radius of a marker."""
     full: float | None = None
-    """Counts at which infrared saturates. The largest of the picture's type if None."""
+    """Counts at which infrared saturates. None for the largest value of the picture's type."""
 
     background_quantile: float = 0.99
-    """Quantile of the picture that counts as its background: markers cover less than the rest."""
+    """Quantile of the picture that is its background, because markers cover less than the rest."""
     contrast: float = 3.0
     """A marker is this many times brighter than the background."""
     least_threshold: float = 0.03
-    """The threshold is at least this share of ``full``, so that noise in the dark is no marker."""
+    """Lower limit of the threshold as a share of ``full``, so that noise in the dark is no marker."""
     most_threshold: float = 0.6
-    """And at most this: retro-reflections saturate."""
+    """Upper limit, because retro-reflections saturate."""
     sample_step: int = 8
-    """The background is estimated from every so many-th pixel of every so many-th row."""
+    """Step of rows and columns from which the background is estimated."""
     mask_contrast: float = 0.5
-    """In an empty scene, what exceeds this share of the threshold is a lamp or another sensor."""
+    """In an empty scene, pixels above this share of the threshold are a lamp or another sensor."""
     mask_grow_px: int = 3
     """Lamps are masked this much larger."""
 
     most_bright: float = 0.04
     """Largest share of bright pixels. Above it the scene is sunlit and no markers are detected."""
     most_blobs: int = 400
-    """Number of blobs from which on the same."""
+    """Largest number of blobs of a scene without sunlight."""
     least_pixels: int = 2
     """Pixels of the smallest blob."""
     saturated: float = 0.98
-    """Share of ``full`` from which on a pixel is saturated. Such pixels have no depth of their own."""
+    """Share of ``full`` above which a pixel is saturated. Such pixels have no depth of their own."""
 
     ring_px: int = 2
     """Width of the ring around the blind patch."""
     least_ring: int = 4
-    """Depths in the ring with which a marker has a depth."""
+    """Fewest depths in a ring that give a marker's depth."""
     mad_limit: float = 3.0
     """Depths farther from the ring's median than this times their spread are skipped (Leys et al. 2013)."""
     mad_floor_m: float = 0.003
-    """Spread that a ring has at least, so that quantised depths are no outliers."""
+    """Least spread of a ring, so that quantised depths are not outliers."""
     two_depths_m: float = 0.010
-    """A ring with a larger spread lies on two surfaces: of its depths the closest half counts, not their median."""
+    """A ring with a larger spread is on two surfaces. The closest half of its depths replaces their median."""
     most_spread_m: float = 0.020
-    """A ring that spreads more even so has no depth. The marker is a ray."""
+    """Largest spread of a ring with a depth. Otherwise the marker is a ray."""
     behind_m: float = 0.030
-    """Depths of the ring farther behind the rest are of another surface: three deviations of a pixel at 3 m."""
+    """Depths farther behind the rest belong to another surface: three deviations of a pixel at 3 m."""
     most_behind: float = 0.1
-    """With more of its ring behind it the depth is an occluder's. The marker is a ray."""
+    """With a larger share behind it, the depth is an occluder's and the marker is a ray."""
     surface_radii: float = 2.0 / 3.0
-    """Distance of the reflected light from a sphere's centre, in radii. 2/3 is the mean over its disc."""
+    """Distance of the reflected light from a sphere's centre in radii. 2/3 is the mean over its disc."""
     range_m: tuple[float, float] = (0.3, 8.0)
-    """Depths where a marker is believed."""
+    """Plausible depths of a marker."""
 
     halo_px: float = 1.5
-    """Excess radius of a blob from blur and saturation, in px, until it is measured on round blobs."""
+    """Excess radius of a blob from blur and saturation in pixels, until it is measured on round blobs."""
     round: float = 1.35
     """A blob is round if its variance along its axis exceeds that of a disc of its area by less than this factor."""
     round_kept: int = 256
-    """The last so many round blobs of known depth give the halo."""
+    """Number of recent round blobs of known depth that give the halo."""
     merged: float = 1.6
-    """A blob whose variance along its axis exceeds a single disc's by this factor is two markers or more."""
+    """A blob is several markers if its variance along its axis exceeds a disc's by this factor ..."""
     merged_px2: float = 0.3
-    """Added to that: a few pixels make no smooth disc."""
+    """... and this addition, because a few pixels make no smooth disc."""
     most_in_blob: int = 4
-    """Markers that one blob is split into at most."""
+    """Most markers that one blob is split into."""
     too_large: float = 3.5
-    """A part whose area exceeds a marker's by this factor is none."""
+    """Largest area of a part in areas of a marker."""
     too_small: float = 0.12
-    """And one whose area falls below this share."""
+    """Smallest area of a part in areas of a marker."""
     least_share: float = 0.45
-    """With less of its area a marker is hidden so far that the ring is its occluder's. The marker is a ray."""
+    """Smallest share of the area of a marker with a depth. Otherwise the ring is an occluder's and the marker a ray."""
 
     sigma_px: float = 0.08
     """Standard deviation of a centroid."""
     split_sigma_px: float = 0.5
     """Added for parts of a split blob."""
     hidden_sigma: float = 0.45
-    """Added for a disc that is partly hidden: this times its radius times the share that is missing."""
+    """Added for a partly hidden disc: this times its radius times the missing share."""
     depth_constant_m: float = 0.8e-3
-    """Standard deviation of a depth at no distance (Tölgyessy et al. 2021, about that of Azure Kinects)."""
+    """Standard deviation of a depth at no distance, as of Azure Kinects (Tölgyessy et al. 2021)."""
     depth_quadratic: float = 0.55e-3
     """Added standard deviation at 1 m, growing with the square of the distance."""
     ring_noise: float = 1.5
     """Depths in a ring are noisier by this factor."""
     depth_floor_m: float = 0.6e-3
-    """Part of a ring's error that its pixels share."""
+    """Common error of a ring's pixels."""
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation in metres of one pixel of a ring at depths in metres."""
+        """Return the standard deviation of one ring pixel at depths, in metres."""
         return self.ring_noise * (self.depth_constant_m + self.depth_quadratic * depth**2)
 
 
@@ -105,15 +105,12 @@ DEFAULT = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch of each bright pixel, numbered from 0, and how many there are. Corners connect.
+    """Return the patch of each bright pixel, numbered from 0, and their number. Corners connect.
 
-    Rows of the picture fall into runs of pixels. Runs that touch a run of the next row are one patch.
+    Runs of pixels that touch a run of the next row are one patch.
 
     Args:
-        pixels: (P,) flat indices in rising order.
-
-    Returns:
-        (P,) int64, and the number of patches.
+        pixels: (P,) increasing flat indices.
     """
     if not len(pixels):
         return np.zeros(0, np.int64), 0
@@ -134,9 +131,9 @@ def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
 
 
 def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
-    """Return the component of each of ``count`` nodes under edges a-b, numbered from 0, and how many there are.
+    """Return the component of each of ``count`` nodes under edges a-b, numbered from 0, and their number.
 
-    Each node takes the least number it can reach. Roots are halved on the way (Shiloach and Vishkin 1982).
+    Each node takes the least number that it can reach. Roots are halved on the way (Shiloach and Vishkin 1982).
     """
     root = np.arange(count)
     while len(a):
@@ -159,7 +156,7 @@ class Blobs:
     pixel: np.ndarray
     """(P,) flat indices."""
     owner: np.ndarray
-    """(P,) which blob."""
+    """(P,) index of the blob."""
     weight: np.ndarray
     """(P,) counts above the threshold."""
     count: int
@@ -171,29 +168,23 @@ class Shapes:
     """Moments of N blobs."""
 
     centre: np.ndarray
-    """(N, 2) px, weighted by what exceeds the threshold."""
+    """(N, 2) px, weighted by counts above the threshold."""
     area: np.ndarray
     """(N,) pixels."""
     middle: np.ndarray
-    """(N, 2) px, every pixel counting the same."""
+    """(N, 2) px, unweighted."""
     long: np.ndarray
     """(N,) px², variance along the longer axis."""
     axis: np.ndarray
-    """(N, 2) unit vector of it."""
+    """(N, 2) unit vector of that axis."""
 
 
 def find_blobs(
     infrared: np.ndarray, threshold: float, mask: np.ndarray | None, settings: AcquisitionSettings = DEFAULT
 ) -> Blobs | None:
-    """Return the blobs of a picture, None where too much of it is bright (sunlight).
-
-    Args:
-        infrared: (h, w) counts.
-        mask: (h, w) bool of pixels that never are, or None.
-    """
+    """Return the blobs of (h, w) counts, None where too much is bright (sunlight). ``mask`` excludes pixels."""
     flat = infrared.reshape(-1)
-    bright = flat > infrared.dtype.type(threshold)
-    pixel = np.flatnonzero(bright)
+    pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
         pixel = pixel[~mask.reshape(-1)[pixel]]
     if len(pixel) > settings.most_bright * len(flat):
@@ -235,11 +226,7 @@ def full_counts(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) -
 
 
 def threshold_of(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) -> float:
-    """Return the counts above which a pixel is bright: ``contrast`` times the background, within limits.
-
-    Args:
-        infrared: (h, w) uint8 or uint16.
-    """
+    """Return the counts above which a pixel is bright: ``contrast`` times the background, within limits."""
     full, step = full_counts(infrared, settings), settings.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
     rank = int(settings.background_quantile * (len(sample) - 1))
@@ -248,10 +235,7 @@ def threshold_of(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) 
 
 
 def learned_mask(pictures: Iterable[np.ndarray], settings: AcquisitionSettings = DEFAULT) -> np.ndarray:
-    """Return (h, w) bool: what is bright in a scene without markers (lamps, other sensors), grown a little.
-
-    Args:
-        pictures: (h, w) infrared pictures of the empty scene. The brightest value of each pixel counts.
+    """Return the (h, w) mask of lamps and other sensors in pictures of the empty scene, grown a little.
 
     Raises:
         ValueError: there is no picture.

@@ -1,7 +1,4 @@
-"""Measure a blob's depth from the ring of depth pixels around it, and split blobs that hold several markers.
-
-Reference: thesis 5.3.2.
-"""
+"""Measure a blob's depth from the ring of pixels around it, and split blobs of several markers (thesis 5.3.2)."""
 
 from __future__ import annotations
 
@@ -16,7 +13,7 @@ from solver_backend.sensors.acquisition.blobs import DEFAULT, AcquisitionSetting
 from solver_backend.types import Cameras
 
 GROUP_M = 128.0
-"""More than any depth of 16 bits in millimetres."""
+"""More than any depth of 16 bits in millimetres, in metres."""
 NORMAL_MAD = 1.4826
 """Standard deviation of a normal distribution by its median absolute deviation."""
 
@@ -28,7 +25,7 @@ class Ring:
     pixel: np.ndarray
     """(R,) flat indices."""
     owner: np.ndarray
-    """(R,) which blob."""
+    """(R,) index of the blob."""
     depth: np.ndarray
     """(R,) metres."""
 
@@ -40,24 +37,16 @@ class RingDepths:
     depth: np.ndarray
     """(N,) metres along the axis, NaN where too few pixels have a depth."""
     count: np.ndarray
-    """(N,) depths that agree."""
+    """(N,) number of depths that agree."""
     spread: np.ndarray
-    """(N,) metres, standard deviation of them by their median absolute deviation."""
+    """(N,) standard deviation of them in metres, by their median absolute deviation."""
     rough: np.ndarray
-    """(N,) metres, the ring's middle even where it agrees on nothing. Gives a blob's size, no marker's place."""
+    """(N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree."""
 
-    def with_parts(self, other: RingDepths, parts: np.ndarray) -> RingDepths:
-        """Return these with the other's for the (N',) blobs that are parts, N' >= N."""
-        size = len(self.depth)
-        names = ("depth", "count", "spread", "rough")
-        found = {name: getattr(other, name).copy() for name in names}
-        for name in names:
-            found[name][:size] = np.where(parts[:size], found[name][:size], getattr(self, name))
-        return RingDepths(**found)
-
-    def without(self, slivers: np.ndarray) -> RingDepths:
-        """Return these with no depth for the (N,) blobs whose rings are not theirs."""
-        return replace(self, depth=np.where(slivers, np.nan, self.depth))
+    def take_over(self, other: RingDepths, rows: np.ndarray) -> None:
+        """Copy the depths of the blobs with indices ``rows`` from another result."""
+        for name in ("depth", "count", "spread", "rough"):
+            getattr(self, name)[rows] = getattr(other, name)[rows]
 
 
 def ring_of(
@@ -67,16 +56,16 @@ def ring_of(
     scratch: np.ndarray,
     settings: AcquisitionSettings = DEFAULT,
 ) -> Ring:
-    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. Of two blobs the nearer has it.
+    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
 
     Args:
-        depth_mm: (h, w) uint16, 0 where there is none.
-        saturated: (P,) whether a pixel of a blob is saturated. Those are blind, or without any the ones without depth.
-        scratch: (h * w,) int32, any content. Spares a new array for each frame.
+        depth_mm: (h, w) uint16, 0 where unknown.
+        saturated: (P,) mask of the blobs' saturated pixels. They are blind, or those without depth if none is.
+        scratch: (h * w,) int32 with any content, to avoid a new array for each frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
-    # What does not saturate is blind where it has no depth; a blob that is dim all over has its depth in itself.
+    # Without saturation, pixels without depth are blind. A dim blob has its depth in itself.
     for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
         without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
         core = core | (other & without[blobs.owner])
@@ -91,7 +80,7 @@ def ring_of(
     else:
         valid = np.flatnonzero(flat[around])
     pixel, owner = around[valid], blob[valid % max(len(blob), 1)]
-    # Of several that want a pixel, the last written has it: the nearest.
+    # The last written index wins, which is the nearest blob.
     order = np.arange(len(pixel), dtype=np.int32)
     scratch[pixel] = order
     once = scratch[pixel] == order
@@ -101,7 +90,7 @@ def ring_of(
 
 @cache
 def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (n, 1) rows and columns from a pixel to those around it, the farthest first."""
+    """Return (n, 1) rows and columns from a pixel to its neighbours, the farthest first."""
     steps = np.arange(-reach, reach + 1)
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
@@ -109,23 +98,19 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
-    """Return which (N,) blobs blind no pixel, where most do: slivers of markers, whose light makes no ring.
+    """Return the (N,) mask of blobs without saturated pixels where most have them: slivers, whose ring is not theirs.
 
-    A sensor whose markers do not saturate has their depths in the blobs themselves.
-
-    Args:
-        saturated: (P,) whether a pixel of a blob is saturated.
+    If most markers do not saturate, their depths are in the blobs themselves. ``saturated`` is (P,).
     """
     blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
     return ~blind & (2 * blind.sum() > blobs.count)
 
 
 def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
-    """Return the depth each of ``count`` rings agrees on: the mean within ``mad_limit`` spreads of its median.
+    """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` spreads of its median.
 
-    A ring of which a part lies on another surface (an arm before the marker, the room behind it) has no use for its
-    median. There the closest half of its depths counts. A marker's light covers what lies behind it: a ring of which a
-    part lies behind the depth it agrees on is its occluder's, and the marker, somewhere behind, has no depth.
+    If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
+    replaces the median. If part of it is behind that depth, the depth is an occluder's and the marker has none.
 
     Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
     deviation around the median".
@@ -141,7 +126,7 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
         chosen = np.abs(depth - middle[owner]) <= settings.two_depths_m
         of_chosen = np.bincount(owner[chosen], minlength=count)
         narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen, settings)
-        # What is left of a ring on two surfaces must still be most of it.
+        # The rest of a ring on two surfaces must still be most of it.
         spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
     with np.errstate(invalid="ignore"):
         good = np.abs(depth - middle[owner]) <= settings.mad_limit * spread[owner]
@@ -162,16 +147,14 @@ def _spread(
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
-    """Return (R,) values, 0 to ``GROUP_M``, by rising group and rising in each: one sort, faster than by two keys."""
+    """Sort (R,) values of 0 to ``GROUP_M`` by group and value, in one sort that is faster than two keys."""
     return values[np.argsort(GROUP_M * group + values)]
 
 
 def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the middle of the shortest interval that holds half of each group's sorted values (Rousseeuw 1984).
+    """Return the middle of the shortest interval with half of each group's sorted values (Rousseeuw 1984).
 
-    Args:
-        depth: (R,) ordered by group, and rising within each.
-        sizes: (N,) values of each group, 1 or more.
+    ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
     """
     ends = np.cumsum(sizes)
     owner = np.repeat(np.arange(len(sizes)), sizes)
@@ -185,12 +168,7 @@ def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Return the median of each group, NaN of an empty one.
-
-    Args:
-        values: (R,) ordered by group, and rising within each.
-        sizes: (N,) values of each group.
-    """
+    """Return the median of each group, NaN for an empty one. Values are sorted by group and value."""
     if not len(values):
         return np.full(len(sizes), np.nan)
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
@@ -199,7 +177,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """One camera of a calibration, with the undistorted coordinates of every pixel at hand."""
+    """One camera of a calibration, with the undistorted coordinates of every pixel."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -211,7 +189,7 @@ class SensorLens:
         self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
-        """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table. NaN outside the picture."""
+        """Return x/z and y/z of (N, 2) pixels, interpolated in the table. NaN outside the picture."""
         width, height = self.size
         at = px + 1.0
         with np.errstate(invalid="ignore"):
@@ -221,13 +199,11 @@ class SensorLens:
         x, y = corner.T
         a, b = (at - corner).T[..., None]
         rows = self._table
-        found = (1 - b) * ((1 - a) * rows[y, x] + a * rows[y, x + 1]) + b * (
-            (1 - a) * rows[y + 1, x] + a * rows[y + 1, x + 1]
-        )
-        return np.where(inside[:, None], found, np.nan)
+        low, high = ((1 - a) * rows[y + k, x] + a * rows[y + k, x + 1] for k in (0, 1))
+        return np.where(inside[:, None], (1 - b) * low + b * high, np.nan)
 
     def directions(self, flat: np.ndarray) -> np.ndarray:
-        """Return (N, 3) unit directions in the world of (N, 2) undistorted coordinates."""
+        """Return the (N, 3) unit directions of undistorted coordinates in the world."""
         ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
         return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
 
@@ -239,14 +215,7 @@ class SensorLens:
     def covariances(
         self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
     ) -> np.ndarray:
-        """Return (N, 3, 3) m² in the world: ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``.
-
-        Args:
-            flat: (N, 2) undistorted coordinates.
-            depth: (N,) metres.
-            sigma_px: (N,) px, of both axes.
-            sigma_depth: (N,) metres.
-        """
+        """Return the (N, 3, 3) m² of points in the world: ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``."""
         J = np.zeros((len(depth), 3, 3))
         J[:, 0, 0] = depth / self.focal[0] * sigma_px
         J[:, 1, 1] = depth / self.focal[1] * sigma_px
@@ -258,9 +227,9 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return (h + 2, w + 2, 2) of a lens given as bytes, a second of work for four sensors. It must not be written to.
+    """Return the read-only (h + 2, w + 2, 2) table of a lens, which costs a second for four sensors.
 
-    One pixel more on each side, so that every point of the picture lies between four of the table.
+    A margin of one pixel puts every point of the picture between four entries.
     """
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
@@ -271,21 +240,21 @@ def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], mode
 
 
 _STEPS = 6
-"""Steps of k-means."""
+"""Steps of k-means. Chosen by hand."""
 
 
 def split_merged(
     blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray, settings: AcquisitionSettings = DEFAULT
 ) -> tuple[Blobs, Ring, np.ndarray]:
-    """Return blobs and rings with merged ones taken apart, and (N',) which are parts.
+    """Split merged blobs and their rings. Return both and the (N',) mask of parts.
 
-    A disc of radius R has the variance ``R²/4`` along any axis. Two whose middles are s apart have ``R²/4 + s²/4``
-    along the line between them. So a blob is several where its longer variance exceeds ``merged`` times a disc's:
-    as many as its area holds and, until every part is as round as a disc, up to ``most_in_blob``. At first its
-    pixels that are farthest apart (Gonzalez 1985), then moved by k-means (Lloyd 1982).
+    A disc of radius R has the variance ``R²/4`` along any axis, and two at the distance s have ``R²/4 + s²/4`` along
+    the line between them. A blob with more than ``merged`` times a disc's variance is split into as many parts as its
+    area holds, and into more until all parts are round. Parts start at the pixels that are farthest apart (Gonzalez
+    1985), and k-means moves them (Lloyd 1982).
 
     Args:
-        radius_px: (N,) radius that a single marker's blob has, NaN where its depth is unknown.
+        radius_px: (N,) radius of a single marker's blob, NaN where its depth is unknown.
     """
     limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
     with np.errstate(invalid="ignore"):
@@ -310,7 +279,7 @@ def split_merged(
 def _round_parts(
     blob: Blobs, middle: np.ndarray, fits: int, limit: float, settings: AcquisitionSettings
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return middles and pixels' parts, as ``_parted``, of the fewest parts that vary by ``limit`` px² at most."""
+    """Return centres and pixels' parts of the fewest parts with at most ``limit`` px² of variance."""
     xy = _xy(blob.pixel, blob.width)
     number = min(max(fits, 2), settings.most_in_blob)
     while True:
@@ -322,7 +291,7 @@ def _round_parts(
 
 
 def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return (number, 2) middles of a blob's parts and (P,) which part each pixel is of."""
+    """Return (number, 2) centres of a blob's parts, and the (P,) part of each pixel."""
     centres = _far_apart(xy, middle, number)
     nearest = np.zeros(len(xy), np.int64)
     for step in range(_STEPS):

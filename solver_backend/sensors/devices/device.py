@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
@@ -20,45 +19,41 @@ class SensorFrame:
     infrared: np.ndarray
     """(h, w) uint8 or uint16 counts."""
     depth: np.ndarray | None
-    """(h, w) uint16 millimetres along the optical axis, 0 where there is none. None where the sensor has no depth."""
+    """(h, w) uint16 millimetres along the optical axis, 0 where unknown. None for a sensor without depth."""
     device_s: float
-    """Seconds of the exposure's middle on the device's clock, which sensors that are triggered together share."""
+    """Middle of the exposure in seconds on the device's clock. Sensors on one trigger share it."""
     host_s: float
-    """Seconds when it arrived, on the host's monotonic clock (``time.perf_counter``)."""
+    """Arrival in seconds on the host's monotonic clock (``time.perf_counter``)."""
     number: int = 0
-    """The device's own count of frames. Gaps are frames that were lost."""
+    """The device's own frame count. Gaps are lost frames."""
 
 
 class Device(Protocol):
-    """A sensor: opened, asked for frames until it ends, closed. As a context manager it opens and closes itself."""
+    """A sensor. As a context manager it opens and closes itself."""
 
     @property
     def name(self) -> str:
-        """The sensor's name, as in the calibration."""
+        """Name in the calibration."""
         ...
 
     def open(self) -> None:
-        """Begin.
-
-        Raises:
-            MocapError: the device is not there or cannot be used. The error names which.
-        """
+        """Start. Raise ``MocapError`` if the device is missing or unusable."""
         ...
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames as they come until the device ends. A frame that nobody took in time is skipped.
+        """Yield frames as they come until the device ends. Frames that are not taken in time are skipped.
 
         Raises:
-            SensorFailed: the device went away.
+            SensorFailed: the device was lost.
         """
         ...
 
     def close(self) -> None:
-        """End. May be called several times, and from another thread."""
+        """Stop. May be called several times, and from another thread."""
         ...
 
     def starting(self, start: float) -> Device:
-        """Return the sensor with its time 0 due at host's seconds ``start``. A physical one is itself: it runs now."""
+        """Return the sensor with its time 0 due at the host time ``start``. A live device returns itself."""
         ...
 
 
@@ -69,42 +64,40 @@ class OpenedDevice:
         self.open()
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def open(self) -> None:
-        """Begin. Nothing to do unless a device overrides this."""
+        """Do nothing by default."""
 
     def close(self) -> None:
-        """End. Nothing to do unless a device overrides this."""
+        """Do nothing by default."""
 
     def starting(self, start: float) -> Self:
-        """Return the device itself, which has no recorded time, unless one from disk overrides this."""
+        """Return the device itself, which has no recorded time by default."""
         return self
 
 
 class SensorFailed(MocapError):
-    """A sensor went away, or gives what cannot be used."""
+    """A sensor was lost, or its data cannot be used."""
 
     code = "sensor_failed"
 
 
 class SensorUnknown(MocapError):
-    """A sensor is of no kind we know, or the calibration does not name it."""
+    """The kind of sensor is unknown, or the calibration has no such sensor."""
 
     code = "sensor_unknown"
 
 
 class PicturesDiffer(MocapError):
-    """A sensor's infrared, depth and calibration are of different sizes."""
+    """A sensor's infrared, depth and calibration have different sizes."""
 
     code = "pictures_differ"
 
 
 class RecordingInvalid(MocapError):
-    """A folder is no recording of sensors, or one that is damaged."""
+    """A folder is not a sensor recording, or is damaged."""
 
     code = "recording_invalid"
 

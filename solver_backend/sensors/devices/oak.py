@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import timedelta
@@ -18,25 +19,24 @@ from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, 
 from solver_backend.types import Cameras
 
 LEAST_VERSION = 3
+"""Oldest supported major version of depthai."""
 QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
-"""Else it takes over the process' signals, of a full disk too, and writes among the lines on standard output that
-programs read. What matters comes as exceptions."""
+"""Keep depthai from handling signals and from writing to standard output, which other programs read."""
 
 
 def depthai() -> Any:
-    """Return the module ``depthai``.
+    """Import ``depthai``.
 
     Raises:
-        BackendMissing: it is not installed, or of a version before 3. It belongs to the extra ``oak``.
+        BackendMissing: it is not installed, or older than version 3. It belongs to the extra ``oak``.
     """
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
         module = import_module("depthai")
     except ImportError as error:
-        raise BackendMissing(
-            "OAK cameras are read by depthai, which is not installed.", hint="Install it with: pip install depthai."
-        ) from error
+        message = "OAK cameras are read by depthai, which is not installed."
+        raise BackendMissing(message, hint="Install it with: pip install depthai.") from error
     version = str(module.__version__)
     if int(version.split(".")[0]) < LEAST_VERSION:
         hint = "Install it with: pip install --upgrade depthai."
@@ -45,15 +45,15 @@ def depthai() -> Any:
 
 
 def listed_oaks() -> list[str]:
-    """Return the identifiers of the OAKs that are plugged in or on the network, sorted."""
+    """Return the sorted identifiers of the OAKs that are plugged in or on the network."""
     return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 
 def open_oak(identifier: str, name: str) -> Any:
-    """Return a device that is connected.
+    """Connect to a device.
 
     Raises:
-        SensorFailed: the device is not there, or in use.
+        SensorFailed: the device is missing or in use.
     """
     dai = depthai()
     try:
@@ -65,61 +65,83 @@ def open_oak(identifier: str, name: str) -> Any:
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 
-def start_oak(identifier: str, name: str, role: str, build: Callable[[Any, Any, Any], Any]) -> tuple[Any, Any]:
-    """Connect to a device and return its running pipeline and the queue that ``build`` makes.
-
-    Args:
-        identifier: of the device, its IP address or its USB port.
-        name: of the sensor, for errors.
-        role: on the sync wire, see ``set_sync_role``.
-        build: takes depthai, the device and the pipeline.
-    """
-    dai = depthai()
-    device = open_oak(identifier, name)
-    try:
-        set_sync_role(device, role, name)
-        pipeline = dai.Pipeline(device)
-        queue = build(dai, device, pipeline)
-        pipeline.start()
-    except BaseException:
-        device.close()
-        raise
-    return pipeline, queue
+ROLES = ("master", "slave")
+"""Roles on the sync wire."""
 
 
-def set_sync_role(device: Any, role: str, name: str) -> None:
-    """Let a device lead or follow on the sync wire, if it is to do either.
+@dataclass
+class OakPipeline(OpenedDevice, ABC):
+    """One OAK with a pipeline that runs from ``open`` to ``close``. Subclasses build it."""
 
-    Args:
-        role: 'master' or 'slave'. Any other name is none of the wire's.
+    name: str
+    identifier: str
+    """Device identifier, IP address or USB port."""
+    _pipeline: Any = field(default=None, init=False, repr=False)
+    _queue: Any = field(default=None, init=False, repr=False)
 
-    Raises:
-        SensorFailed: the device cannot.
-    """
-    roles = depthai().ExternalFrameSyncRole
-    known = {"master": roles.MASTER, "slave": roles.SLAVE}
-    if role not in known:
-        return
-    done, why = device.setExternalFrameSyncRole(known[role])
-    if not done:
-        hint = "Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks."
-        raise SensorFailed(f"The device cannot be {role} of the sync wire: {why}.", where=f"sensor {name}", hint=hint)
+    @abstractmethod
+    def _build(self, dai: Any, device: Any, pipeline: Any) -> Any:
+        """Add the nodes, and return the queue of their output."""
+
+    @abstractmethod
+    def _role(self) -> str:
+        """Return the role on the sync wire. Names that are not in ``ROLES`` mean none."""
+
+    def open(self) -> None:
+        """Connect and start.
+
+        Raises:
+            SensorFailed: the device is missing, in use, or refuses a setting.
+            SensorUnknown: it does not have the cameras or lights.
+        """
+        if self._pipeline is not None:
+            return
+        dai, device = depthai(), open_oak(self.identifier, self.name)
+        try:
+            self._set_role(dai, device)
+            pipeline = dai.Pipeline(device)
+            self._queue = self._build(dai, device, pipeline)
+            pipeline.start()
+            self._pipeline = pipeline
+        except BaseException:
+            device.close()
+            raise
+
+    def _set_role(self, dai: Any, device: Any) -> None:
+        if (role := self._role()) not in ROLES:
+            return
+        done, why = device.setExternalFrameSyncRole(getattr(dai.ExternalFrameSyncRole, role.upper()))
+        if not done:
+            message = f"The device cannot be {role} of the sync wire: {why}."
+            hint = "Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks."
+            raise SensorFailed(message, where=f"sensor {self.name}", hint=hint)
+
+    def _require_open(self) -> None:
+        if self._pipeline is None:
+            raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
+
+    def close(self) -> None:
+        """Stop. May be called several times."""
+        pipeline, self._pipeline, self._queue = self._pipeline, None, None
+        if pipeline is not None:
+            pipeline.stop()
 
 
 INFRARED, DEPTH = "infrared", "depth"
 WAIT_S = 0.0005
+"""Time between looks at an empty queue, in seconds."""
 LARGEST_JUMP_S = 10.0
-"""A stamp that goes back, or on by more than this, is a clock that was set anew."""
+"""A device clock was reset if it goes back, or forward by more than this, in seconds."""
 
 
 def paired(
     dai: Any, pipeline: Any, infrared: Any, depth: Any, fps: float, queue: int, *, blocking: bool = False
 ) -> Any:
-    """Return the queue of pairs of pictures of one exposure, by a ``Sync`` node on the host.
+    """Return a queue of infrared and depth pictures of the same exposure, paired by a ``Sync`` node on the host.
 
     Args:
-        fps: frames per second. Pictures half a frame apart are of two exposures.
-        blocking: nothing is dropped, for recordings. A device drops the oldest.
+        fps: frames per second. Pictures that differ by half a frame belong to two exposures.
+        blocking: drop nothing, for recordings. Otherwise the oldest pair is dropped.
     """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
@@ -134,23 +156,23 @@ def paired(
 
 @dataclass
 class PairStream:
-    """Frames of a queue of pairs, with the checks that a device needs."""
+    """Frames of a queue of pairs, with the checks of a device."""
 
     dai: Any
     name: str
     queue: Any
     running: Callable[[], bool]
-    """True if more may come."""
+    """Returns True while more may come."""
     silent_s: float
-    """Seconds without a frame after which the device counts as gone."""
+    """The device counts as lost after this time without a frame, in seconds."""
     by_ptp: bool = False
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until nothing more comes.
+        """Yield frames until the end.
 
         Raises:
-            SensorFailed: the device went away, fell silent, or its clock jumped.
-            PicturesDiffer: infrared and depth are of different sizes.
+            SensorFailed: the device was lost or silent, or its clock was reset.
+            PicturesDiffer: infrared and depth have different sizes.
         """
         last_s, heard_s = -np.inf, time.perf_counter()
         while True:
@@ -174,28 +196,18 @@ class PairStream:
             yield frame
 
     def frame_of(self, pair: Any, host_s: float) -> SensorFrame:
-        """Return the frame of a pair of messages.
-
-        Raises:
-            PicturesDiffer: infrared and depth are of different sizes.
-        """
+        """Return the frame of a pair of messages. Raise ``PicturesDiffer`` if their sizes differ."""
         infrared, depth = pair[INFRARED], pair[DEPTH]
         counts, mm = np.array(infrared.getFrame()), np.array(depth.getFrame())
         if counts.shape != mm.shape:
             message = f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}."
             hint = "Ask for both in one size, depth aligned to the infrared picture."
             raise PicturesDiffer(message, where=f"sensor {self.name}", hint=hint)
-        return SensorFrame(
-            self.name,
-            counts,
-            mm.astype(np.uint16, copy=False),
-            self._stamp(infrared),
-            host_s,
-            int(infrared.getSequenceNum()),
-        )
+        number, mm = int(infrared.getSequenceNum()), mm.astype(np.uint16, copy=False)
+        return SensorFrame(self.name, counts, mm, self._stamp(infrared), host_s, number)
 
     def _stamp(self, picture: Any) -> float:
-        """Return seconds of the exposure's middle: on the host's clock as depthai keeps it, or on PTP's."""
+        """Return the middle of the exposure in seconds, on the host's clock as depthai keeps it, or on PTP's."""
         middle = self.dai.CameraExposureOffset.MIDDLE
         if self.by_ptp:
             stamp = picture.getTimestampSystem(middle)
@@ -208,51 +220,47 @@ class PairStream:
     def _next(self) -> Any:
         try:
             return self.queue.tryGet()
-        except Exception as error:  # depthai raises types of its own, which only the module names
+        except Exception as error:  # depthai raises its own types
             if not self.running():
                 return None
-            raise SensorFailed(
-                f"The device was lost: {error}.", where=f"sensor {self.name}", hint="Plug it in and open it again."
-            ) from error
+            message, hint = f"The device was lost: {error}.", "Plug it in and open it again."
+            raise SensorFailed(message, where=f"sensor {self.name}", hint=hint) from error
 
 
 SYNCS = ("none", "master", "slave", "ptp")
-"""By no wire. Giving and taking the wire's pulse (M8 or FSIN). By the network's clock (OAK-4 over Ethernet)."""
+"""Without a wire, by giving or taking the wire's pulse (M8 or FSIN), or by the network's clock (OAK-4 on Ethernet)."""
 SIZES = ((640, 400), (1280, 800))
-"""Pictures of the mono cameras."""
+"""Picture sizes of the mono cameras in pixels."""
 
 
 @dataclass(frozen=True)
 class OakSettings:
-    """Constants of one OAK with two mono cameras and an infrared flood."""
+    """Settings of one OAK with two mono cameras and an infrared flood light."""
 
     fps: float = 60.0
-    """Frames per second. 60 is what 640 x 400 with depth gives, 1280 x 800 about 30."""
+    """Frames per second. 640 x 400 with depth reaches 60, 1280 x 800 about 30."""
     size: tuple[int, int] = (640, 400)
-    """Width and height of infrared and depth, px."""
+    """Width and height of infrared and depth in pixels."""
     exposure_us: int = 800
-    """Fixed: a hand at 5 m/s moves 4 mm meanwhile."""
+    """Exposure in microseconds. A hand at 5 m/s moves 4 mm in 800."""
     iso: int = 200
-    """Fixed. Low, so that all but what reflects stays dark."""
+    """Low, so that only reflectors are bright."""
     flood: float = 1.0
     """Infrared flood light, 0 to 1. Retro-reflective markers need it."""
     sync: str = "none"
     """One of ``SYNCS``."""
     silent_s: float = 5.0
-    """Seconds without a frame after which the device counts as gone."""
+    """The device counts as lost after this time without a frame, in seconds."""
     queue: int = 4
-    """Frames that wait for the host. Older ones are dropped, so that what comes is new."""
+    """Number of frames that wait for the host. Older ones are dropped."""
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
-            raise CommandLineInvalid(
-                f"'{self.sync}' is not a way to synchronise OAKs.", hint=f"One of {', '.join(SYNCS)}."
-            )
+            message = f"'{self.sync}' is not a way to synchronise OAKs."
+            raise CommandLineInvalid(message, hint=f"One of {', '.join(SYNCS)}.")
         if tuple(self.size) not in SIZES:
-            message = ", ".join(f"{w} x {h}" for w, h in SIZES)
-            raise CommandLineInvalid(
-                f"Pictures of {self.size} are not possible with an OAK's mono cameras.", hint=f"One of {message}."
-            )
+            message = f"Pictures of {self.size} are not possible with an OAK's mono cameras."
+            raise CommandLineInvalid(message, hint=f"One of {', '.join(f'{w} x {h}' for w, h in SIZES)}.")
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
             message = f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set."
             raise CommandLineInvalid(message, hint="Up to 120 frames a second, 0 to 1, 100 to 1600.")
@@ -262,50 +270,24 @@ class OakSettings:
 
 
 @dataclass
-class Oak(OpenedDevice):
-    """One OAK. Its infrared picture is the rectified left one, to whose pixels depth is aligned."""
+class Oak(OakPipeline):
+    """The stereo cameras of one OAK. Infrared is the rectified left picture, and depth is aligned to its pixels."""
 
-    name: str
-    identifier: str
     settings: OakSettings = field(default_factory=OakSettings)
-    _pipeline: Any = field(default=None, init=False, repr=False)
-    _stream: PairStream | None = field(default=None, init=False, repr=False)
 
-    def open(self) -> None:
-        """Connect, fix exposure and flood, and start.
+    def _role(self) -> str:
+        return self.settings.sync
 
-        Raises:
-            SensorFailed: the device is not there, in use, or refuses a setting.
-            SensorUnknown: it has no pair of mono cameras.
-        """
-        if self._stream is not None:
-            return
-        settings = self.settings
-        self._pipeline, queue = start_oak(self.identifier, self.name, settings.sync, self._paired)
-        running, by_ptp = self._pipeline.isRunning, settings.sync == "ptp"
-        self._stream = PairStream(depthai(), self.name, queue, running, settings.silent_s, by_ptp)
-
-    def _paired(self, dai: Any, device: Any, pipeline: Any) -> Any:
+    def _build(self, dai: Any, device: Any, pipeline: Any) -> Any:
         self._require_stereo(dai, device)
         self._set_light(device)
         return paired(dai, pipeline, *self._cameras(dai, pipeline), self.settings.fps, self.settings.queue)
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the device is closed.
-
-        Raises:
-            SensorFailed: it is not open, went away, fell silent, or its clock jumped.
-            PicturesDiffer: infrared and depth are of different sizes.
-        """
-        if self._stream is None:
-            raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
-        yield from self._stream.frames()
-
-    def close(self) -> None:
-        """End. May be called several times."""
-        pipeline, self._pipeline, self._stream = self._pipeline, None, None
-        if pipeline is not None:
-            pipeline.stop()
+        """Yield frames until the device is closed. Raises what ``PairStream.frames`` raises."""
+        self._require_open()
+        running, by_ptp = self._pipeline.isRunning, self.settings.sync == "ptp"
+        yield from PairStream(depthai(), self.name, self._queue, running, self.settings.silent_s, by_ptp).frames()
 
     def _require_stereo(self, dai: Any, device: Any) -> None:
         sockets = device.getConnectedCameras()
@@ -320,7 +302,7 @@ class Oak(OpenedDevice):
             message = f"{device.getProductName()} has no infrared flood light, without which markers stay dark."
             hint = "Use a Pro model, or a ring of infrared lights with --flood 0."
             raise SensorUnknown(message, where=f"sensor {self.name}", hint=hint)
-        # Its dots would be taken for markers.
+        # Markers could be confused with the dots.
         device.setIrLaserDotProjectorIntensity(0.0)
 
     def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:
@@ -339,14 +321,14 @@ class Oak(OpenedDevice):
 
 
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
-    """Return the left mono cameras as the factory calibrated them, rectified, all at the origin.
+    """Return the rectified left mono cameras with the factory calibration, all at the origin.
 
     Args:
         oaks: closed devices. Each is connected to for a moment.
 
     Raises:
-        SensorFailed: a device is not there.
-        CalibrationMissing: a device has no calibration of its own.
+        SensorFailed: a device is missing.
+        CalibrationMissing: a device has no calibration.
     """
     dai = depthai()
     K = [_intrinsics(dai, oak) for oak in oaks]
@@ -372,15 +354,10 @@ KINDS = ("oak",)
 
 
 def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
-    """Return the device of ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, closed.
-
-    The name is the identifier if left out.
-
-    Args:
-        text: such as ``oak:192.168.1.20=left``.
+    """Return the closed device of ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, as in ``oak:192.168.1.20=left``.
 
     Raises:
-        SensorUnknown: the kind is not known, or no identifier is given.
+        SensorUnknown: the kind is unknown, or there is no identifier.
     """
     kind, _, rest = text.partition(":")
     identifier, _, name = rest.partition("=")

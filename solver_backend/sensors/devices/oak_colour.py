@@ -1,15 +1,11 @@
-"""Record and stream the colour cameras of several OAKs in step.
-
-The device compresses every picture by itself (MJPEG), so a file may begin and end anywhere. The file is a fragmented
-MP4 with each picture's own time, readable up to where it was cut off.
-"""
+"""Record and stream the colour cameras of several OAKs in step."""
 
 from __future__ import annotations
 
 import json
 import time
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from functools import partial
 from pathlib import Path
@@ -19,17 +15,18 @@ import numpy as np
 
 from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import check_output, write_text
-from solver_backend.sensors.devices.device import OpenedDevice, SensorFailed
-from solver_backend.sensors.devices.oak import depthai, start_oak
+from solver_backend.sensors.devices.device import SensorFailed
+from solver_backend.sensors.devices.oak import OakPipeline, depthai
 from solver_backend.videos.files.video import library
 from solver_backend.videos.streaming.picture_sources import LivePicture
 from solver_backend.videos.sync.clocks import Clocks
 
 TICKS = 90_000
-"""Of a file's clock a second."""
+"""Ticks of a file's clock per second."""
 WAIT_S = 0.001
+"""Time between looks at an empty queue, in seconds."""
 CLOCKS = "clocks.json"
-"""The file of the videos' clocks, as ``Clocks`` writes itself."""
+"""File of the videos' clocks, see ``Clocks``."""
 
 
 @dataclass(frozen=True)
@@ -38,11 +35,11 @@ class ColourPicture:
 
     jpeg: bytes
     time_s: float
-    """Seconds of its exposure's middle, on a clock that all cameras share."""
+    """Middle of the exposure in seconds, on a clock that all cameras share."""
 
 
 class ColourSource(Protocol):
-    """A camera that gives compressed pictures, such as ``OakColour``."""
+    """A camera with compressed pictures, such as ``OakColour``."""
 
     name: str
     size: tuple[int, int]
@@ -53,7 +50,7 @@ class ColourSource(Protocol):
         ...
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None where there is none yet. Ends with the device."""
+        """Yield pictures as they come, None while there is none, until the device ends."""
         ...
 
     def close(self) -> None:
@@ -62,30 +59,20 @@ class ColourSource(Protocol):
 
 
 @dataclass
-class OakColour(OpenedDevice):
-    """The colour camera of one OAK."""
+class OakColour(OakPipeline):
+    """The colour camera of one OAK. The device compresses each picture alone (MJPEG), so a file may end anywhere."""
 
-    name: str
-    identifier: str
     size: tuple[int, int] = (1920, 1080)
     fps: float = 60.0
     exposure_us: int = 4000
     iso: int = 800
     role: str = "none"
     quality: int = 90
-    _pipeline: Any = field(default=None, init=False, repr=False)
-    _queue: Any = field(default=None, init=False, repr=False)
 
-    def open(self) -> None:
-        """Connect and start.
+    def _role(self) -> str:
+        return self.role
 
-        Raises:
-            SensorFailed: the device is not there, or refuses a setting.
-        """
-        if self._pipeline is None:
-            self._pipeline, self._queue = start_oak(self.identifier, self.name, self.role, self._encoded)
-
-    def _encoded(self, dai: Any, device: Any, pipeline: Any) -> Any:
+    def _build(self, dai: Any, device: Any, pipeline: Any) -> Any:
         camera = pipeline.create(dai.node.Camera).build(dai.CameraBoardSocket.CAM_A, sensorFps=self.fps)
         camera.initialControl.setManualExposure(self.exposure_us, self.iso)
         pictures = camera.requestOutput(self.size, dai.ImgFrame.Type.NV12, fps=self.fps)
@@ -95,36 +82,27 @@ class OakColour(OpenedDevice):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None where there is none yet.
+        """Yield pictures as they come, None while there is none.
 
         Raises:
-            SensorFailed: the device is not open, or went away.
+            SensorFailed: the device is not open, or was lost.
         """
-        if self._queue is None:
-            raise SensorFailed("The sensor is not open.", where=f"sensor {self.name}", hint="Open it first.")
+        self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
             try:
                 found = self._queue.tryGet()
-            except Exception as error:  # depthai's own types
+            except Exception as error:  # depthai raises its own types
                 raise SensorFailed(f"The device was lost: {error}.", where=f"sensor {self.name}") from error
             yield found and ColourPicture(bytes(found.getData()), found.getTimestamp(middle).total_seconds())
 
-    def close(self) -> None:
-        """End. May be called several times."""
-        pipeline, self._pipeline, self._queue = self._pipeline, None, None
-        if pipeline is not None:
-            pipeline.stop()
-
 
 class ColourFile:
-    """A video that is written while it is filmed.
+    """A fragmented MP4 that grows while it is filmed, readable up to where it was cut off.
 
     Args:
-        path: an MP4.
-        size: width and height, px.
-        fps: asked for. The pictures keep their own times.
-        begin_s: the shared clock's time at which the video begins.
+        fps: nominal rate. The pictures keep their own times.
+        begin_s: start of the video on the shared clock.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:
@@ -138,10 +116,10 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append a picture. Those before the beginning, or not later than the one before, are skipped.
+        """Append a picture. Pictures before the start, or not later than the last one, are skipped.
 
         Raises:
-            OutputNotWritable: the disk is full. What was written stays readable.
+            OutputNotWritable: the disk is full. The written part stays readable.
         """
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
@@ -167,16 +145,12 @@ class ColourFile:
 def record_colour(
     sources: Mapping[str, ColourSource], folder: Path, size: tuple[int, int], fps: float, seconds: float
 ) -> dict[str, int]:
-    """Write one video a camera, all beginning with the first exposure that every camera has, and return their lengths.
-
-    Args:
-        folder: where ``NAME.mp4`` are written; nothing there is replaced.
-        size: width and height, px.
+    """Write ``NAME.mp4`` per camera, all starting at the first exposure of all cameras. Return their numbers of frames.
 
     Raises:
-        OutputExists: a video is there already.
+        OutputExists: a video exists already.
         OutputNotWritable: the disk is full.
-        SensorFailed: a camera gives no picture, or went away.
+        SensorFailed: a camera gives no picture, or was lost.
     """
     for name in sources:
         check_output(folder / f"{name}.mp4", overwrite=False)
@@ -192,14 +166,10 @@ def record_colour(
     finally:
         for file in files.values():
             file.close()
-        _write_clocks(folder / CLOCKS, files)
+        first = np.array([file.first_s for file in files.values()])
+        clocks = replace(Clocks.alike(tuple(files)), offset_s=first[0] - first, method="the devices' stamps")
+        write_text(folder / CLOCKS, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=True)
     return {name: file.count for name, file in files.items()}
-
-
-def _write_clocks(path: Path, files: Mapping[str, ColourFile]) -> None:
-    first = np.array([file.first_s for file in files.values()])
-    clocks = replace(Clocks.alike(tuple(files)), offset_s=first[0] - first, method="the devices' stamps")
-    write_text(path, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=True)
 
 
 def _first(name: str, stream: Iterable[ColourPicture | None]) -> ColourPicture:
@@ -221,20 +191,19 @@ def _until(
         idle = True
         for name, stream in list(going.items()):
             picture = next(stream, StopIteration)
-            if picture is StopIteration:
+            if picture is StopIteration or (isinstance(picture, ColourPicture) and picture.time_s >= end_s):
                 del going[name]
             elif isinstance(picture, ColourPicture):
-                idle = False
-                if picture.time_s < end_s:
-                    files[name].add(picture)
-                else:
-                    del going[name]
-        if idle and going:
+                files[name].add(picture)
+            else:
+                continue
+            idle = False
+        if idle:
             time.sleep(WAIT_S)
 
 
 class OakPictures:
-    """Pictures as they come, with the times of their exposures, which the devices' clocks share with the host's."""
+    """Live pictures of a camera with the times of their exposures, on a clock that devices and host share."""
 
     def __init__(self, camera: ColourSource) -> None:
         self._camera = camera
@@ -245,11 +214,7 @@ class OakPictures:
         self._camera.open()
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield pictures as they come.
-
-        Raises:
-            SensorFailed: the device went away.
-        """
+        """Yield pictures as they come. Raise ``SensorFailed`` if the device was lost."""
         number = 0
         for picture in self._camera.pictures():
             if picture is None:
@@ -265,7 +230,7 @@ class OakPictures:
 
 
 def _decoded(jpeg: bytes) -> np.ndarray:
-    """Return (H, W, 3) of a compressed picture."""
+    """Return the (H, W, 3) RGB picture."""
     codec: Any = library().CodecContext.create("mjpeg", "r")
     [frame, *_] = [*codec.decode(library().Packet(jpeg)), *codec.decode(None)]
     return frame.to_ndarray(format="rgb24")

@@ -27,12 +27,12 @@ from solver_backend.types import Cameras
 def due_frames(
     times: np.ndarray, start: float | None, *, repeat: bool = False
 ) -> Iterator[tuple[int, int, float, float]]:
-    """Yield index, lap, device's seconds and host's seconds of frames.
+    """Yield index, lap, device time and host time of frames.
 
     Args:
-        times: (F,) seconds of the frames on the device's clock.
-        start: host's seconds (``time.perf_counter``) at which time 0 is due, None to yield all of them at once.
-        repeat: begin again after the end, on and on. The device's clock goes on.
+        times: (F,) seconds on the device's clock.
+        start: host time (``time.perf_counter``) of time 0. None to yield all frames at once.
+        repeat: start again after the end. The device's clock goes on.
     """
     if not len(times):
         return
@@ -50,7 +50,7 @@ def due_frames(
             if due > now:
                 time.sleep(due - now)
             last = not repeat and at + 1 == len(times)
-            # What is due already is late: the sensor has the next picture, and this one is gone.
+            # A late frame is skipped, as a sensor would have the next picture already.
             if last or now < due + period:
                 yield at, lap, device, due
         at += 1
@@ -68,26 +68,22 @@ class RecordedSensor(OpenedDevice):
     sensor: SensorFiles
     kind: str
     start: float | None = None
-    """Host's seconds at which the recording's time 0 is due. None: as fast as frames are taken."""
+    """Host time of the recording's time 0. None to yield frames as fast as they are taken."""
     repeat: bool = False
     zero: float = 0.0
-    """Device's seconds that count as 0."""
+    """Device time that counts as 0."""
 
     @property
     def name(self) -> str:
-        """The sensor's name."""
+        """Name of the sensor."""
         return self.sensor.name
 
     def starting(self, start: float) -> RecordedSensor:
-        """Return the sensor at its recorded rate: time 0 is due at host's seconds ``start``."""
+        """Return the sensor at its recorded rate, with time 0 at the host time ``start``."""
         return replace(self, start=start)
 
     def index(self) -> np.ndarray:
-        """Return (F, 3) number, device's and host's seconds of the frames whose pictures are whole.
-
-        Raises:
-            RecordingInvalid: the index cannot be read.
-        """
+        """Return (F, 3) number, device time and host time of complete frames. Raise ``RecordingInvalid``."""
         rows = read_index(self.folder / INDEX)
         if self.kind == "raw":
             path = self.folder / FRAMES
@@ -96,11 +92,7 @@ class RecordedSensor(OpenedDevice):
         return rows
 
     def count(self) -> int:
-        """Return the number of frames.
-
-        Raises:
-            RecordingInvalid: the index cannot be read.
-        """
+        """Return the number of frames. Raise ``RecordingInvalid`` if the index cannot be read."""
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
@@ -108,7 +100,7 @@ class RecordedSensor(OpenedDevice):
 
         Raises:
             RecordingInvalid: the index cannot be read.
-            SensorFailed: a picture is missing or damaged, or the file of the pictures is no file.
+            SensorFailed: a picture is missing or damaged, or the picture file is not a file.
         """
         if self.kind == "raw" and not (self.folder / FRAMES).is_file():
             message = f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place."
@@ -134,7 +126,7 @@ class RecordedSensor(OpenedDevice):
 
 @dataclass
 class StudioSensor(OpenedDevice):
-    """One camera of a shot that the studio rendered."""
+    """One camera of a studio shot."""
 
     shot: Path
     name: str
@@ -143,15 +135,11 @@ class StudioSensor(OpenedDevice):
     repeat: bool = False
 
     def starting(self, start: float) -> StudioSensor:
-        """Return the sensor at its recorded rate: time 0 is due at host's seconds ``start``."""
+        """Return the sensor at its recorded rate, with time 0 at the host time ``start``."""
         return replace(self, start=start)
 
     def count(self) -> int:
-        """Return the number of frames.
-
-        Raises:
-            RecordingInvalid: there are none.
-        """
+        """Return the number of frames. Raise ``RecordingInvalid`` if there are none."""
         found = len(list((self.shot / "infrared" / self.name).glob("*.png")))
         if not found:
             hint = 'Film it with "film": ["infrared", "depth"].'
@@ -177,39 +165,38 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
     try:
         return read_png(infrared / name), read_png(depth / name) if has_depth else None
     except MocapError as error:
-        raise SensorFailed(
-            f"Frame {at} cannot be read: {error.message}", where=error.where, hint="The frames before it are whole."
-        ) from error
+        message, hint = f"Frame {at} cannot be read: {error.message}", "The frames before it are whole."
+        raise SensorFailed(message, where=error.where, hint=hint) from error
 
 
 STUDIO_SHOT = ("clean.npz", "infrared")
 """Entries of the folder of a studio shot."""
 OTHER_CLOCK_S = 0.5
-"""A sensor whose clock differs by more from the others', by the host's, has a clock of its own."""
+"""Largest difference of a sensor's clock from the others', in seconds. Beyond it the host's clock relates them."""
 
 
 @dataclass(frozen=True)
 class SensorFolder:
-    """Sensors of a folder, in the order of the calibration."""
+    """Sensors of a folder in the order of the calibration."""
 
     path: Path
     cameras: Cameras
     devices: tuple[RecordedSensor | StudioSensor, ...]
     fps: float
     missing: tuple[str, ...] = ()
-    """Sensors of the calibration that the folder has nothing of."""
+    """Sensors of the calibration that are not in the folder."""
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording, or the folder of one shot of the studio.
+    """Open a recording, or the folder of a studio shot.
 
     Args:
-        calibration: one that takes the place of the folder's own.
+        calibration: replaces the folder's own.
 
     Raises:
         RecordingInvalid: the folder is neither, or is damaged.
         CalibrationMissing, CalibrationInvalid: there is no calibration, or an impossible one.
-        SensorUnknown: the calibration names none of the sensors.
+        SensorUnknown: the calibration has none of the sensors.
     """
     if (path / ABOUT).is_file():
         return _recording(path, calibration)
@@ -227,21 +214,19 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
     about = read_about(path)
     file = calibration or path / CALIBRATION
     if not file.exists():
-        raise CalibrationMissing(
-            "The recording has no calibration.", where=str(file), hint="Name one with --calibration."
-        )
+        hint = "Name one with --calibration."
+        raise CalibrationMissing("The recording has no calibration.", where=str(file), hint=hint)
     cameras = read_calibration(file).cameras
     found = {sensor.name: sensor for sensor in about.sensors}
-    devices = [RecordedSensor(path / name, found[name], about.kind) for name in _named(cameras, set(found), path)]
+    names, missing = _named(cameras, set(found), path)
+    devices = [RecordedSensor(path / name, found[name], about.kind) for name in names]
     zeros = _zeros([device.index() for device in devices])
-    missing = tuple(name for name in cameras.names if name not in found)
-    return SensorFolder(
-        path, cameras, tuple(replace(d, zero=z) for d, z in zip(devices, zeros, strict=True)), about.fps, missing
-    )
+    devices = tuple(replace(device, zero=zero) for device, zero in zip(devices, zeros, strict=True))
+    return SensorFolder(path, cameras, devices, about.fps, missing)
 
 
 def _zeros(indices: list[np.ndarray]) -> list[float]:
-    """Return what counts as 0 on each sensor's clock: one time for all, or the host's where a clock is another."""
+    """Return each sensor's zero: a common time, or the host's for a sensor with another clock."""
     firsts = np.array([rows[0, 1:] if len(rows) else (np.nan, np.nan) for rows in indices])
     if not np.isfinite(firsts).any():
         return [0.0] * len(indices)
@@ -258,18 +243,17 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
     if cameras is None:
         raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Make it again.")
     found = {p.name for p in (path / "infrared").iterdir() if p.is_dir()}
-    names = _named(cameras, found, path)
+    names, missing = _named(cameras, found, path)
     devices = tuple(StudioSensor(path, name, clean.fps) for name in names)
-    missing = tuple(name for name in cameras.names if name not in found)
     return SensorFolder(path, cameras, devices, clean.fps, missing)
 
 
-def _named(cameras: Cameras, found: set[str], path: Path) -> list[str]:
+def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
+    """Return the calibrated sensors that were found, and those that are missing."""
     names = [name for name in cameras.names if name in found]
     if not names:
-        raise SensorUnknown(
-            f"The calibration names {', '.join(cameras.names)}, the folder {', '.join(sorted(found)) or 'nothing'}.",
-            where=str(path),
-            hint="Calibrate these sensors, or rename them in the calibration.",
-        )
-    return names
+        there = ", ".join(sorted(found)) or "nothing"
+        message = f"The calibration names {', '.join(cameras.names)}, the folder {there}."
+        hint = "Calibrate these sensors, or rename them in the calibration."
+        raise SensorUnknown(message, where=str(path), hint=hint)
+    return names, tuple(name for name in cameras.names if name not in found)

@@ -17,61 +17,60 @@ class FusionSettings:
     """Constants of fusion."""
 
     clusters: str = "test"
-    """'test' joins sightings that differ no more than their covariances allow, 'radius' all within ``radius_m``."""
+    """'test' joins sightings within their covariances, 'radius' joins all within ``radius_m``."""
     radius_m: float = 0.01
     """Radius of the published clusters (paper, appendix K)."""
     calibration_m: float = 0.0012
-    """Standard deviation, per axis, by which a sensor's place and lens are wrong. Added in tests, not in the result."""
+    """Standard deviation per axis of a sensor's calibration. It counts in tests, not in results."""
     joined: float = 16.27
     """Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom."""
     joined_ray: float = 13.82
-    """The same of a point and a ray: 0.999 with two."""
+    """Largest χ² of a point and a ray: 0.999 with two degrees of freedom."""
     joined_rays: float = 6.63
-    """The same of two rays: 0.99 with one. Chance brings rays together more often than points."""
+    """Largest χ² of two rays: 0.99 with one degree of freedom, because rays often meet by chance."""
     reach_m: float = 0.05
-    """Sightings farther apart are never one marker, however unsure."""
+    """Largest distance of two sightings of one marker, however uncertain they are."""
     closest_m: float = 0.028
-    """No two markers are closer: of two points that are, the surer one stays. Smaller for fingers."""
+    """Smallest distance of two markers. Of two closer points, only the more certain one is kept."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
     """Range of the intersection of two rays from either sensor, in metres."""
     least_angle: float = 0.17
-    """Radians between two rays that give a point."""
+    """Smallest angle between two rays that give a point, in radians."""
 
     acceleration_m_s2: float = 40.0
     """Standard deviation of a marker's acceleration from frame to frame."""
     start_speed_m_s: float = 2.0
-    """Standard deviation of the speed of a marker that was not there before."""
+    """Standard deviation of a new marker's speed."""
     follow: float = 16.27
-    """Largest χ² of a point and the track that it goes on from."""
+    """Largest χ² of a point and its track."""
     lost_s: float = 0.12
-    """Time after which a track that is not seen is given up."""
+    """A track ends after this time without a point, in seconds."""
 
     hit_alone: float = 0.8
-    """Added to a track's log-odds of being a marker by a frame where one sensor sees it."""
+    """Gain of a track's log-odds of being a marker if one sensor sees it."""
     hit_together: float = 3.0
-    """The same of two or more sensors."""
+    """Gain if two or more sensors see it."""
     hit_rays: float = 1.0
-    """The same of two rays alone."""
+    """Gain if only two rays meet."""
     miss: float = 1.0
-    """Taken from it by a frame where none does."""
+    """Loss if no sensor sees it."""
     start: float = -2.0
-    """Log-odds of a point that was not there before."""
+    """Log-odds of a new point."""
     most: float = 6.0
-    """Largest log-odds that are kept."""
+    """Largest log-odds."""
 
 
 DEFAULT = FusionSettings()
 
-
 _NEVER = 1e6
-"""Cost of a pair that may not be: more than any sum of those that may."""
+"""Cost of an impossible pair, more than any sum of possible ones."""
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return pairs (a, b) of candidates, each name at most once, as many as can be and of least ``Σ cost``.
+    """Select as many candidate pairs (a, b) as possible with the least ``Σ cost``, each name at most once.
 
-    Candidates fall into parts that share no name. A part of one pair is that pair, the others are solved by the
-    Hungarian method (Kuhn 1955).
+    Candidates fall into components that share no name. Those with several pairs are solved by the Hungarian method
+    (Kuhn 1955).
 
     Args:
         a: (P,) names of the first set, not negative.
@@ -106,29 +105,28 @@ def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray,
 
 
 Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Origin (3,), unit directions (R, 3) and standard deviations across (R,) in radians, of one sensor."""
+"""Origin (3,), unit directions (R, 3) and standard deviations (R,) in radians of one sensor's rays."""
 
 
 def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors meet and fit no others.
 
-    The midpoint of the shortest way between two rays (Hartley and Sturm 1997) stands if that way is no longer than
-    the rays' errors allow, and if neither of both meets a third: of several meetings all but one are ghosts.
+    A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if that line is no longer
+    than the rays' errors allow. Neither ray may meet a third one, because all but one of several meetings are ghosts.
     """
-    first, second, points, covariances = [], [], [], []
     begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
-    for a, b in combinations(range(len(rays)), 2):
-        i, j, point, covariance = _meetings(rays[a], rays[b], settings)
-        first.append(begin[a] + i)
-        second.append(begin[b] + j)
-        points.append(point)
-        covariances.append(covariance)
-    if not points or not sum(map(len, points)):
+    found = [
+        (begin[a] + i, begin[b] + j, point, covariance)
+        for a, b in combinations(range(len(rays)), 2)
+        for i, j, point, covariance in [_meetings(rays[a], rays[b], settings)]
+        if len(i)
+    ]
+    if not found:
         return np.zeros((0, 3)), np.zeros((0, 3, 3))
-    one, other = np.concatenate(first), np.concatenate(second)
+    one, other, points, covariances = map(np.concatenate, zip(*found, strict=True))
     met = np.bincount(np.concatenate([one, other]), minlength=int(begin[-1]))
     only = (met[one] == 1) & (met[other] == 1)
-    return np.concatenate(points)[only], np.concatenate(covariances)[only]
+    return points[only], covariances[only]
 
 
 def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
@@ -140,9 +138,8 @@ def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, n
     far_a = (of_a[:, None] - cosine * of_b) / sine2
     far_b = (cosine * of_a[:, None] - of_b) / sine2
     near, far = settings.ray_range_m
-    inside = (
-        (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far) & (sine2 > np.sin(settings.least_angle) ** 2)
-    )
+    inside = (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far)
+    inside &= sine2 > np.sin(settings.least_angle) ** 2
     i, j = np.nonzero(inside)
     on_a = at_a + far_a[i, j, None] * way_a[i]
     on_b = at_b + far_b[i, j, None] * way_b[j]
@@ -167,9 +164,9 @@ class FusedPoints:
     covariance: np.ndarray
     """(N, 3, 3) m²."""
     depths: np.ndarray
-    """(N,) sensors that saw each with a depth."""
+    """(N,) number of sensors that saw each with depth."""
     rays: np.ndarray
-    """(N,) sensors that saw each without."""
+    """(N,) number of sensors that saw each without depth."""
 
 
 def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -> FusedPoints:
@@ -181,25 +178,21 @@ def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -
     for seen in sightings:
         deep = np.flatnonzero(np.isfinite(seen.depth))
         found.join_points(seen.points[deep], seen.covariance[deep], settings)
-    left: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
+    left: list[Rays] = []
     for seen in sightings:
         flat = np.flatnonzero(~np.isfinite(seen.depth))
-        rest = found.join_rays(seen.origin, seen.direction[flat], seen.sigma_ray[flat], seen, settings)
-        left.append((seen.origin, seen.direction[flat][rest], seen.sigma_ray[flat][rest]))
+        rest = flat[found.join_rays(seen, flat, settings)]
+        left.append((seen.origin, seen.direction[rest], seen.sigma_ray[rest]))
     found.drop_doubles(settings)
     points, covariance = found.estimates()
     met, met_covariance = met_rays(left, settings)
-    return FusedPoints(
-        time,
-        np.concatenate([points, met]),
-        np.concatenate([covariance, met_covariance]),
-        np.concatenate([found.depths, np.zeros(len(met), int)]),
-        np.concatenate([found.rays, np.full(len(met), 2)]),
-    )
+    points, covariance = np.concatenate([points, met]), np.concatenate([covariance, met_covariance])
+    depths = np.concatenate([found.depths, np.zeros(len(met), int)])
+    return FusedPoints(time, points, covariance, depths, np.concatenate([found.rays, np.full(len(met), 2)]))
 
 
 class _Clusters:
-    """Points under way, in information form: ``Λ = Σ⁻¹``, ``η = Λ p``."""
+    """Points in information form, ``Λ = Σ⁻¹`` and ``η = Λ p``."""
 
     def __init__(self) -> None:
         self.information = np.zeros((0, 3, 3))
@@ -232,15 +225,9 @@ class _Clusters:
         self.depths = np.concatenate([self.depths, np.ones(int(own.sum()), int)])
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
-    def join_rays(
-        self,
-        origin: np.ndarray,
-        direction: np.ndarray,
-        sigma: np.ndarray,
-        seen: SensorSightings,
-        settings: FusionSettings,
-    ) -> np.ndarray:
-        """Take one sensor's rays: each sharpens the cluster that it passes. Return which pass none, (R,) bool."""
+    def join_rays(self, seen: SensorSightings, rows: np.ndarray, settings: FusionSettings) -> np.ndarray:
+        """Add rows of a sensor's rays to the clusters that they pass. Return the (R,) mask of rays that pass none."""
+        origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
         if not len(self.vector) or not len(direction):
             return rest
@@ -252,10 +239,10 @@ class _Clusters:
         off, far = across[i, j], along[i, j]
         flat = np.eye(3) - direction[j, :, None] * direction[j, None, :]
         width = (sigma[j] * far) ** 2 + settings.calibration_m**2
-        # Along the ray anything goes: a width of a metre there leaves a test across it.
+        # A width of a metre along the ray leaves a test across it.
         both = spread[i] + width[:, None, None] * flat + direction[j, :, None] * direction[j, None, :]
         square = chi_square(off, both)
-        # The sensor's own points are other markers than its rays.
+        # A sensor's rays cannot be markers that it also sees with depth.
         near = np.flatnonzero(square < settings.joined_ray)
         own = seen.points[np.isfinite(seen.depth)]
         mine = (((at[i[near]][:, None] - own) ** 2).sum(-1) < settings.radius_m**2).any(1)
@@ -286,10 +273,9 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
 
 
 def _within_radius(time: float, sightings: list[SensorSightings], settings: FusionSettings) -> FusedPoints:
-    """Return the mean of each group of points that ``radius_m`` joins, as published. Covariances of means."""
-    deep = [np.flatnonzero(np.isfinite(s.depth)) for s in sightings]
-    none = np.zeros((0, 3))
-    points = np.concatenate([none, *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
+    """Return the mean of each group of points joined by ``radius_m``, as published, and its covariance."""
+    deep = [np.isfinite(s.depth) for s in sightings]
+    points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
     off = points[:, None] - points
     i, j = np.nonzero(np.triu((off * off).sum(-1) < settings.radius_m**2, 1))

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections import deque
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -16,13 +17,12 @@ from solver_backend.sensors.fusion.clusters import DEFAULT, FusedPoints, FusionS
 from solver_backend.types import MarkerCloud
 
 SILENT_S = 0.25
+SILENT_S = 0.25
 """A sensor counts as silent after this time without a frame, in seconds. The others then go on."""
 JUMP_S = 0.5
 """Largest difference of a sensor's time step from the host's, in seconds. The host's step replaces a larger one."""
-WAITING = 30
-"""Most waiting frames per sensor. Older frames are dropped."""
-MOST_FINDINGS = 1000
-"""Most findings that are kept."""
+WAITING, MOST_FINDINGS = 30, 1000
+"""Most waiting frames per sensor, and most findings. Older ones are dropped."""
 
 
 @dataclass(frozen=True)
@@ -45,8 +45,8 @@ class Gatherer:
     """Join the frames that sensors took at one moment.
 
     Args:
-        period_s: seconds from frame to frame. Frames closer than half of it are of one moment.
-        wait_s: seconds of the host's clock that a moment waits for the last sensor, None for as long as it takes.
+        period_s: frame interval. Frames closer than half of it belong to one moment.
+        wait_s: longest wait of a moment for the last sensor on the host's clock. None for no limit.
     """
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
@@ -73,7 +73,7 @@ class Gatherer:
         if seen.finding:
             self._report("sunlight", seen, seen.finding)
         if self._gone is not None and seen.time < self._gone + 0.5 * self._period:
-            return  # its moment is gone: what comes late is dropped
+            return  # too late for its moment
         self._queues[index].append(seen)
         if len(self._queues[index]) > WAITING:
             self._queues[index].popleft()
@@ -96,7 +96,7 @@ class Gatherer:
         return seen
 
     def waiting(self, index: int) -> int:
-        """Return how many frames of a sensor wait for the others."""
+        """Return the number of frames of a sensor that wait for the others."""
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
@@ -125,7 +125,7 @@ class Gatherer:
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
         if lacking and not waited:
             return None
-        # The earliest goes out whatever its time is: half a period is lost in rounding beside a very large one.
+        # Take the earliest frame whatever its time is, because very large times lose half a period in rounding.
         moment = [min((queue for queue in self._queues if queue), key=lambda queue: queue[0].time).popleft()]
         others = (queue for queue in self._queues if queue and queue[0].sensor != moment[0].sensor)
         moment += [queue.popleft() for queue in others if queue[0].time < first + 0.5 * self._period]
@@ -175,11 +175,7 @@ class MarkerTracks:
         self._score, self._unseen_s = np.zeros(0), np.zeros(0)
 
     def update(self, found: FusedPoints) -> TrackedPoints:
-        """Return the points of a moment with their tracks.
-
-        Args:
-            found: later than the moment before. Where time ran back or stood still, tracks begin anew.
-        """
+        """Return the points of a moment with their tracks. Tracks restart if time runs back or stands still."""
         settings = self._settings
         dt = 0.0 if self._time is None else found.time - self._time
         if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
@@ -246,69 +242,46 @@ class MarkerTracks:
 
 
 _MOST_UNSEEN, _PAUSE = 20, 36_000
-"""Frames for each moment with markers, and beside them (ten minutes at 60 a second), beyond which the times are wrong:
-milliseconds for seconds would take 6 GB for three moments. Chosen by hand."""
+"""A take may have this many frames per moment with markers, and in addition. More frames mean wrong times: milliseconds
+instead of seconds would need 6 GB for three moments. Chosen by hand."""
 
 
-@dataclass
-class CloudBuilder:
-    """Collect the moments of a take."""
+def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
+    """Return a take with frames of equal length.
 
-    moments: list[TrackedPoints] = field(default_factory=list)
+    A track is a marker if its log-odds ever rose above 0. It takes the first free column. The cloud's residual is each
+    point's standard deviation, ``√(tr Σ / 3)``.
 
-    def add(self, moment: TrackedPoints) -> None:
-        """Add a moment."""
-        self.moments.append(moment)
-
-    def cloud(self, fps: float) -> MarkerCloud:
-        """Return the take on frames of equal length.
-
-        A track is a marker if its log-odds ever rose above 0. It takes the first column that is free. The cloud's
-        residual is each point's standard deviation, ``√(tr Σ / 3)``.
-
-        Raises:
-            RecordingInvalid: the moments are so far apart that hardly a frame of the take would have one.
-        """
-        rows, track, score, points, covariance = self._table(fps)
-        if not len(rows):
-            return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
-        names, of_point = np.unique(track, return_inverse=True)
-        best = np.full(len(names), -np.inf)
-        np.maximum.at(best, of_point, score)
-        kept = (best > 0)[of_point]
-        rows, of_point, points, covariance = rows[kept], of_point[kept], points[kept], covariance[kept]
-        column = _columns(rows, of_point, len(names))
-        frames, width = self._frames(fps), int(column.max(initial=-1)) + 1
-        positions = np.full((frames, width, 3), np.nan)
-        spread = np.full((frames, width, 3, 3), np.nan)
-        positions[rows, column[of_point]] = points
-        spread[rows, column[of_point]] = covariance
-        residual = np.sqrt(np.trace(spread, axis1=-2, axis2=-1) / 3.0)
-        return MarkerCloud(positions, fps, None, residual, spread)
-
-    def _frames(self, fps: float) -> int:
-        span_s = self.moments[-1].time - self.moments[0].time
-        if span_s * fps > _MOST_UNSEEN * len(self.moments) + _PAUSE:
-            message = f"{len(self.moments)} moments with markers span {span_s:.0f} s at {fps:g} a second."
-            hint = "Times of an index are in seconds; record what has long pauses in parts."
-            raise RecordingInvalid(message, where="index.csv", hint=hint)
-        return round(span_s * fps) + 1
-
-    def _table(self, fps: float) -> tuple[np.ndarray, ...]:
-        start = self.moments[0].time if self.moments else 0.0
-        rows = [np.full(len(m.points), round((m.time - start) * fps)) for m in self.moments]
-        empty = np.zeros(0, int)
-        return (
-            np.concatenate([empty, *rows]),
-            np.concatenate([empty, *(m.track for m in self.moments)]),
-            np.concatenate([np.zeros(0), *(m.score for m in self.moments)]),
-            np.concatenate([np.zeros((0, 3)), *(m.points for m in self.moments)]),
-            np.concatenate([np.zeros((0, 3, 3)), *(m.covariance for m in self.moments)]),
-        )
+    Raises:
+        RecordingInvalid: the moments are so far apart that few frames would have one.
+    """
+    if not sum(len(moment.points) for moment in moments):
+        return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
+    start, span_s = moments[0].time, moments[-1].time - moments[0].time
+    rows = np.concatenate([np.full(len(m.points), round((m.time - start) * fps)) for m in moments])
+    track, score, points, covariance = (
+        np.concatenate([getattr(m, name) for m in moments]) for name in ("track", "score", "points", "covariance")
+    )
+    names, of_point = np.unique(track, return_inverse=True)
+    best = np.full(len(names), -np.inf)
+    np.maximum.at(best, of_point, score)
+    kept = (best > 0)[of_point]
+    rows, of_point, points, covariance = rows[kept], of_point[kept], points[kept], covariance[kept]
+    column = _columns(rows, of_point, len(names))
+    if span_s * fps > _MOST_UNSEEN * len(moments) + _PAUSE:
+        message = f"{len(moments)} moments with markers span {span_s:.0f} s at {fps:g} a second."
+        hint = "Times of an index are in seconds; record what has long pauses in parts."
+        raise RecordingInvalid(message, where="index.csv", hint=hint)
+    shape = round(span_s * fps) + 1, int(column.max(initial=-1)) + 1
+    positions, spread = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)
+    positions[rows, column[of_point]] = points
+    spread[rows, column[of_point]] = covariance
+    residual = np.sqrt(np.trace(spread, axis1=-2, axis2=-1) / 3.0)
+    return MarkerCloud(positions, fps, None, residual, spread)
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Return the column of each of ``count`` tracks: the first whose last track has ended."""
+    """Return the column of each of ``count`` tracks: the first one whose last track has ended."""
     first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
     np.minimum.at(first, track, rows)
     np.maximum.at(last, track, rows)

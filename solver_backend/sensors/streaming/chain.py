@@ -1,8 +1,4 @@
-"""Run sensors live: one process per sensor, one fused moment at a time.
-
-A chain that cannot keep up skips moments and reports it. If no sensor is live, all sensors wait and every frame is
-used.
-"""
+"""Run sensors live with one process per sensor, and fuse one moment at a time."""
 
 from __future__ import annotations
 
@@ -16,7 +12,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -43,7 +38,7 @@ class ChainStatistics:
         self.lost: Counter[str] = Counter()
         """Frames missing from each sensor's count."""
         self.skipped = 0
-        """Complete moments that were skipped for newer ones."""
+        """Number of complete moments that were skipped for newer ones."""
         self._latency_ms: deque[float] = deque(maxlen=KEPT)
         self._first_s, self._last_s = 0.0, 0.0
 
@@ -57,14 +52,9 @@ class ChainStatistics:
         self._last_s = now
 
     def summary(self) -> dict[str, object]:
-        """Return plain values."""
-        data: dict[str, object] = {
-            "moments": self.moments,
-            "points": self.points,
-            "frames": dict(self.frames),
-            "lost": dict(self.lost),
-            "skipped": self.skipped,
-        }
+        """Return the statistics as JSON values."""
+        data: dict[str, object] = {"moments": self.moments, "points": self.points}
+        data |= {"frames": dict(self.frames), "lost": dict(self.lost), "skipped": self.skipped}
         if self.moments > 1 and self._last_s > self._first_s:
             data["fps"] = round((self.moments - 1) / (self._last_s - self._first_s), 2)
         if self._latency_ms:
@@ -88,7 +78,7 @@ class SensorTask:
     """Folder of a started recording, or None."""
     kind: str = "raw"
     live: bool = True
-    """The sensor sets the time: a slow disk loses frames, and a lost sensor may return."""
+    """The sensor sets the pace: a slow disk loses frames, and a lost sensor may return."""
 
 
 @dataclass(frozen=True)
@@ -104,13 +94,13 @@ class SensorEnd:
 def run_sensor(task: SensorTask, out: Connection) -> None:
     """Send the sightings of a sensor until it ends or the reader is gone.
 
-    First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent
-    ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
-    ``("trouble", code, sentence)``, and at last ``("end", SensorEnd)``.
+    The first message is ``("ready",)``, and the answer is the host time at which a replay starts. Then come ``("like",
+    SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code, sentence)``, and
+    ``("end", SensorEnd)``.
     """
-    with suppress(ValueError):  # the one who began it ends it, and receives Ctrl-C as well
+    with suppress(ValueError):  # the parent ends it, and receives Ctrl-C as well
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    run = _SensorRun(task, out, threading.Event())
+    run = _SensorRun(task, out)
     try:
         run.go()
     except (BrokenPipeError, ConnectionError, EOFError):
@@ -119,17 +109,16 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
         run.close()
 
 
-def _watch(out: Connection, stop: threading.Event) -> None:
-    with suppress(EOFError, OSError):
-        out.recv()
-    stop.set()
-
-
 class _SensorRun:
-    def __init__(self, task: SensorTask, out: Connection, stop: threading.Event) -> None:
-        self._task, self._out, self._stop = task, out, stop
+    def __init__(self, task: SensorTask, out: Connection) -> None:
+        self._task, self._out, self._stop = task, out, threading.Event()
         self._recorder: SensorRecorder | None = None
         self._frames, self._end_reported = 0, False
+
+    def _watch(self) -> None:
+        with suppress(EOFError, OSError):
+            self._out.recv()
+        self._stop.set()
 
     def go(self) -> None:
         task, device = self._task, self._task.device
@@ -142,7 +131,7 @@ class _SensorRun:
         start = self._out.recv()
         if not isinstance(start, float):
             return
-        threading.Thread(target=_watch, args=(self._out, self._stop), daemon=True).start()
+        threading.Thread(target=self._watch, daemon=True).start()
         if task.live:
             device = device.starting(start)
         while not self._stop.is_set():
@@ -152,7 +141,9 @@ class _SensorRun:
                 for frame in device.frames():
                     if self._stop.is_set():
                         return
-                    self._take(frame, acquisition)
+                    self._record(frame)  # first, so that unusable frames can be inspected later
+                    self._out.send(("seen", acquisition(frame)))
+                    self._frames += 1
                 ended = True
             except MocapError as error:
                 self._out.send(("trouble", error.code, str(error)))
@@ -160,11 +151,6 @@ class _SensorRun:
                 device.close()
             if ended or not task.live or self._stop.wait(RETRY_S):
                 return
-
-    def _take(self, frame: SensorFrame, acquisition: Acquisition) -> None:
-        self._record(frame)  # first: what cannot be used is kept for a look at what is wrong
-        self._out.send(("seen", acquisition(frame)))
-        self._frames += 1
 
     def _record(self, frame: SensorFrame) -> None:
         if self._task.record is None:
@@ -191,6 +177,7 @@ class _SensorRun:
 WAIT_S = 0.012
 """Longest wait of a moment for its last sensor, in seconds."""
 LISTEN_S = 0.005
+"""Longest wait for messages in one step, in seconds."""
 MOST_WAITING = 1
 """Number of complete moments that are fused, the newest: a late moment would delay all later ones."""
 MOST_AHEAD = 8
@@ -214,11 +201,13 @@ class LiveMoment:
 
 
 class MarkerChain:
-    """Running devices, acquisition and fusion. A context manager that ends its processes.
+    """Run devices, acquisition and fusion. A context manager that ends its processes.
+
+    A chain that cannot keep up skips moments. If no sensor is live, all sensors wait and every frame is used.
 
     Args:
         fps: frames per second of the sensors.
-        recording: where the sensors' frames are recorded, None where they are not.
+        recording: recording of the sensors' frames, or None.
     """
 
     def __init__(
@@ -270,9 +259,7 @@ class MarkerChain:
                 connection.send(self.start)
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._ending = True
         for connection in self._open:
             with suppress(OSError):
@@ -311,7 +298,7 @@ class MarkerChain:
     def _listen(self, seconds: float) -> None:
         heard = [c for c in self._open if not self._is_ahead(c)]
         if not heard:
-            time.sleep(seconds)  # where nobody is waited for, ``wait`` returns at once on some systems
+            time.sleep(seconds)  # ``wait`` without connections returns at once on some systems
         for connection in wait(heard, seconds) if heard else ():
             assert isinstance(connection, Connection)
             try:

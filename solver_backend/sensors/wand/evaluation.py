@@ -22,7 +22,6 @@ from solver_backend.sensors.wand.solve import (
     adjusted,
     depth_scale,
     held_out,
-    refitted,
     reprojection_px,
     triangulated,
 )
@@ -30,10 +29,9 @@ from solver_backend.sensors.wand.views import LEAST_IN_CELL, Moments, WandInvali
 from solver_backend.videos.sync.clocks import Clocks
 
 MOST_PX = 8.0
-"""Largest usable median error."""
-GOOD_PX = 1.0
-LATE_S = 0.001
-"""Larger errors and delays are reported."""
+"""Largest usable median reprojection error in pixels. Chosen by hand."""
+GOOD_PX, LATE_S = 1.0, 0.001
+"""Larger errors in pixels and delays in seconds are reported. Chosen by hand."""
 
 
 def require_fit(found: Adjusted) -> None:
@@ -50,35 +48,33 @@ def require_fit(found: Adjusted) -> None:
 
 
 def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with deviations, and the scatter of the depths."""
+    """Return the calibration in metres with its deviations, and the scatter of the depths."""
     array = result_of("wand", found)
     if options.wand is not None:
         return array, float("nan")
-    by_depth = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
-    array = moved_world(array, np.eye(3), np.zeros(3), by_depth.scale)
+    scale, sigma, scatter_m = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
+    array = moved_world(array, np.eye(3), np.zeros(3), scale)
     way = np.linalg.norm(array.cameras.centres, axis=1)
-    return replace(array, centre_sigma_m=np.hypot(array.centre_sigma_m, by_depth.sigma * way)), by_depth.rmse_m
+    return replace(array, centre_sigma_m=np.hypot(array.centre_sigma_m, sigma * way)), scatter_m
 
 
 def held_out_errors(
     task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
 ) -> tuple[float, np.ndarray]:
-    """Return the errors of held-out time ranges: in px, and of the (3,) distances of the lights.
-
-    Delays, one number a sensor, are those of the whole recording.
-    """
+    """Return the error of held-out time ranges in pixels, and of the (3,) distances of the lights in metres."""
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
-    fitted, _ = adjusted(refitted(task, found), moments.where(~out))
+    # The delay of a sensor is a single number, so it may come from the whole recording.
+    refit = replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
+    fitted, _ = adjusted(refit, moments.where(~out))
     kept = moments.where(out)
     at = triangulated(fitted.cameras, kept, found.delays)
     error = reprojection_px(fitted.cameras, kept, found.delays, at)
     px = float(np.sqrt(np.nanmean(error**2)))
     if options.wand is None:
         return px, np.full(3, np.nan)
-    off = distances(at) - options.wand.distances_m
-    return px, np.sqrt(np.nanmean(off**2, axis=0))
+    return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
 
 
 def findings_of(
@@ -86,19 +82,15 @@ def findings_of(
 ) -> tuple[Diagnostic, ...]:
     """Return the warnings about a calibration."""
     found = [item for view in views for item in view.findings]
-    found += [
-        diagnostic("wand_rows_ignored", reason="crowded", cameras=[view.name], lost=view.crowded, of=len(view))
-        for view in views
-        if view.crowded
-    ]
+    for view in views:
+        if view.crowded:
+            cause = {"reason": "crowded", "lost": view.crowded, "of": len(view)}
+            found.append(diagnostic("wand_rows_ignored", cameras=[view.name], **cause))
     first = array.cameras.names[0]
     for c, name in enumerate(array.cameras.names):
-        if array.camera_rmse_px[c] > GOOD_PX:
-            found.append(
-                diagnostic("camera_off", reference="wand", unit="px", cameras=[name], size=array.camera_rmse_px[c])
-            )
-        ahead = clocks.offset_s[c]
-        if options.clocks is None and abs(ahead) > LATE_S:
+        if (error := array.camera_rmse_px[c]) > GOOD_PX:
+            found.append(diagnostic("camera_off", reference="wand", unit="px", cameras=[name], size=error))
+        if options.clocks is None and abs(ahead := clocks.offset_s[c]) > LATE_S:
             found.append(diagnostic("sensor_clock_differs", cameras=[name, first], size_ms=1e3 * ahead))
     return tuple(found)
 
@@ -108,11 +100,9 @@ def notes_of(
 ) -> tuple[Diagnostic, ...]:
     """Return the notes about a calibration."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
-    wand = (
-        "a marker and its depth"
-        if options.wand is None
-        else (f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m")
-    )
+    wand = "a marker and its depth"
+    if options.wand is not None:
+        wand = f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
     figures = {"wand": wand, "moments": moments.px.shape[1], "together": together[i, j]}
     return (
         diagnostic("calibration_evidence", evidence="wand", cameras=[names[i], names[j]], **figures),
@@ -121,11 +111,7 @@ def notes_of(
 
 
 def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
-    """Return a whole page of HTML.
-
-    Args:
-        ground: up and floor, where a Γ gave them.
-    """
+    """Return the report as HTML, with up and floor of a Γ if there was one."""
     array, names = found.array, found.array.cameras.names
     head = [
         Tile("Held-out error", number(found.held_out_px, 2), "px", "of stretches of time that were not fitted"),
@@ -137,17 +123,19 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     if ground is not None:
         tilt = np.degrees(ground.tilt_sigma)
         head.append(Tile("Up", f"± {tilt:.2f}", "°", f"by the Γ in {ground.frames} clouds"))
-    words = [*map(sentence, array.findings), *([place] if (place := found.coverage.next_place()) else [])]
+    words = [*map(sentence, array.findings), *filter(None, [found.coverage.next_place()])]
+    sensors = [(name, found.sensor_line(c)) for c, name in enumerate(names)]
+    counts = found.together.astype(float)
+    strength = counts / max(counts.max(), 1.0)
+    together = heat_table(counts, names, names, strength=strength, unit="moments", digits=0)
     body = [
         tiles(head),
-        section(
-            "What to look at", "".join(f"<p>{text(word)}</p>" for word in words) or "<p>Nothing unusual was found.</p>"
-        ),
-        section("Sensors", facts(_sensors(found)), "Places and deviations, about the whole array."),
+        section("What to look at", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
+        section("Sensors", facts(sensors), "Places and deviations, about the whole array."),
         section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
-        section("Seen together", _together(found), "Moments at which two sensors saw the wand."),
+        section("Seen together", together, "Moments at which two sensors saw the wand."),
         section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
-        section("How", "".join(f"<p>{text(sentence(note))}</p>" for note in array.notes)),
+        section("How", _paragraphs([sentence(note) for note in array.notes])),
     ]
     return page_of("Calibration by wand", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
 
@@ -155,21 +143,8 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
 _COVERED = f"Each sensor's picture in cells: dark with {LEAST_IN_CELL} sightings and more, light where none is."
 
 
-def _sensors(found: WandCalibration) -> list[tuple[str, str]]:
-    array = found.array
-    return [
-        (
-            name,
-            f"{array.camera_rmse_px[c]:.2f} px, at ({', '.join(f'{v:.3f}' for v in array.cameras.centres[c])}) m "
-            f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°",
-        )
-        for c, name in enumerate(array.cameras.names)
-    ]
-
-
-def _together(found: WandCalibration) -> str:
-    names, counts = found.array.cameras.names, found.together.astype(float)
-    return heat_table(counts, names, names, strength=counts / max(counts.max(), 1.0), unit="moments", digits=0)
+def _paragraphs(words: Sequence[str]) -> str:
+    return "".join(f"<p>{text(word)}</p>" for word in words)
 
 
 def _picture(found: WandCalibration, c: int) -> str:

@@ -1,8 +1,4 @@
-"""Find up, floor and origin from three markers on the floor that form the letter Γ.
-
-Seen from above, the long edge runs down from the corner and the short edge runs right. Up is the cross product of the
-long and the short edge (paper, appendix K).
-"""
+"""Find up, floor and origin from three markers on the floor that form the letter Γ, seen from above (appendix K)."""
 
 from __future__ import annotations
 
@@ -13,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, intersected, moved_world
+from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMismatch, FileMissing, MocapError
@@ -29,10 +25,11 @@ ANGLE_TOLERANCE_DEG = 5.0
 LEAST_RATIO = 1.15
 """The long edge is this much longer than the short one."""
 LEAST_FRAMES = 5
+"""Fewest moments with the Γ. Chosen by hand."""
 MOST_POINTS = 24
 """Most points of a frame. Cover the lamps if there are more."""
 FRAMES_PER_NEWS = 3.0
-"""Frames with correlated errors: a sensor's noise on a marker that stands has some memory."""
+"""Number of consecutive frames with correlated errors. Chosen by hand."""
 SHARED_SIGMA_M = 0.5e-3
 """Constant marker error in a well calibrated array, in metres."""
 _ROUNDS = 20
@@ -56,10 +53,10 @@ class Gamma:
     """The three markers."""
 
     long_m: float = 0.6
-    """The long edge, from the corner's middle to the end's."""
+    """Length of the long edge between marker centres."""
     short_m: float = 0.4
     height_m: float = 0.007
-    """Height of the marker centres above the floor: their radius if they lie on it."""
+    """Height of the marker centres above the floor. It is their radius if they lie on it."""
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
@@ -74,19 +71,18 @@ class Gamma:
 
 @dataclass(frozen=True)
 class Ground:
-    """The move into a world with Z up, the floor at zero, the corner above the origin: ``x_new = R x_old + t``.
+    """The motion ``x_new = R x_old + t`` into a world with Z up, the floor at zero and the corner above the origin.
 
-    X goes along the short edge, Y against the long one.
+    X points along the short edge, Y against the long one.
     """
 
     R: Float[np.ndarray, "3 3"]
-    """(3, 3)."""
     t: Float[np.ndarray, " 3"]
     """(3,) metres."""
     tilt_sigma: float
-    """Standard deviation of up, radians, along its worse direction."""
+    """Standard deviation of up in radians, in its worse direction."""
     markers: Float[np.ndarray, "3 3"]
-    """(3, 3) metres in the old world: corner, the long edge's end, the short edge's end."""
+    """(3, 3) metres in the old world: corner, end of the long edge, end of the short edge."""
     frames: int
     findings: tuple[Diagnostic, ...] = ()
 
@@ -94,18 +90,17 @@ class Ground:
 def ground_from_gamma(
     clouds: Sequence[Float[np.ndarray, "points 3"]], gamma: Gamma, sensors: Float[np.ndarray, "sensors 3"]
 ) -> Ground:
-    """Return up, floor and origin.
+    """Return up, floor and origin from the robust mean of the three points in each cloud that fit the Γ best.
 
-    Of each cloud the three points whose edges and angle are nearest to the Γ's are taken. Their places are averaged
-    robustly. Up is ``u × v / |u × v|`` of the edges u (long) and v (short), its covariance that of both edges. A Γ that
-    was laid down mirrored follows from the sensors, which stand above the floor.
+    Up is ``u × v / |u × v|`` with the long edge u and the short edge v. The sensors are above the floor, which shows
+    if the Γ was laid down mirrored.
 
     Args:
-        clouds: points of each moment, of one sensor or of all, metres. Anything else may be among them.
-        sensors: (C, 3) where the sensors stand, in the same world.
+        clouds: points of each moment in metres, of one sensor or of all. Other points may be among them.
+        sensors: (C, 3) places of the sensors in the same world.
 
     Raises:
-        GammaNotFound: in too few clouds. The message states what was seen.
+        GammaNotFound: too few clouds have it.
     """
     padded = _padded(clouds)
     found, triples = _triples(padded, gamma)
@@ -132,13 +127,8 @@ def ground_from_gamma(
     return Ground(R, -R @ corner + np.array([0, 0, gamma.height_m]), sigma, places, int(found.sum()), mirrored)
 
 
-def on_ground(calibration: CalibratedCameras, ground: Ground) -> CalibratedCameras:
-    """Return the calibration in the world of a Γ."""
-    return moved_world(calibration, ground.R, ground.t)
-
-
 def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
-    """Return (F, N, 3) clouds filled up with NaN. Those of too many points are empty."""
+    """Return (F, N, 3) clouds, filled up with NaN. Clouds with too many points are empty."""
     sizes = [len(cloud) if len(cloud) <= MOST_POINTS else 0 for cloud in clouds]
     padded = np.full((len(clouds), max(sizes, default=0), 3), np.nan)
     for f, size in enumerate(sizes):
@@ -147,13 +137,13 @@ def _padded(clouds: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
-    """Return whether each cloud has a Γ, (F,), and its corner, long and short end, (F, 3, 3)."""
+    """Return the (F,) mask of clouds with a Γ, and its (F, 3, 3) corner, long end and short end."""
     F, N, _ = clouds.shape
     found, triples = np.zeros(F, bool), np.full((F, 3, 3), np.nan)
     if N < 3:
         return found, triples
     cosine = np.sin(np.radians(ANGLE_TOLERANCE_DEG))
-    # One corner at a time: all of them at once would take N times the room.
+    # One corner at a time, because all of them would need N times the memory.
     best = np.full(F, np.inf)
     for corner in range(N):
         arm = clouds - clouds[:, corner : corner + 1]
@@ -161,8 +151,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
         long_off = np.abs(length - gamma.long_m) / LENGTH_TOLERANCE_M
         short_off = np.abs(length - gamma.short_m) / LENGTH_TOLERANCE_M
         turn = np.einsum("fik,fjk->fij", arm, arm) / np.maximum(length[:, :, None] * length[:, None], 1e-9)
-        off = np.maximum(long_off[:, :, None], short_off[:, None])
-        off = np.maximum(off, np.abs(turn) / cosine)
+        off = np.maximum(np.maximum(long_off[:, :, None], short_off[:, None]), np.abs(turn) / cosine)
         off = np.where(np.isfinite(off), off, np.inf).reshape(F, -1)
         pick = off.argmin(axis=1)
         value = off[np.arange(F), pick]
@@ -174,7 +163,7 @@ def _triples(clouds: np.ndarray, gamma: Gamma) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the robust mean (3, 3) of three markers' places (F, 3, 3) and the covariance of each mean, (3, 3, 3)."""
+    """Return the robust (3, 3) mean of (F, 3, 3) marker places, and the (3, 3, 3) covariance of each mean."""
     mean = np.median(triples, axis=0)
     spread = np.maximum(1.4826 * np.median(np.linalg.norm(triples - mean, axis=-1), axis=0) / 1.54, 1e-5)
     weight = np.ones(triples.shape[:2])
@@ -188,7 +177,7 @@ def _averaged(triples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
-    """Return the deviation of ``u × v``'s direction, radians: ``d(u × v) = [u]ₓ dv - [v]ₓ du``."""
+    """Return the deviation of the direction of ``u × v`` in radians: ``d(u × v) = [u]ₓ dv - [v]ₓ du``."""
     w = np.cross(u, v)
     by_marker = (skew(v) - skew(u), -skew(v), skew(u))
     total = sum(J @ S @ J.T for J, S in zip(by_marker, covariance, strict=True))
@@ -198,23 +187,20 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
 
 
 MEETING_PX = 4.0
-"""Rays of two cameras meet where both pixels are within this of the point between them."""
+"""Rays of two cameras meet if their midpoint is within this distance of both pixels."""
 MOST_MOMENTS = 300
-"""Moments that are looked at, spread over the recording."""
+"""Most moments that are used, spread over the recording."""
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
-    """Return the points of each moment, metres in the cameras' world.
+    """Return the points of each moment from the tables of a folder, in metres of the cameras' world.
 
-    Of sensors with depth a cloud is what one of them saw at one moment. Of cameras without, all meetings of rays of two
-    of them, most of which are none: the Γ's edges choose.
-
-    Args:
-        folder: tables as ``read_points_folder`` reads them, by the sensors' names.
+    A cloud holds the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these
+    are false, and the Γ's edges select the true ones.
 
     Raises:
         FileMissing: there is no table.
-        CalibrationMismatch: a table is of no sensor of the calibration.
+        CalibrationMismatch: the calibration has no such sensor.
     """
     files = points_files(folder)
     if not files:
@@ -239,12 +225,12 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
 def depth_clouds(
     cameras: Cameras, camera: int, times: np.ndarray, px: np.ndarray, depth_m: np.ndarray
 ) -> list[np.ndarray]:
-    """Return the points one sensor saw, (N, 3) metres a moment.
+    """Return the (N, 3) points in metres of each moment of one sensor.
 
     Args:
-        times: (rows,) a marker each. Rows of one time are one moment.
-        px: (rows, 2).
-        depth_m: (rows,) metres along the axis. Those not above zero are skipped.
+        times: (rows,) time of each marker. Rows with equal times are one moment.
+        px: (rows, 2) pixels.
+        depth_m: (rows,) metres along the axis. Only positive depths are used.
     """
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]
@@ -257,7 +243,7 @@ def depth_clouds(
 
 
 def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarray]:
-    """Return where rays of each two cameras meet at the moments both saw, (9, 3) each and fewer."""
+    """Return up to (9, 3) intersections of the rays of two cameras for each common moment."""
     clouds: list[np.ndarray] = []
     for a, b in combinations(sorted(lights), 2):
         times, first, second = np.intersect1d(lights[a][:, 0], lights[b][:, 0], return_indices=True)
@@ -268,7 +254,7 @@ def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarra
 
 
 def _of_pair(pair: Cameras, px: np.ndarray) -> list[np.ndarray]:
-    """Return the clouds of two cameras' pixels (2, F, 3, 2): every spot of one with every spot of the other."""
+    """Intersect every spot of one camera with every spot of the other, from (2, F, 3, 2) pixels."""
     flat = undistort(pair, px)
     i, j = (grid.ravel() for grid in np.meshgrid(range(3), range(3), indexing="ij"))
     both = np.stack([flat[0][:, i], flat[1][:, j]])

@@ -28,12 +28,12 @@ from solver_backend.sensors.wand.solve import (
     triangulated,
 )
 from solver_backend.sensors.wand.views import (
+    Coverage,
     Moments,
     Wand,
     WandAmbiguous,
     WandNotSeen,
     WandView,
-    coverage_of,
     distances,
     identified,
     in_order,
@@ -45,34 +45,35 @@ from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, p
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 RATE_HZ = 120.0
-"""Speeds are compared at so many moments per second."""
+"""Rate at which speeds are compared, per second."""
 PIECE_S, FLOOR_S = 6.0, 0.004
-"""Length of the pieces that are compared, and how far perspective shifts the peak of a speed."""
+"""Length of the compared pieces, and shift of a speed's peak by perspective, in seconds."""
 CLIP_SIGMAS = 3.0
+"""Speeds are limited to this many standard deviations. Chosen by hand."""
 SMOOTHING_S = 0.06
-"""Standard deviation of the smoothing of the wand's way."""
+"""Standard deviation of the smoothing of the wand's path, in seconds."""
 SLOWEST_M_S = 0.05
-"""A wand this slow stands."""
+"""A slower wand counts as still, in m/s."""
 LEAST_CORRELATION = 0.5
-"""Pairs whose speeds agree less carry no information."""
+"""Least correlation of two speeds that is used."""
 MOST_MOMENTS = 900
-"""Moments that are solved, spread over the recording."""
+"""Most moments that are solved, spread over the recording."""
 
 
 def flat_of(view: WandView) -> np.ndarray:
-    """Return (F, K, 2) undistorted normalised coordinates of what a view saw."""
+    """Return the (F, K, 2) undistorted normalised coordinates of a view."""
     return undistort(view.lens.as_camera(), view.px[None])[0]
 
 
 def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks of sensors that saw one wand, to about a frame, by its speed: the same in everybody's axes.
+    """Synchronise C sensors to about a frame by the wand's speed, which is the same in all axes.
 
     Args:
-        views: of C sensors, lights in the wand's order.
+        views: lights in the wand's order.
         wand: its lengths, which give distances where there is no depth. None for a marker with depth.
 
     Raises:
-        SyncUnknown: the speeds of a sensor agree with nobody's.
+        SyncUnknown: a sensor's speeds agree with no other one.
     """
     names = tuple(view.name for view in views)
     signals = [_speed(view, wand) for view in views]
@@ -85,25 +86,23 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks by speed. Alike, with a word, where speeds show nothing or no more than that."""
+    """Return the clocks by speed. If speeds show no offset, return equal clocks with a note."""
     names = tuple(view.name for view in views)
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
         found = in_step(clocks_by_speed(views, wand, reach_s), 1.0 / interval_s)
         return replace(found, findings=tuple(item for item in found.findings if item != ROLLING_SHUTTER))
     except SyncUnknown as why:
-        return replace(
-            Clocks.alike(names), findings=(diagnostic("clocks_assumed", severity=Severity.NOTE, reason=why.message),)
-        )
+        note = diagnostic("clocks_assumed", severity=Severity.NOTE, reason=why.message)
+        return replace(Clocks.alike(names), findings=(note,))
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
-    """Return what all views saw at the first one's frames, those moments that two or more views saw."""
+    """Sample all views at the first one's frames, and keep moments that two or more views saw."""
     wanted = clocks.from_video(0, views[0].times_s)
     columns = []
     for c, view in enumerate(views):
-        depth = np.full(view.px.shape[:2], np.nan) if view.depth_m is None else view.depth_m
-        both = np.concatenate([view.px, depth[..., None]], axis=-1)
+        both = np.concatenate([view.px, view.depth_or_nan[..., None]], axis=-1)
         value, rate = values_and_velocities(both, view.times_s, clocks.in_video(c, wanted))
         columns.append((value[..., :2], rate[..., :2], value[..., 2]))
     px, velocity, depth = (np.stack(part) for part in zip(*columns, strict=True))
@@ -114,13 +113,12 @@ def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:
 
 
 def _speed(view: WandView, wand: Wand | None) -> Signal:
-    """Return the logarithm of the wand's smoothed speed at even times, 0 where it is not known."""
+    """Return the logarithm of the wand's smoothed speed at even times, 0 where unknown."""
     flat = flat_of(view)
     if wand is not None:
         middle = middle_from_lights(wand, flat)
     else:
-        depth = np.full(view.px.shape[:2], np.nan) if view.depth_m is None else view.depth_m
-        middle = np.concatenate([flat[:, 0] * depth, depth], axis=1)
+        middle = np.concatenate([flat[:, 0] * view.depth_or_nan, view.depth_or_nan], axis=1)
     count = int((view.times_s[-1] - view.times_s[0]) * RATE_HZ) + 1
     wanted = view.times_s[0] + np.arange(count) / RATE_HZ
     located = np.isfinite(middle).all(1)
@@ -141,26 +139,25 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
 
 
 MOST_CROWDED = 0.5
-"""Share of frames with more than one wand in sight with which a recording is refused."""
+"""A recording is refused if a larger share of its frames has other lights. Chosen by hand."""
 REACH_S = 6.5
 """Largest clock offset that is tested, in seconds."""
 LATE_FRAMES = 0.25
-"""A delay beyond this share of a frame moves the moments that are compared, and is found again."""
+"""Moments are sampled again if a delay is larger than this share of a frame. Chosen by hand."""
 
 
 def calibrate_by_wand(
     views: Sequence[WandView], options: WandOptions = WandOptions(), progress: Progress = silent
 ) -> WandCalibration:
-    """Return sensors' poses by a wand that all of them saw.
+    """Return the sensors' poses by a wand that all of them saw.
 
-    Clocks first (given, or found by speed to a frame and by the adjustment to a small part of one). Then poses, by
-    Umeyama's alignment of every pair's points or by essential matrices and the wand's lengths, chained. Then one sparse
-    bundle adjustment on pixels with the first sensor held.
+    First come the clocks: given, or estimated by speed and refined by the adjustment. Then poses of pairs, by aligned
+    points or by essential matrices and the wand's lengths, are chained. Then a sparse bundle adjustment refines all.
 
     Raises:
         WandNotSeen: a sensor, or all others together, never saw it with another one.
-        WandAmbiguous: something else shone in most frames.
-        WandInvalid: the wand is not the one that was given.
+        WandAmbiguous: most frames have other lights.
+        WandInvalid: the wand differs from the given one.
 
     Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
     """
@@ -171,7 +168,7 @@ def calibrate_by_wand(
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
     of_clocks = clocks.findings
     interval_s = float(np.median(np.diff(views[0].times_s)))
-    # Given offsets of a small part of a frame are delays of the pictures; larger ones are met between frames.
+    # Small given offsets are treated as delays of the pictures. Larger ones are interpolated between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))
     sampled = replace(clocks, offset_s=clocks.offset_s + known)
     moments = _moments(views, sampled, options)
@@ -193,7 +190,8 @@ def calibrate_by_wand(
     together = moments.seen.astype(int) @ moments.seen.astype(int).T
     notes = (*notes_of(moments, together, names, options), *of_clocks)
     array = replace(array, findings=findings_of(views, array, clocks, options), notes=notes)
-    coverage = coverage_of(array.cameras, moments.px, at)
+    coverage = Coverage(names, array.cameras.image_size)
+    coverage.add(moments.px.mean(axis=2), at.mean(axis=1))
     return WandCalibration(array, clocks, together, len(used), held_out_px, lengths, depth_rmse, coverage)
 
 
@@ -217,12 +215,10 @@ def _with_lights(view: WandView, wand: Wand) -> WandView:
     order, sure = identified(wand, flat_of(view), SIGMA_PX / float(view.lens.K[0, 0]))
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
-        raise WandAmbiguous(
-            f"In {int((seen & ~sure).sum())} of {int(seen.sum())} frames three lights do not make a wand of "
-            f"{wand.first_m:.3f} and {wand.second_m:.3f} m.",
-            where=f"sensor {view.name}",
-            hint="Check that no second wand or lamp is in sight, and that the wand does not point at the sensor.",
-        )
+        count = f"{int((seen & ~sure).sum())} of {int(seen.sum())} frames"
+        message = f"In {count} three lights do not make a wand of {wand.first_m:.3f} and {wand.second_m:.3f} m."
+        hint = "Check that no second wand or lamp is in sight, and that the wand does not point at the sensor."
+        raise WandAmbiguous(message, where=f"sensor {view.name}", hint=hint)
     return replace(view, px=in_order(view.px, order, sure))
 
 
@@ -230,13 +226,10 @@ def _moments(views: Sequence[WandView], clocks: Clocks, options: WandOptions) ->
     moments = common_moments(views, clocks)
     if options.every_sensor:
         moments = moments.where(moments.seen.all(0))
-    if moments.px.shape[1] < LEAST_TOGETHER:
-        raise WandNotSeen(
-            f"At {moments.px.shape[1]} moments "
-            f"{'all sensors' if options.every_sensor else 'two sensors'} see the wand at once.",
-            where=", ".join(view.name for view in views),
-            hint="Wave it where their sights overlap.",
-        )
+    if (count := moments.px.shape[1]) < LEAST_TOGETHER:
+        message = f"At {count} moments {'all' if options.every_sensor else 'two'} sensors see the wand at once."
+        where = ", ".join(view.name for view in views)
+        raise WandNotSeen(message, where=where, hint="Wave it where their sights overlap.")
     return moments
 
 
@@ -251,15 +244,15 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
         focal = still.K[:, 0, 0, None]
         sigma = np.hypot(depth_sigma(depth), depth * SIGMA_PX / focal)
         poses = poses_by_depth(names, ray * depth[..., None], sigma, rng)
-        return WandTask(names, cameras_at(views, poses), np.zeros((1, 3)), options.clocks is None, delays)
+        return WandTask(cameras_at(views, poses), np.zeros((1, 3)), options.clocks is None, delays)
     poses = poses_by_lights(names, flat, float(np.median(still.K[:, 0, 0])), options.wand, rng)
     cameras = cameras_at(views, poses)
     require_proportion(options.wand, np.nanmedian(distances(triangulated(cameras, moments, delays)), axis=0))
-    return WandTask(names, cameras, options.wand.lights, options.clocks is None, delays)
+    return WandTask(cameras, options.wand.lights, options.clocks is None, delays)
 
 
 def _later(clocks: Clocks, found: Adjusted) -> Clocks:
-    """Return the clocks with delays that were found on top: a sensor that is late shows at t what was at ``t + δ``."""
+    """Return the clocks with additional delays δ: a late sensor shows at t what happened at ``t + δ``."""
     count = len(found.cameras)
     variance = np.diag(found.covariance).reshape(count, CAMERA_PARAMETERS)[:, -1]
     covariance = np.zeros((count, 2, 2))

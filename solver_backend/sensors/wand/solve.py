@@ -16,6 +16,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import (
     chained,
     essential_matrix,
     intersected,
+    moved_world,
     pose_from_essential,
 )
 from solver_backend.cameras.projection import project, undistort
@@ -32,34 +33,32 @@ SIGMA_PX = 0.3
 """Standard deviation of a light's or a marker's pixel position, from which robust scales are set."""
 STEPS, TOLERANCE = 60, 1e-6
 HELD_OUT_BLOCKS = 10
-"""The recording is cut into so many stretches of time, every fifth of which is held out."""
+"""Number of time ranges of a recording. Every fifth of them is held out."""
 
 
 @dataclass(frozen=True)
 class WandTask:
-    """Problem: C views, and the (K, 3) lights about the wand's centre, zero for a single marker."""
+    """The problem that the bundle adjustment solves."""
 
-    names: tuple[str, ...]
     cameras: Cameras
-    """C cameras with lenses. Poses where they start."""
+    """C cameras with lenses and initial poses."""
     lights: np.ndarray
-    """(K, 3) metres."""
+    """(K, 3) metres about the wand's centre, zero for a single marker."""
     find_delays: bool
     delays: np.ndarray
-    """(C,) seconds, known or at a start."""
+    """(C,) seconds, known or initial."""
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
-    """Return the views' cameras at poses."""
+    """Return the cameras of views at poses."""
     R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
     return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
 
 
 def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
-    """Return the bundle adjustment of moments, and the numbers of the moments that took part.
+    """Minimise the reprojection error of a rigid wand or a marker. Return the result and the indices of used moments.
 
-    Minimised is the reprojection of the lights of a rigid wand, or of a marker. The world is the first sensor's axes.
-    Lights alone do not determine a scale where there is but one: see ``depth_scale``.
+    The world has the first sensor's axes. One marker does not determine the scale, see ``depth_scale``.
 
     Reference: Triggs et al. 2000.
     """
@@ -73,71 +72,45 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
         R, t = np.tile(np.eye(3), (len(used), 1, 1)), at[used, 0]
     camera, moment, light = np.nonzero(np.broadcast_to(usable[:, used, None], (*usable[:, used].shape, at.shape[1])))
     pick = camera, used[moment], light
-    timed = task.find_delays or bool(task.delays.any())
-    seen = BodySightings(
-        camera,
-        moment,
-        task.lights[light],
-        moments.px[pick],
-        np.full(len(camera), SIGMA_PX),
-        np.nan_to_num(moments.velocity[pick]) if timed else None,
-    )
-    others = np.arange(len(task.names)) > 0
+    velocity = np.nan_to_num(moments.velocity[pick]) if task.find_delays or task.delays.any() else None
+    sigma = np.full(len(camera), SIGMA_PX)
+    seen = BodySightings(camera, moment, task.lights[light], moments.px[pick], sigma, velocity)
+    others = np.arange(len(task.cameras)) > 0
     unknowns = Unknowns(others, np.zeros((len(others), PARAMETERS), bool), delays=others if task.find_delays else None)
-    found = adjust(
-        task.cameras,
-        Bodies(R, t),
-        seen,
-        unknowns,
-        delays=task.delays,
-        steps=STEPS,
-        tolerance=TOLERANCE,
-        gauge=0 if rigid else 1,
-    )
-    return found, used
+    options = {"steps": STEPS, "tolerance": TOLERANCE, "gauge": 0 if rigid else 1}
+    return adjust(task.cameras, Bodies(R, t), seen, unknowns, delays=task.delays, **options), used
 
 
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Return (M, K, 3) metres where the rays of what was seen meet, delays taken into account. NaN with one ray."""
+    """Triangulate the lights with known delays. Return (M, K, 3) metres, NaN with one ray."""
     px = in_step_px(moments, delays)
     flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
 
 
 def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
-    """Return (C, M, K, 2) what the views would have seen without their delays, ``px - v δ``."""
-    if not delays.any():
-        return moments.px
-    return moments.px - moments.velocity * delays[:, None, None, None]
+    """Return (C, M, K, 2) pixels without the views' delays, ``px - v δ``."""
+    return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
 
 
 def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Return (C, M, K) px between points (M, K, 3) and what was seen. NaN where it was not."""
-    px = project(cameras, at)
-    return np.linalg.norm(px - in_step_px(moments, delays), axis=-1)
+    """Return the (C, M, K) reprojection errors of (M, K, 3) points in pixels, NaN where not seen."""
+    return np.linalg.norm(project(cameras, at) - in_step_px(moments, delays), axis=-1)
 
 
 def held_out(count: int) -> np.ndarray:
-    """Return (M,) which of M moments in their order are held out: every fifth stretch of time.
-
-    Stretches, so that a wand that moves slowly is not both fitted and evaluated at one place.
-    """
-    block = np.arange(count) * HELD_OUT_BLOCKS // max(count, 1)
-    return block % 5 == 2
-
-
-def refitted(task: WandTask, found: Adjusted) -> WandTask:
-    """Return the task that begins where a solution ended, its delays taken for known."""
-    return replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
+    """Return the (M,) mask of held-out moments. Time ranges separate the places that are fitted and evaluated."""
+    return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
 LEAST_TOGETHER = 20
-"""Moments that a pair must have seen together."""
+"""Fewest common moments of a pair of sensors."""
 HYPOTHESES = 200
-"""Samples of three pairs of points."""
+"""Number of samples of three pairs of points."""
 _REFINEMENTS = 15
+"""Number of reweighted alignments. Chosen by hand."""
 START_SIGMA_PX = 2.0
-"""Distance to an epipolar line at which a point loses its weight, before anything is refined."""
+"""Distance from an epipolar line at which a point loses its weight at the start."""
 
 
 def robust_umeyama(
@@ -146,9 +119,9 @@ def robust_umeyama(
     sigma: Float[np.ndarray, " n"],
     rng: np.random.Generator,
 ) -> tuple[Pose, np.ndarray]:
-    """Return the rigid move that brings most points onto their partners, and which do, (n,).
+    """Return the rigid motion from source to target points, and the (n,) mask of inliers.
 
-    Samples of three propose, Cauchy's penalty of ``|R x + t - y| / σ`` decides, the best is refined with its weights.
+    Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and reweights it.
 
     Args:
         source: (n, 3) metres, n at least 3.
@@ -175,14 +148,14 @@ def poses_by_depth(
     sigma: Float[np.ndarray, "views moments"],
     rng: np.random.Generator,
 ) -> list[Pose]:
-    """Return each sensor's pose, the first one's axes to its own, from one marker's places in every sensor's axes.
+    """Return each sensor's pose, from the first one's axes to its own, by one marker.
 
     Args:
-        points: (C, M, 3) metres, NaN where not seen.
+        points: (C, M, 3) metres in each sensor's axes, NaN where not seen.
         sigma: (C, M) metres.
 
     Raises:
-        WandNotSeen: a sensor saw it at no moment at which another one did.
+        WandNotSeen: a sensor has no common moments with another one.
     """
     together, relative = {}, {}
     for i, j in combinations(range(len(names)), 2):
@@ -201,13 +174,13 @@ def poses_by_lights(
     wand: Wand,
     rng: np.random.Generator,
 ) -> list[Pose]:
-    """Return each camera's pose, the first one's axes to its own, in metres by the wand's lengths.
+    """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
 
     Args:
         flat: (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
 
     Raises:
-        WandNotSeen: a camera saw it at no moment at which another one did.
+        WandNotSeen: a camera has no common moments with another one.
     """
     together, relative = {}, {}
     for i, j in combinations(range(len(names)), 2):
@@ -225,10 +198,7 @@ def poses_by_lights(
 
 
 def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Refuse a wand whose parts are seen in another proportion than was given.
-
-    Args:
-        measured_m: (3,) distances of the lights as triangulated.
+    """Compare the (3,) triangulated distances of the lights with the wand's lengths.
 
     Raises:
         WandInvalid: the shorter part's share differs by more than a tenth.
@@ -250,36 +220,26 @@ def _chained(names: Sequence[str], together: dict, relative: dict) -> list[Pose]
 
 
 DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
-"""Standard deviation of one pixel's depth at no distance, and what 1 m adds, growing with the square (Tölgyessy et al.
-2021, about that of Azure Kinects)."""
+"""Standard deviation ``c + q z²`` of one pixel's depth in metres, as of Azure Kinects (Tölgyessy et al. 2021)."""
 SENSOR_BIAS_M = 2e-3
 """Common depth error of one sensor, beyond the measured scatter."""
 ROUNDS = 20
 """Rounds of reweighting. Chosen by hand."""
 
 
-@dataclass(frozen=True)
-class DepthScale:
-    """Scale of the measured depths against the pictures."""
-
-    scale: float
-    sigma: float
-    rmse_m: float
-
-
 def depth_sigma(depth_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation in metres of depths, ``σ = c + q z²``."""
+    """Return the standard deviation of depths in metres."""
     return DEPTH_CONSTANT_M + DEPTH_QUADRATIC * depth_m**2
 
 
-def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthScale:
-    """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))`` over all sensors, with its deviation.
+def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
+    """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))``, its deviation, and the scatter of depths (m).
 
     Args:
         at: (M, 3) metres, the marker in the pictures' world.
         depth_m: (C, M) measured metres along each sensor's axis, NaN where there is none.
 
-    Reference: Beaton and Tukey 1974 (weights that fall with the residual; here Cauchy's).
+    Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
     """
     z = np.einsum("cj,mj->cm", cameras.R[:, 2], at) + cameras.t[:, 2:]
     known = np.isfinite(depth_m) & np.isfinite(z)
@@ -295,7 +255,7 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthS
     rmse = float(1.4826 * np.nanmedian(np.abs(left)))
     shared = np.array([(weight[c] * z[c]).sum() for c in range(len(d))]) * SENSOR_BIAS_M
     alone = (weight**2 * z**2 * np.maximum(sigma, rmse) ** 2).sum()
-    return DepthScale(scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse)
+    return scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse
 
 
 @dataclass(frozen=True)
@@ -303,48 +263,49 @@ class WandOptions:
     """Options of a wand calibration."""
 
     wand: Wand | None = None
-    """Three lights. None is one marker with depth."""
+    """The wand with three lights. None for one marker with depth."""
     clocks: Clocks | None = None
-    """Given by a trigger. None has them found from the wand's movement."""
+    """Clocks of a trigger. If None, they are estimated from the wand's movement."""
     every_sensor: bool = False
-    """Only moments at which all sensors saw it, as published. Else two are enough."""
+    """Use only moments that all sensors saw, as published. Otherwise two sensors suffice."""
 
 
 @dataclass(frozen=True)
 class WandCalibration:
-    """The result, in the first sensor's axes until it is laid on a Γ."""
+    """The result, in the first sensor's axes or in the world of a Γ."""
 
     array: CalibratedCameras
     clocks: Clocks
     together: np.ndarray
-    """(C, C) moments that two sensors saw together."""
+    """(C, C) number of common moments of two sensors."""
     moments: int
     held_out_px: float
-    """Root mean squared reprojection error of stretches of time that were skipped of the fit."""
+    """Root mean squared reprojection error of held-out time ranges."""
     length_rmse_m: np.ndarray
-    """(3,) root mean squared error of the lights' distances over those stretches. NaN without lights."""
+    """(3,) root mean squared error of the lights' distances in those ranges. NaN without lights."""
     depth_rmse_m: float
-    """Spread of measured depths about the marker. NaN without depth."""
+    """Scatter of the measured depths about the marker. NaN without depth."""
     coverage: Coverage
 
+    def sensor_line(self, c: int) -> str:
+        """Describe one sensor's error, place and deviations."""
+        array = self.array
+        x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
+        spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
+        return f"{array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m {spread}"
+
     def lines(self) -> list[str]:
-        """Return what was found, a line each."""
+        """Return a line per result."""
         array, cameras = self.array, self.array.cameras
         held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
-        lines = [
-            f"{len(cameras)} sensors by {array.method} at {self.moments} moments, {array.rmse_px:.2f} px{held_out}"
-        ]
+        how = f"by {array.method} at {self.moments} moments"
+        lines = [f"{len(cameras)} sensors {how}, {array.rmse_px:.2f} px{held_out}"]
         if np.isfinite(self.length_rmse_m).all():
             first, second, whole = 1e3 * self.length_rmse_m
             lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
         if np.isfinite(self.depth_rmse_m):
             lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
-        for c, name in enumerate(cameras.names):
-            x, y, z = np.round(cameras.centres[c], 3) + 0.0
-            lines.append(
-                f"  {name:<11} {array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m "
-                f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
-            )
+        lines += [f"  {name:<11} {self.sensor_line(c)}" for c, name in enumerate(cameras.names)]
         lines += [f"  clock       {line}" for line in self.clocks.lines()]
         lines += [f"  seen        {line}" for line in self.coverage.lines()]
         if place := self.coverage.next_place():
@@ -353,7 +314,7 @@ class WandCalibration:
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
     def as_dict(self) -> dict[str, object]:
-        """Return ``lines`` as plain JSON values. None where a number is not known."""
+        """Return the result as JSON values, None for unknown numbers."""
         array, cameras = self.array, self.array.cameras
         return {
             "method": array.method,
@@ -383,13 +344,9 @@ class WandCalibration:
         }
 
 
-def in_world(found: WandCalibration, array: CalibratedCameras, ground: Ground) -> WandCalibration:
-    """Return the result in the world of a Γ.
-
-    Args:
-        found: in the first sensor's axes.
-        array: the same cameras in the Γ's world.
-    """
+def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
+    """Return the result in the world of a Γ."""
+    array = moved_world(found.array, ground.R, ground.t)
     note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
     return replace(found, array=array)

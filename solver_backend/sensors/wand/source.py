@@ -25,23 +25,23 @@ from solver_backend.types import Cameras
 
 
 def is_sensor_folder(path: Path) -> bool:
-    """Return whether a folder is a recording of sensors, or a shot of the studio."""
+    """Return whether a folder is a sensor recording or a shot of the studio."""
     return (path / ABOUT).is_file() or all((path / name).exists() for name in STUDIO_SHOT)
 
 
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker: frames where a sensor sees exactly one count, others are crowded or empty.
+    """Return the views of one marker. Frames in which a sensor sees several are crowded.
 
     Args:
-        folder: with the sensors' lenses in its calibration. Where they stand is not used.
-        masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
+        folder: recording with the sensors' lenses. Their poses are not used.
+        masks: (h, w) bool per sensor, True for constant lights, see ``masks_of``.
 
     Raises:
-        PicturesDiffer: infrared, depth and calibration are of different sizes.
+        PicturesDiffer: infrared, depth and calibration have different sizes.
         RecordingInvalid, SensorFailed: the recording is damaged.
-        TimesInvalid: a sensor's times do not grow.
+        TimesInvalid: a sensor's times do not increase.
     """
     views = []
     for index, name in enumerate(folder.cameras.names):
@@ -54,19 +54,14 @@ def sensor_views(
             progress(f"The wand before {name}", len(rows), len(rows))
         if rows:
             table = np.array(rows)
-            view = WandView(
-                name, lens_of(folder.cameras, index), table[:, 0], table[:, None, 1:3], table[:, 3:], crowded
-            )
+            lens = lens_of(folder.cameras, index)
+            view = WandView(name, lens, table[:, 0], table[:, None, 1:3], table[:, 3:], crowded)
             views.append(with_growing_times(view))
     return views
 
 
 def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
-    """Return the points of each frame of each sensor, (N, 3) metres in the cameras' world, where three and more are.
-
-    Args:
-        cameras: where they stand.
-    """
+    """Return the (N, 3) points of each frame of each sensor with at least three, in metres of the cameras' world."""
     folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
     clouds = []
     for name in folder.cameras.names:
@@ -80,11 +75,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
 ) -> Iterator[SensorSightings]:
-    """Yield what one sensor of a folder sees. Nothing where the folder has not got it.
-
-    Args:
-        masks: (h, w) bool a sensor.
-    """
+    """Yield what one sensor sees, nothing if the folder has no such sensor. ``masks`` are as in ``sensor_views``."""
     device = next((device for device in folder.devices if device.name == name), None)
     if device is None:
         return
@@ -98,38 +89,36 @@ LIGHTS_COLUMNS, DEPTH_COLUMNS = 7, 4
 
 
 def points_files(folder: Path) -> list[Path]:
-    """Return the tables of a folder, in the order of their names."""
+    """Return the tables of a folder in the natural order of their names."""
     return sorted(folder.glob("*.csv"), key=lambda path: natural_key(path.name)) if folder.is_dir() else []
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder's tables.
+    """Return the views of a folder's tables, ``NAME.csv`` per sensor.
 
     Args:
-        folder: with ``NAME.csv`` a sensor, and ``NAME.yaml`` or ``NAME.toml`` of its lens where no lenses are given.
-        lenses: by the sensors' names.
+        lenses: lens of each sensor. If None, they are read from ``NAME.yaml`` or ``NAME.toml``.
 
     Raises:
         FileMissing: there is no table.
         CalibrationMissing: a sensor has no lens.
-        FileDamaged: a row is none of either kind, or both kinds are mixed. Names file and line.
+        FileDamaged: a row has neither format, or the tables have different ones.
     """
     files = points_files(folder)
     if not files:
         raise FileMissing("There is no table (.csv) of a wand here.", where=str(folder))
     views = [_view(path, lens_beside(path, lenses)) for path in files]
     if len({view.depth_m is None for view in views}) > 1:
-        raise FileDamaged(
-            "Some tables have depth, others three lights.", where=str(folder), hint="Keep them in folders of their own."
-        )
+        message, hint = "Some tables have depth, others three lights.", "Keep them in folders of their own."
+        raise FileDamaged(message, where=str(folder), hint=hint)
     return [with_growing_times(view) for view in views]
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return the lens of a table's sensor: given by its name, or in a calibration file beside the table.
+    """Return a sensor's lens: the given one, or that of a calibration file next to the table.
 
     Raises:
-        CalibrationMissing: it is neither.
+        CalibrationMissing: there is neither.
     """
     name = path.stem
     if lenses is not None and name in lenses:
@@ -142,10 +131,10 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return the numbers of a table, a row per moment or a marker, and whether it is of markers with depth.
+    """Return a table's rows, one per moment or marker, and whether they are markers with depth.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or a row is of neither kind.
+        FileMissing, FileDamaged: there is no such file, or a row has neither format.
     """
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
@@ -153,16 +142,7 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
     if not with_depth and first[:1].isalpha():
         hint = f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights."
         raise FileDamaged(f"The first line is '{first[:60]}'.", where=str(path), hint=hint)
-    return _table(text, DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, path, skip=int(with_depth)), with_depth
-
-
-def _view(path: Path, lens: Lens) -> WandView:
-    table, with_depth = read_table(path)
-    return (_with_depth if with_depth else _lights)(path.stem, lens, table)
-
-
-def _table(text: str, columns: int, path: Path, *, skip: int) -> np.ndarray:
-    """Return the (rows, columns) numbers."""
+    columns, skip = DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, int(with_depth)
     if not text.strip() or len(text.splitlines()) <= skip:
         raise FileDamaged("The table is empty.", where=str(path))
     try:
@@ -171,17 +151,19 @@ def _table(text: str, columns: int, path: Path, *, skip: int) -> np.ndarray:
         raise FileDamaged(f"A row is not numbers between semicolons: {error}.", where=str(path)) from error
     if table.shape[1] != columns:
         raise FileDamaged(f"Rows have {table.shape[1]} numbers; {columns} are expected.", where=str(path))
-    return table
+    return table, with_depth
 
 
-def _lights(name: str, lens: Lens, table: np.ndarray) -> WandView:
+def _view(path: Path, lens: Lens) -> WandView:
+    table, with_depth = read_table(path)
+    if with_depth:
+        return _with_depth(path.stem, lens, table)
     px = table[:, 1:].reshape(-1, 3, 2)
-    px = np.where((px < 0).any(-1, keepdims=True), np.nan, px)
-    return WandView(name, lens, 1e-9 * table[:, 0], px)
+    return WandView(path.stem, lens, 1e-9 * table[:, 0], np.where((px < 0).any(-1, keepdims=True), np.nan, px))
 
 
 def _with_depth(name: str, lens: Lens, table: np.ndarray) -> WandView:
-    """Return the view of rows of one time each, where a row is alone at its time."""
+    """Return the view of a marker. Times with several rows are crowded."""
     starts = np.flatnonzero(np.r_[True, table[1:, 0] != table[:-1, 0]])
     alone = np.diff(np.r_[starts, len(table)]) == 1
     rows = table[starts]
@@ -194,14 +176,14 @@ def _with_depth(name: str, lens: Lens, table: np.ndarray) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return what each sensor saw of the wand.
+    """Return the views of a wand.
 
     Args:
-        lenses: a calibration or a lens library. None takes what lies beside the tables.
+        lenses: a calibration or a lens library. If None, lenses are read from files next to the tables.
 
     Raises:
-        FileMissing: there is nothing of a wand.
-        CommandLineInvalid: the folder's wand is of the other kind.
+        FileMissing: there is no recording.
+        CommandLineInvalid: the recording is of the other kind of wand.
     """
     if not folder.exists():
         raise FileMissing("There is no such folder.", where=str(folder))

@@ -10,36 +10,35 @@ from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.plausible import FARTHEST_M, FARTHEST_PX, LONGEST_S
-from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
 
 class WandNotSeen(MocapError):
-    """A sensor never saw the wand, or never at a moment at which another one did."""
+    """A sensor never saw the wand, or never together with another sensor."""
 
     code = "wand_not_seen"
 
 
 class WandAmbiguous(MocapError):
-    """More than one wand, or something else that shines, stood before the sensors."""
+    """More than one wand, or another light, was in sight."""
 
     code = "wand_ambiguous"
 
 
 class WandInvalid(MocapError):
-    """The wand's lengths are not such that its lights can be distinguished, or are not those that were seen."""
+    """The wand's lengths do not distinguish its lights, or differ from what was seen."""
 
     code = "wand_invalid"
 
 
 class TimesInvalid(MocapError):
-    """A recording's times do not grow."""
+    """A recording's times do not increase."""
 
     code = "times_invalid"
 
 
 LARGEST_LEFT_OUT = 0.2
-"""Share of a recording's rows whose times go back with which it is not used."""
+"""A recording is refused if a larger share of its rows goes back in time. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -49,13 +48,13 @@ class WandView:
     name: str
     lens: Lens
     times_s: Float[np.ndarray, " frames"]
-    """(F,) on its own clock, growing."""
+    """(F,) increasing seconds on its own clock."""
     px: Float[np.ndarray, "frames lights 2"]
-    """(F, K, 2) pixels, NaN where a light is not seen. Nothing at all where anything else shone too."""
+    """(F, K, 2) pixels, NaN where a light is not seen and in frames with other lights."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
-    """(F, K) metres along the optical axis, NaN where there is none. None of a sensor without depth."""
+    """(F, K) metres along the optical axis, NaN where unknown. None for a sensor without depth."""
     crowded: int = 0
-    """Frames where more than one wand, or anything else, shone."""
+    """Number of frames with other lights."""
     findings: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -63,6 +62,11 @@ class WandView:
         if self.depth_m is not None:
             within = (self.depth_m > 0) & (self.depth_m <= FARTHEST_M)
             object.__setattr__(self, "depth_m", np.where(within, self.depth_m, np.nan))
+
+    @property
+    def depth_or_nan(self) -> np.ndarray:
+        """(F, K) depth in metres, all NaN for a sensor without depth."""
+        return np.full(self.px.shape[:2], np.nan) if self.depth_m is None else self.depth_m
 
     def __len__(self) -> int:
         return len(self.times_s)
@@ -73,29 +77,29 @@ class Moments:
     """C views at M common moments."""
 
     times_s: Float[np.ndarray, " moments"]
-    """(M,) on the first view's clock."""
+    """(M,) seconds on the first view's clock."""
     px: Float[np.ndarray, "views moments lights 2"]
     """(C, M, K, 2) pixels, NaN where not seen."""
     velocity: Float[np.ndarray, "views moments lights 2"]
-    """(C, M, K, 2) px/s, NaN where not known."""
+    """(C, M, K, 2) px/s, NaN where unknown."""
     depth_m: Float[np.ndarray, "views moments lights"]
-    """(C, M, K) metres, NaN where there is none."""
+    """(C, M, K) metres, NaN where unknown."""
 
     @property
     def seen(self) -> Bool[np.ndarray, "views moments"]:
-        """(C, M) whether the whole wand is seen."""
+        """(C, M) mask of moments with the whole wand."""
         return np.isfinite(self.px).all((-1, -2))
 
     def where(self, chosen: np.ndarray) -> Moments:
-        """Return chosen moments, by a mask or by their numbers."""
+        """Select moments by a mask or by indices."""
         return Moments(self.times_s[chosen], self.px[:, chosen], self.velocity[:, chosen], self.depth_m[:, chosen])
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Return the view without the rows whose times do not grow. Each time belongs to one row.
+    """Return the view without the rows whose times do not increase.
 
     Raises:
-        TimesInvalid: that are too many, or none is left, or the rows span more than a day.
+        TimesInvalid: too many rows are lost, none is left, or they span more than a day.
     """
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
@@ -108,52 +112,43 @@ def with_growing_times(view: WandView) -> WandView:
         raise TimesInvalid(message, where=f"sensor {view.name}", hint=hint)
     first, last = times[good][[0, -1]].tolist()
     if not last - first <= LONGEST_S:
-        raise TimesInvalid(
-            f"The rows span {last - first:.3g} s.", where=f"sensor {view.name}", hint="Times are in nanoseconds."
-        )
+        message = f"The rows span {last - first:.3g} s."
+        raise TimesInvalid(message, where=f"sensor {view.name}", hint="Times are in nanoseconds.")
     if not lost:
         return view
     after = float(before[int(np.argmin(good))])
     back = diagnostic("wand_rows_ignored", reason="back", cameras=[view.name], lost=lost, after=after)
-    return replace(
-        view,
-        times_s=times[good],
-        px=view.px[good],
-        depth_m=None if view.depth_m is None else view.depth_m[good],
-        findings=(*view.findings, back),
-    )
+    depth, findings = None if view.depth_m is None else view.depth_m[good], (*view.findings, back)
+    return replace(view, times_s=times[good], px=view.px[good], depth_m=depth, findings=findings)
 
 
 SURE_SHARE = 0.43
-"""Largest visible share of the shorter part with which the ends are distinguished."""
-STRAIGHT = 0.03
-"""The middle light may be off the line of the others by this share of the wand, as it is seen, ..."""
-STRAIGHT_SIGMAS = 4.0
-"""... or by this many standard deviations of a pixel position."""
+"""The ends are distinguished only if the shorter part has at most this share of the visible wand."""
+STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
+"""Largest distance of the middle light from the line of the others: a share of the visible wand, or a multiple of the
+standard deviation of a pixel position."""
 SHORTEST_M, LONGEST_M = 0.02, 5.0
+"""Limits of a wand's parts, in metres. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Wand:
-    """Distances between neighbouring lights, metres."""
+    """A wand with three lights. The parts are the distances between neighbouring lights in metres."""
 
     first_m: float
     second_m: float
 
     def __post_init__(self) -> None:
-        lengths = np.array([self.first_m, self.second_m])
-        if not (np.isfinite(lengths).all() and (lengths > SHORTEST_M).all() and (lengths < LONGEST_M).all()):
-            raise WandInvalid(
-                f"The wand's lights are {self.first_m} and {self.second_m} m apart; "
-                f"{SHORTEST_M} to {LONGEST_M} m are possible.",
-                hint="Lengths are in metres: --wand 0.13 0.26",
-            )
+        parts = np.array([self.first_m, self.second_m])
+        if not ((parts > SHORTEST_M) & (parts < LONGEST_M)).all():
+            possible = f"{SHORTEST_M} to {LONGEST_M} m are possible"
+            message = f"The wand's lights are {self.first_m} and {self.second_m} m apart; {possible}."
+            raise WandInvalid(message, hint="Lengths are in metres: --wand 0.13 0.26")
         if self.short_share > SURE_SHARE - 0.03:
-            raise WandInvalid(
-                f"The wand's parts of {self.first_m:.3f} and {self.second_m:.3f} m are too alike to "
-                "distinguish its ends.",
-                hint="Put the middle light at a third of the wand, as 0.13 and 0.26 m.",
-            )
+            lengths = f"{self.first_m:.3f} and {self.second_m:.3f} m"
+            message = f"The wand's parts of {lengths} are too alike to distinguish its ends."
+            hint = "Put the middle light at a third of the wand, as 0.13 and 0.26 m."
+            raise WandInvalid(message, hint=hint)
 
     @property
     def short_share(self) -> float:
@@ -162,26 +157,26 @@ class Wand:
 
     @property
     def lights(self) -> Float[np.ndarray, "3 3"]:
-        """(3, 3) metres, the lights on the X axis about their mean."""
+        """(3, 3) metres of the lights on the X axis about their mean."""
         x = np.array([0.0, self.first_m, self.first_m + self.second_m])
         return np.stack([x - x.mean(), np.zeros(3), np.zeros(3)], axis=1)
 
     @property
     def distances_m(self) -> Float[np.ndarray, " 3"]:
-        """(3,) first to middle, middle to third, first to third."""
+        """(3,) metres from first to middle, middle to third and first to third light."""
         return np.array([self.first_m, self.second_m, self.first_m + self.second_m])
 
 
 def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "*batch 3"]:
-    """Return the distances first to middle, middle to third, first to third of lights in their order."""
+    """Return the distances first to middle, middle to third and first to third of ordered lights."""
     return np.linalg.norm(lights[..., [1, 2, 2], :] - lights[..., [0, 1, 0], :], axis=-1)
 
 
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return which of three spots is which light, (F, 3) indices, and whether that is sure, (F,).
+    """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of sure frames.
 
-    The middle light lies between the others. Of the ends, the one on the shorter part's side is nearer to it, which
-    perspective turns around only where the wand points at the camera.
+    The middle light lies between the others. The end of the shorter part is nearer to it, unless perspective reverses
+    this where the wand points at the camera.
 
     Args:
         flat: (F, 3, 2) undistorted normalised coordinates in any order, NaN where there are fewer.
@@ -190,7 +185,7 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, 0.0)
-    # Of three points on a line the middle one is opposite to the longest distance.
+    # The middle of three points on a line is opposite to the longest distance.
     across = np.linalg.norm(spots[:, [1, 2, 0]] - spots[:, [2, 0, 1]], axis=-1)
     middle = np.argmax(across, axis=1)
     ends = (middle[:, None] + np.array([1, 2])) % 3
@@ -209,18 +204,18 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
 
 
 def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.ndarray) -> np.ndarray:
-    """Return (F, 3, 2) spots as lights in the wand's order, NaN where it is not sure which they are."""
+    """Return (F, 3, 2) spots in the wand's order, NaN in unsure frames."""
     return np.where(sure[:, None, None], np.take_along_axis(px, order[..., None], axis=1), np.nan)
 
 
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
-    """Return where the middle light is, (F, 3) metres in a camera's axes, from one picture of the wand.
+    """Return the (F, 3) place of the middle light in a camera's axes in metres, from single pictures of the wand.
 
-    Lights on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``, give the proportions of their depths
-    (the null vector of three rays), the wand's length their size. Depths are rough. Ways across the sight are sure.
+    The lights are on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the three
+    rays gives the proportions of the depths, and the wand's length gives the scale. Depths are rough.
 
     Args:
-        flat: (F, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
+        flat: (F, 3, 2) undistorted normalised coordinates in the wand's order, NaN where not seen.
     """
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, np.array([[-0.1, 0.0], [0.0, 0.0], [0.2, 0.0]]))
@@ -235,9 +230,9 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
 
 
 EXACT_SHARE = 0.01
-"""A moment this near a frame, as a share of the interval, is that frame."""
+"""A moment is equal to a frame if it is nearer than this share of the interval."""
 LONGEST_GAP = 1.5
-"""Frames further apart than this many usual intervals are a gap, where nothing is interpolated."""
+"""Longest interval, in usual ones, in which values are interpolated."""
 
 
 def values_and_velocities(
@@ -245,14 +240,14 @@ def values_and_velocities(
     times_s: Float[np.ndarray, " frames"],
     wanted_s: Float[np.ndarray, " moments"],
 ) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:
-    """Return a track's values and their rates of change at wanted times.
+    """Return the values of a track at other times, and the rates of change at the nearest frames.
 
-    Values are those of the frame where a moment is one. Else of Hermite's cubic between both neighbours, whose slopes
-    are central differences. Rates are those of the nearest frame. NaN where a frame that is needed is missing.
+    Values are interpolated by Hermite's cubic with central differences as slopes, unless a frame is at that time.
+    Results are NaN where a frame that is needed is missing.
 
     Args:
         values: (F, ...), NaN where missing.
-        times_s: (F,) seconds, growing.
+        times_s: (F,) increasing seconds.
         wanted_s: (M,) seconds.
 
     Reference: Catmull and Rom 1974.
@@ -284,7 +279,7 @@ def values_and_velocities(
 
 
 def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray:
-    """Return (F, ...) central differences, NaN at ends, gaps, and beside missing frames."""
+    """Return (F, ...) central differences, NaN at ends, in gaps, and next to missing frames."""
     slope = np.full(values.shape, np.nan)
     if len(values) < 3:
         return slope
@@ -298,15 +293,15 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
 COLUMNS, ROWS = 6, 4
 """Cells of each picture."""
 LEAST_IN_CELL = 5
-"""Sightings with which a cell of a picture counts as covered."""
+"""Fewest sightings in a covered cell. Chosen by hand."""
 CELL_M = 0.5
-"""Edge of the volume's cells."""
+"""Edge length of a cell of the volume, in metres."""
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 
 @dataclass
 class Coverage:
-    """Counts that grow while the wand is waved. ``add`` is what a live view calls for each moment."""
+    """Sightings of a wand in each picture and in space. They grow with each call of ``add``."""
 
     names: tuple[str, ...]
     size_px: Int[np.ndarray, "views 2"]
@@ -314,7 +309,7 @@ class Coverage:
     pictures: np.ndarray = field(init=False)
     """(C, ROWS, COLUMNS) sightings."""
     volume: dict[tuple[int, int, int], int] = field(init=False, default_factory=dict)
-    """Moments by cell of ``CELL_M`` where the wand was located."""
+    """Number of moments per cell in which the wand was located."""
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
@@ -323,8 +318,8 @@ class Coverage:
         """Count moments.
 
         Args:
-            px: (C, M, 2) where the wand is, NaN where a sensor does not see it.
-            at: (M, 3) metres, where sensors stand is known already. NaN where it is not located.
+            px: (C, M, 2) places of the wand, NaN where a sensor does not see it.
+            at: (M, 3) metres, NaN where it is not located. None if the sensors' poses are unknown.
         """
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
@@ -338,40 +333,31 @@ class Coverage:
 
     @property
     def shares(self) -> Float[np.ndarray, " views"]:
-        """(C,) share of each picture's cells that are covered."""
+        """(C,) share of covered cells in each picture."""
         return (self.pictures >= LEAST_IN_CELL).mean(axis=(1, 2))
 
     @property
     def volume_m3(self) -> float:
-        """Volume of the cells where the wand was located."""
+        """Volume of the cells in which the wand was located."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:
-        """Return the part of a picture to wave in, of the sensor that saw least; "" when all is covered."""
+        """Return the least covered part of the least covered picture, or an empty text."""
         open_cells = self.pictures < LEAST_IN_CELL
         if not open_cells.any():
             return ""
         c = int(np.argmax(open_cells.sum(axis=(1, 2))))
         rows, columns = np.nonzero(open_cells[c])
-        # Thirds of the picture, the one with most open cells first.
+        # Count open cells in thirds of the picture.
         parts = 3 * (rows * 3 // ROWS) + columns * 3 // COLUMNS
         down, across = divmod(int(np.bincount(parts, minlength=9).argmax()), 3)
         place = "middle" if down == across == 1 else f"{_DOWN[down]} {_ACROSS[across]}"
         return f"Wave in the {place} of what {self.names[c]} sees: {1 - self.shares[c]:.0%} of its picture is open."
 
     def lines(self) -> list[str]:
-        """Return a row for each sensor: its picture's cells, ``#`` covered, ``+`` seen, ``.`` open."""
+        """Return a row per sensor with its picture's cells: ``#`` covered, ``+`` seen, ``.`` open."""
         rows = []
         for name, grid, share in zip(self.names, self.pictures, self.shares, strict=True):
             marks = ["".join("#" if n >= LEAST_IN_CELL else "+" if n else "." for n in row) for row in grid]
             rows.append(f"{name:<11} {share:4.0%} of the picture  {' '.join(marks)}")
         return rows
-
-
-def coverage_of(
-    cameras: Cameras, px: Float[np.ndarray, "views moments lights 2"], at: Float[np.ndarray, "moments lights 3"]
-) -> Coverage:
-    """Return the coverage of a whole recording, by the wand's middle."""
-    found = Coverage(cameras.names, cameras.image_size)
-    found.add(px.mean(axis=2), at.mean(axis=1))
-    return found
