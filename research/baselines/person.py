@@ -12,7 +12,7 @@ import numpy as np
 
 from research.baselines.base import BaselineResult
 from solver_backend.body.body import load_body
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import build_motion

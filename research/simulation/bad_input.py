@@ -14,8 +14,7 @@ from research.simulation.benchmark import JOINT_SET
 from research.simulation.filming import FilmSettings, film
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.person_selection import select_person
-from solver_backend.cameras.distortion import distort
-from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.projection import distort, undistort
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR
 from solver_backend.synthesis.simulation.cast import Person, Take, cast_person

@@ -10,7 +10,7 @@ from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.label_swaps import EXCHANGED, limb_columns
 from solver_backend.agreement.person_selection import doubtful_views, find_person
 from solver_backend.agreement.view_faults import CheckedViews, ViewRange, inconsistent_ranges, view_runs
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Cameras, Keypoints2D
 

@@ -19,7 +19,7 @@ from solver_backend.agreement.offset_gains import (
     pair_gains,
     people_of_views,
 )
-from solver_backend.cameras.camera_pairs import compared_pairs
+from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 OFF_LINE = 0.015

@@ -14,8 +14,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.cameras.distortion import distort_with_jacobian, is_distorted
-from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.projection import distort_with_jacobian, is_distorted, undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew

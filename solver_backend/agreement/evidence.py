@@ -18,8 +18,7 @@ from solver_backend.agreement.noise import (
     log_density,
 )
 from solver_backend.agreement.reading import PictureReading, Pose, Reading, unmirror, unturn
-from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
-from solver_backend.cameras.camera_pairs import compared_pairs
+from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.view_faults import CheckedViews, best_states, view_runs
-from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Predictions, Triangulation, predict_views, triangulate
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
 EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}

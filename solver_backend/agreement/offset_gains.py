@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.agreement.detections import MIN_POINTS
-from solver_backend.cameras.camera_pairs import compared_pairs
+from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.types import Cameras
 
 OFF_LINE = 0.04

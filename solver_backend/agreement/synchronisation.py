@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
+from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3

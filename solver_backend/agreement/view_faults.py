@@ -9,7 +9,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from solver_backend.cameras.refinement import estimated_rotation, rotated_back
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Cameras, Keypoints2D
 

@@ -156,3 +156,22 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
     R[c], t[c], sizes[c] = _QUARTER @ R[c], _QUARTER @ t[c], sizes[c, ::-1]
     distortion[c] = LENS_MODELS[cameras.models[c]].turn(distortion[c])
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)
+
+
+COMPARED = 16
+"""Cameras up to which every pair is compared where a pair costs little."""
+
+
+def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
+    """Return pairs (i < j) of cameras in rising order.
+
+    Of more than ``each`` cameras every one is compared with its ``neighbours`` that follow, the first after the last:
+    all hang together, and the work grows with the number of cameras instead of its square.
+
+    Args:
+        count: cameras.
+        each: cameras up to which all pairs are returned.
+        neighbours: ``each - 1`` if 0.
+    """
+    others = range(1, count if count <= each else (neighbours or each - 1) + 1)
+    return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

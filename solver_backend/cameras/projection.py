@@ -7,21 +7,219 @@ the lens distortion stops being monotonic (``largest_radius``). The depth is fin
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import Any
 
-from solver_backend.cameras.distortion import (
-    Coordinate,
-    ImagePoints,
-    Models,
-    distorted,
-    is_distorted,
-    largest_radius,
-    undistort_normalised,
-)
-from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, replaced
+import numpy as np
+
+from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS, require_models
+from solver_backend.exchange.lens_model import LensModel
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, device_of, replaced
+from solver_backend.geometry.small_matrices import squared_length
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.shapes import Float
+
+ImagePoints = Float[Array, "cameras *batch 2"]
+"""Pixels, or normalised coordinates."""
+Coordinate = Float[Array, "cameras *batch"]
+Distortion = Float[Array, "cameras 8"]
+Models = tuple[str, ...]
+"""Name of each camera's lens model, or one name for all."""
+
+NEWTON_STEPS = 20
+_RADII = np.tan(np.linspace(0.0, 1.56, 768))
+"""Radii, at angles between 0 and 89.4°, at which the slope of the distortion is looked at."""
+
+
+@lru_cache(maxsize=64)
+def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
+    """Return each lens model of an array with the indices of its cameras.
+
+    Raises:
+        CalibrationInvalid: a model is unknown.
+    """
+    require_models(models)
+    names = dict.fromkeys(models or (DEFAULT_MODEL,))
+    return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
+
+
+def is_distorted(distortion: Distortion, models: Models) -> bool:
+    """Return whether any camera of an array is no pinhole."""
+    straight = all(model.is_straight for model, _ in cameras_by_model(models))
+    return not straight or bool(array_namespace(distortion).any(distortion != 0))
+
+
+def _by_model(models: Models, compute: Callable[..., Any], *arrays: Array) -> Any:
+    """Return what a function of (model, *arrays) computes, called once per model with the rows of its cameras.
+
+    Args:
+        models: of C cameras.
+        compute: returns an array, or nested tuples of arrays, whose first axis is the cameras.
+        arrays: with C rows each.
+    """
+    groups = cameras_by_model(models)
+    if len(groups) == 1:
+        return compute(groups[0][0], *arrays)
+    parts = [compute(model, *(array[list(rows)] for array in arrays)) for model, rows in groups]
+    at = {c: (g, i) for g, (_, rows) in enumerate(groups) for i, c in enumerate(rows)}
+    return _merge(parts, [at[c] for c in range(len(models))])
+
+
+def _merge(parts: Sequence[Any], at: Sequence[tuple[int, int]]) -> Any:
+    if isinstance(parts[0], tuple):
+        return tuple(_merge([part[i] for part in parts], at) for i in range(len(parts[0])))
+    return array_namespace(parts[0]).stack([parts[group][row] for group, row in at], axis=0)
+
+
+def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
+    """Return distorted normalised coordinates.
+
+    Args:
+        xy: (C, ..., 2) normalised, x/z and y/z.
+        distortion: (C, 8).
+        models: of the C cameras.
+
+    Returns:
+        (C, ..., 2); meaningful within ``largest_radius`` only.
+
+    Raises:
+        CalibrationInvalid: a model is unknown.
+    """
+    return distort_with_jacobian(xy, distortion, models)[0]
+
+
+def distort_with_jacobian(
+    xy: ImagePoints, distortion: Distortion, models: Models
+) -> tuple[ImagePoints, tuple[Coordinate, Coordinate, Coordinate]]:
+    """Return distorted coordinates and the symmetric 2x2 Jacobian as its entries xx, xy and yy, each (C, ...)."""
+    x, y, jacobian = distorted(xy[..., 0], xy[..., 1], distortion, models)
+    return array_namespace(xy).stack((x, y), axis=-1), jacobian
+
+
+def distorted(
+    x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
+) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
+    """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
+    return _by_model(models, _distorted, x, y, distortion)
+
+
+def _distorted(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
+    return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
+
+
+def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
+    """Return the radius sqrt(x² + y²) up to which the radial part grows, so that it has an inverse.
+
+    Beyond it the polynomial folds back and far points would appear in the middle of the image. Found on a grid of
+    angles and refined by interpolation; infinite where the distortion grows up to 89.4°.
+
+    Args:
+        distortion: (C, 8).
+        models: of the C cameras.
+
+    Returns:
+        (C,).
+    """
+    if isinstance(distortion, np.ndarray):  # asked for at every projection, of the same few lenses
+        return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
+    return _by_model(models, _largest_radius, distortion)
+
+
+@lru_cache(maxsize=64)
+def _known_radius(distortion: bytes, dtype: str, models: Models) -> np.ndarray:
+    """Return the radii of lenses given as bytes; the array must not be written to."""
+    radius = np.asarray(_by_model(models, _largest_radius, np.frombuffer(distortion, dtype).reshape(-1, 8)))
+    radius.flags.writeable = False
+    return radius
+
+
+def _largest_radius(model: LensModel, distortion: Array) -> Array:
+    xp = array_namespace(distortion)
+    r = constant(_RADII, distortion)
+    u = (r * r)[None, :] * xp.ones_like(distortion[:, :1])
+    growth, meaningless = model.growth(u, _coefficients(distortion, u), xp)
+    broken = ~(growth > 0) | meaningless
+    folds = xp.any(broken, axis=-1)
+    first = xp.argmax(xp.astype(broken, growth.dtype), axis=-1)
+    before = xp.where(first > 0, first - 1, xp.zeros_like(first))
+    rows = xp.arange(growth.shape[0])
+    inner, outer = growth[rows, before], growth[rows, first]
+    share = inner / xp.where(inner > outer, inner - outer, xp.ones_like(inner))
+    share = xp.where((outer <= 0) & (inner > outer), share, xp.zeros_like(share))
+    return xp.where(folds, r[before] + share * (r[first] - r[before]), xp.full_like(inner, math.inf))
+
+
+def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
+    """Return the coordinates that ``distort`` maps to ``xy``: Newton's method with the analytic Jacobian.
+
+    Args:
+        xy: (C, ..., 2) distorted normalised coordinates.
+        distortion: (C, 8).
+        models: of the C cameras.
+
+    Returns:
+        (C, ..., 2), NaN where no point within ``largest_radius`` is mapped there.
+    """
+    xp = array_namespace(xy)
+    if not is_distorted(distortion, models):
+        return xy
+    limit = _per_camera(largest_radius(distortion, models), xy[..., 0])
+    found = _by_model(models, _invert, xy, distortion, limit)
+    error = xp.sqrt(squared_length(distort(found, distortion, models) - xy))
+    radius = xp.sqrt(squared_length(found))
+    good = (error < 2e3 * xp.finfo(xy.dtype).eps * (1.0 + radius)) & (radius <= limit)
+    return xp.where(good[..., None], found, xp.full_like(found, math.nan))
+
+
+def _invert(model: LensModel, xy: Array, distortion: Array, limit: Array) -> Array:
+    if model.invert is not None:
+        return model.invert(xy, _coefficients(distortion, xy[..., 0]), array_namespace(xy))
+    return _invert_in_plane(model, xy, distortion, limit)
+
+
+def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Array) -> Array:
+    xp = array_namespace(xy)
+    flat = xp.reshape(xy, (xy.shape[0], -1, 2))
+    target = xp.where(xp.isfinite(flat), flat, xp.zeros_like(flat))
+    guess, limit = xp.asarray(target, copy=True), xp.reshape(limit, (-1, 1))
+    active = xp.arange(target.shape[1], device=device_of(xy))  # columns that some camera is not done with
+    for _ in range(NEWTON_STEPS):
+        start = _pulled_inside(guess[:, active], limit)
+        value, (xx, cross, yy) = distort_with_jacobian(start, distortion, (model.name,))
+        error = target[:, active] - value
+        determinant = xx * yy - cross * cross
+        singular = xp.abs(determinant) < 1e-12
+        determinant = xp.where(singular, xp.ones_like(determinant), determinant)
+        ex, ey = error[..., 0], error[..., 1]
+        step = xp.stack((yy * ex - cross * ey, xx * ey - cross * ex), axis=-1) / determinant[..., None]
+        step = xp.where(singular[..., None], xp.zeros_like(step), step)
+        guess[:, active] = start + step
+        moving = xp.any(xp.abs(step) >= 4.0 * xp.finfo(xy.dtype).eps, axis=(0, 2))
+        if not bool(xp.any(moving)):
+            break
+        active = active[moving]
+    return xp.reshape(guess, tuple(xy.shape))
+
+
+def _pulled_inside(xy: Array, limit: Array) -> Array:
+    """Return points moved along their radius to at most 99.9 % of the limit."""
+    xp = array_namespace(xy)
+    radius = xp.sqrt(squared_length(xy))
+    outside = radius > limit
+    shrink = 0.999 * xp.where(outside, limit, xp.ones_like(limit)) / xp.where(outside, radius, xp.ones_like(radius))
+    return xp.where(outside[..., None], xy * shrink[..., None], xy)
+
+
+def _coefficients(distortion: Array, like: Array) -> list[Array]:
+    """Return eight arrays (C, 1, ..., 1) that broadcast against ``like`` (C, ...)."""
+    return [_per_camera(distortion[:, i], like) for i in range(8)]
+
+
+def _per_camera(value: Array, like: Array) -> Array:
+    return array_namespace(value).reshape(value, (value.shape[0],) + (1,) * (like.ndim - 1))
+
 
 Points = Float[Array, "*batch 3"]
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.geometry.alignment import umeyama

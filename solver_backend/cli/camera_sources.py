@@ -149,9 +149,8 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     """Return the same of detections without calibration: the person is the largest in each view."""
     from solver_backend.camera_calibration.extrinsics.from_person import main_person
     from solver_backend.io.calibration.search import levels_above
-    from solver_backend.io.captures.pose2sim import read_config
     from solver_backend.io.detections.read import read_detections
-    from solver_backend.io.detections.search import camera_sources
+    from solver_backend.io.detections.search import camera_sources, read_config
     from solver_backend.io.footage import find_footage, headers
 
     sources = camera_sources(args.source)

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from solver_backend.exchange.json_file import as_plain
-from solver_backend.io.appended_file import AppendedFile, open_appended
+from solver_backend.io.files import AppendedFile, open_appended
 
 
 class Lines:

@@ -47,8 +47,7 @@ def trials_of(path: Path) -> list[Path]:
     """Return the recordings of a session's folder; none for any other path."""
     if not path.is_dir():
         return []
-    from solver_backend.io.captures.pose2sim import trials_below
-    from solver_backend.io.detections.search import camera_sources
+    from solver_backend.io.detections.search import camera_sources, trials_below
 
     if camera_sources(path):
         return []

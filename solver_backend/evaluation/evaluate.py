@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS

@@ -11,8 +11,7 @@ from pathlib import Path
 
 from solver_backend.exchange.errors import CaptureNotRecognised
 from solver_backend.io.camera_names import listing
-from solver_backend.io.captures.pose2sim import trials_below
-from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
+from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources, trials_below
 from solver_backend.io.footage import SENSOR_RECORDING, count_recordings
 from solver_backend.io.markers.text_table import delimiter_of, is_number
 from solver_backend.io.reader import Reader

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.outputs import check_output, is_held, lock
-from solver_backend.io.appended_file import open_appended
+from solver_backend.io.files import open_appended
 from solver_backend.io.markers.live_recording import SUFFIX
 
 Item = ParamSpec("Item")

@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.point_refinement import INLIER_SIGMAS
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS, triangulate
 from solver_backend.exchange.diagnostics import warnings_in
 from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.quantiles import quantile

@@ -13,7 +13,7 @@ import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.agreement.synchronisation import estimate_delays
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.metric import Metric

@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.camera_calibration.extrinsics.points_session import Clicks, read_clicks
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.cli.main import main
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.load import load_capture

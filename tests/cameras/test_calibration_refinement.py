@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cameras import refinement
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import RefinedCalibration, refine_calibration
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.rotations import log_so3

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.synchronisation import STAGE, estimate_delays
-from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
+from solver_backend.cameras.robust_triangulation import triangulate
 from tests.support.many_views import ring, seen_by
 
 

@@ -12,7 +12,7 @@ from solver_backend.camera_calibration.adjustment.lens import project_local
 from solver_backend.camera_calibration.formats import colmap_texts, opencv_yaml, pose2sim_toml
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange import capture_file
 from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.exchange.lens_model import LensModel

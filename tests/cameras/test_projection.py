@@ -9,7 +9,7 @@ import pytest
 import torch
 
 from solver_backend.cameras import projection
-from solver_backend.cameras.distortion import distort, distort_with_jacobian, largest_radius, undistort_normalised
+from solver_backend.cameras.projection import distort, distort_with_jacobian, largest_radius, undistort_normalised
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras

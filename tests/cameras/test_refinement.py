@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras, resected
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import tripods
 from solver_backend.types import Cameras

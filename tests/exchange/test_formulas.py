@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.cameras import distortion
+from solver_backend.cameras import projection
 from solver_backend.exchange import lens, so3
 from solver_backend.geometry import rotations
 
@@ -48,6 +48,6 @@ def test_lens_and_its_inverse(model: str, coefficients: list[float]) -> None:
     k = np.array(coefficients)
     points = RNG.uniform(-0.5, 0.5, size=(200, 2))
     bent = lens.distort(points, k, model)
-    np.testing.assert_allclose(bent, distortion.distort(points[None], k[None], (model,))[0], atol=1e-14)
-    expected = distortion.undistort_normalised(bent[None], k[None], (model,))[0]
+    np.testing.assert_allclose(bent, projection.distort(points[None], k[None], (model,))[0], atol=1e-14)
+    expected = projection.undistort_normalised(bent[None], k[None], (model,))[0]
     np.testing.assert_allclose(lens.undistort(bent, k, model), expected, atol=1e-9)

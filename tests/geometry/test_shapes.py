@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import solver_backend
-from solver_backend.cameras.triangulation.triangulate import Triangulation
+from solver_backend.cameras.robust_triangulation import Triangulation
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_multiply
 from solver_backend.metrics import mpjpe_mm

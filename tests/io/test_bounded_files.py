@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
-from solver_backend.io.calibration.qualisys import read_qualisys
+from solver_backend.io.calibration.programs import read_qualisys
 from solver_backend.io.detections.column_table import is_table
-from solver_backend.io.detections.picture_documents import people_in_picture, read_document
+from solver_backend.io.detections.json_documents import people_in_picture, read_document
 from solver_backend.io.files import read_json, read_toml
 from solver_backend.io.footage import read_video_header
 from solver_backend.io.markers.point_table import begins_as_points

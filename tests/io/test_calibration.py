@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
-from solver_backend.io.calibration import opencv_cameras
+from solver_backend.io.calibration import matrices
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.yaml_storage import parse_yaml
@@ -144,7 +144,7 @@ def test_a_file_of_matrices_is_read_once(tmp_path: Path, cameras: Cameras, monke
         reads.append(path.name)
         return read_json(path)
 
-    monkeypatch.setattr(opencv_cameras, "read_json", counted)
+    monkeypatch.setattr(matrices, "read_json", counted)
     found, _ = calibrations_in(tmp_path)
     assert (len(found), sorted(reads)) == (1, ["one.json", "other.json"])
 

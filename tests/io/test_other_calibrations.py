@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged
-from solver_backend.io.calibration.camera_fields import projection_of, split_projection
+from solver_backend.io.calibration.matrices import projection_of, split_projection
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.search import find_calibration
 from tests.support.other_calibrations import CAMERAS, NAMES, UNNAMED, WRITERS, P, nerf, projection_texts

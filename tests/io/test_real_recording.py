@@ -43,7 +43,7 @@ def test_the_same_real_person_in_every_frame_and_view(real: Capture) -> None:
     assert np.linalg.norm(middle[1] - [805, 685], axis=-1).min() > 150
     steps = np.linalg.norm(np.diff(real.keypoints.xy, axis=1), axis=-1)
     assert np.nanmedian(steps, axis=-1).max() < 15
-    assert any("left out: cam_01 in 100 frames, cam_02 in 100 frames." in note for note in words(real.notes))
+    assert any("people are ignored: cam_01 in 100 frames, cam_02 in 100 frames" in note for note in words(real.notes))
 
 
 @pytest.mark.shared

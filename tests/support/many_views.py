@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from tests.support.scenes import look_at

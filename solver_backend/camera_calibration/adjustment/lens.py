@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.distortion import cameras_by_model, distorted
+from solver_backend.cameras.projection import cameras_by_model, distorted
 from solver_backend.exchange import lens
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras

@@ -8,9 +8,9 @@ import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.from_person import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
-from solver_backend.cameras.camera_pairs import compared_pairs
+from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project, undistort
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.recognition.gravity import upright_from_person

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.fitters.hands.shown_hands import HandViews

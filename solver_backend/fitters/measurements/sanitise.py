@@ -13,7 +13,7 @@ from solver_backend.agreement.label_swaps import undo_swaps
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
 from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.agreement.view_faults import Mirrored, NamedLike, ViewFault, exclude_views, repair_views
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge, sentence
 from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress

@@ -11,7 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.noise_map import read_noise_map
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.progress import Progress

@@ -13,7 +13,7 @@ from solver_backend.body.keypoints import joint_landmarks, keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.fitters.measurements.sources import fit_sigma_px
 from solver_backend.fitters.model.states import PosedFrames

@@ -21,10 +21,9 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.reading_settings import DEFAULTS, calibrated_names
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
-from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
-from solver_backend.io.detections.search import camera_sources, listed_paths
+from solver_backend.io.detections.search import TrialConfig, camera_sources, listed_paths, read_config
 from solver_backend.io.footage import VideoHeader, find_footage, headers, with_sizes_of
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions

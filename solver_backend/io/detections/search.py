@@ -7,25 +7,29 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
 from solver_backend.exchange.outputs import open_regular
-from solver_backend.io.calibration.search import is_calibration_folder
+from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
 from solver_backend.io.camera_names import listing, natural_key
-from solver_backend.io.detections import column_table, hdf5, point_arrays, yolo
+from solver_backend.io.detections import column_table, point_arrays
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.hdf5 import is_hdf5_table, read_hdf5_table
-from solver_backend.io.detections.picture_documents import (
+from solver_backend.io.detections.json_documents import (
     LINES,
+    cameras_in_document,
     cameras_of_flat_files,
+    documents_in,
+    frames_in_document,
     frames_in_files,
     has_json_files,
+    is_take,
     json_files,
     line_files,
 )
-from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document, is_take
-from solver_backend.io.files import read_text
+from solver_backend.io.detections.point_arrays import is_hdf5_table, read_hdf5_table
+from solver_backend.io.files import read_text, read_toml
+from solver_backend.types import JointSet
 
 
 @dataclass(frozen=True)
@@ -44,11 +48,14 @@ class TakeFile:
 
 _KINDS = (
     TakeFile(column_table.is_deeplabcut, column_table.deeplabcut_camera, column_table.read_deeplabcut),
-    TakeFile(column_table.is_table, hdf5.sleap_camera, column_table.read_table, column_table.cameras_in),
+    TakeFile(column_table.is_table, point_arrays.sleap_camera, column_table.read_table, column_table.cameras_in),
     TakeFile(
-        column_table.has_point_rows, hdf5.sleap_camera, column_table.read_point_rows, column_table.cameras_in_point_rows
+        column_table.has_point_rows,
+        point_arrays.sleap_camera,
+        column_table.read_point_rows,
+        column_table.cameras_in_point_rows,
     ),
-    TakeFile(hdf5.is_sleap, hdf5.sleap_camera, hdf5.read_sleap),
+    TakeFile(point_arrays.is_sleap, point_arrays.sleap_camera, point_arrays.read_sleap),
     TakeFile(is_hdf5_table, column_table.deeplabcut_camera, read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
@@ -192,8 +199,8 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
     kind, files = take_files(folder) or (None, [])
     if kind is not None and len(files) == 1:
         return CameraSource(files[0], partial(kind.read, files[0]))
-    if len(texts := yolo.files_of_cameras(folder)) == 1:
-        return CameraSource(folder, partial(yolo.frames_of_files, *texts.values(), str(folder)))
+    if len(texts := column_table.files_of_cameras(folder)) == 1:
+        return CameraSource(folder, partial(column_table.frames_of_files, *texts.values(), str(folder)))
     deeper = BELOW if levels > 1 else ()
     sources = (_of_camera(folder / name, deeper, levels - 1) for name in below if (folder / name).is_dir())
     return next((source for source in sources if source is not None), None)
@@ -238,7 +245,7 @@ def _flat_files(parent: Path) -> dict[str, CameraSource]:
     if cameras := cameras_of_flat_files(json_files(parent)):
         read = partial(frames_in_files, where=str(parent))
     else:
-        cameras, read = yolo.files_of_cameras(parent), partial(yolo.frames_of_files, where=str(parent))
+        cameras, read = column_table.files_of_cameras(parent), partial(column_table.frames_of_files, where=str(parent))
     return {camera_name(name): CameraSource(parent, partial(read, paths)) for name, paths in cameras.items()}
 
 
@@ -266,3 +273,77 @@ def camera_name(name: str) -> str:
 def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
     """Return the files and folders of sources, each once."""
     return tuple(dict.fromkeys(str(source.path) for source in sources))
+
+
+SESSION_LEVELS = 3
+"""Trials lie at most so deep in a session: session, participant, trial."""
+_POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
+_POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
+_POSE_MODELS |= dict.fromkeys(("COCO_133", "WHOLE_BODY"), JointSet.COCO_WHOLEBODY_133)
+_POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
+
+
+@dataclass(frozen=True)
+class TrialConfig:
+    """Values of Config.toml that concern reading; the nearest file that states a value wins."""
+
+    fps: float | None = None
+    """Frames per second, None where no file states a number."""
+    joint_set: JointSet | None = None
+    """Joint set of ``pose_model``, None where unknown."""
+    frame_range: tuple[int, ...] = ()
+    """Frames Pose2Sim is asked to work on; empty = all."""
+    sources: tuple[str, ...] = ()
+    """Files that were read."""
+
+
+def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
+    """Return the paths, relative to a session's folder, of those below that are recordings of their own."""
+    below = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
+    found: list[str] = []
+    for path in below:
+        if any((path / name).is_dir() for name in POSE_FOLDERS):
+            found.append(path.name)
+        elif levels > 1:
+            found += [f"{path.name}/{trial}" for trial in trials_below(path, levels - 1)]
+    return found
+
+
+def read_config(levels: Sequence[Path]) -> TrialConfig:
+    """Return what the Config.toml files of a trial and the folders above state; all their lines may be comments.
+
+    Raises:
+        FileDamaged: a Config.toml is not TOML.
+    """
+    fps: float | None = None
+    joint_set: JointSet | None = None
+    frame_range: tuple[int, ...] = ()
+    sources: list[str] = []
+    for level in levels:
+        path = level / CONFIG
+        if not path.is_file():
+            continue
+        tables = read_toml(path)
+        sources.append(str(path))
+        project, pose = _table(tables, "project"), _table(tables, "pose")
+        fps = fps if fps is not None else _number(project.get("frame_rate"))
+        frame_range = frame_range or _range(project.get("frame_range"))
+        model = pose.get("pose_model")
+        joint_set = joint_set or (_POSE_MODELS.get(model.upper()) if isinstance(model, str) else None)
+    return TrialConfig(fps, joint_set, frame_range, tuple(sources))
+
+
+def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:
+    value = tables.get(key)
+    return value if isinstance(value, dict) else {}
+
+
+def _number(value: Any) -> float | None:
+    """Return a positive number; 'auto' and the like give None."""
+    good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
+    return float(value) if good else None
+
+
+def _range(value: Any) -> tuple[int, ...]:
+    good = isinstance(value, list) and len(value) == 2 and all(isinstance(v, int) for v in value)
+    return tuple(value) if good else ()

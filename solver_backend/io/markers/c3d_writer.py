@@ -16,7 +16,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
 from solver_backend.exchange.outputs import atomic_output
-from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS, Processor
+from solver_backend.io.markers.c3d import BLOCK, KEY, MOST_BLOCKS, Processor
 from solver_backend.types import MarkerCloud
 
 PER_PARAMETER = 255

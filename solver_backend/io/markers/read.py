@@ -12,11 +12,17 @@ from solver_backend.io.files import as_text
 from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.camera_systems import (
+    FIRST_LINE,
+    begins_as_motive,
+    read_motive_csv,
+    read_nexus_csv,
+    read_qualisys_mat,
+    read_qualisys_tsv,
+    sections_of,
+)
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
-from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
-from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.point_table import begins_as_points, is_point_array, read_point_array, read_point_table
-from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_mat, read_qualisys_tsv
 from solver_backend.io.markers.source import MarkerSource, MarkerTake
 from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.distortion import distort, largest_radius
+from solver_backend.cameras.projection import distort, largest_radius
 from solver_backend.exchange import plausible
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.cameras.camera_corrections import unrolled
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.reading_settings import AUTO, OFF, WorldSettings

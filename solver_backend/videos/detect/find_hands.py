@@ -13,7 +13,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import resized
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES

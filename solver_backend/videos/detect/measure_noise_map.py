@@ -8,8 +8,7 @@ import numpy as np
 
 from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cameras.refinement import refined_cameras
-from solver_backend.cameras.triangulation.leave_one_out import predict_views
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import predict_views, triangulate
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text

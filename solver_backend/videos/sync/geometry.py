@@ -16,7 +16,7 @@ from solver_backend.agreement.synchronisation import (
 )
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.leave_one_out import predict_views
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import predict_views, triangulate
 from tests.support.camera_ring import record, ring
 
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from solver_backend.cameras import robust_triangulation as triangulation
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation import triangulate as triangulation
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
 from solver_backend.types import Cameras
 from tests.support.camera_ring import record, ring

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.label_swaps import EXCHANGED, exchanged, limb_columns, undo_swaps
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.synthesis.embedded.demo import demo_capture, tripods
 from solver_backend.types import Capture, Keypoints2D
 from tests.support.faulty import filmed_by, swapped

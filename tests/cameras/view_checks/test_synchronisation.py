@@ -8,7 +8,7 @@ import pytest
 from solver_backend.agreement import synchronisation
 from solver_backend.agreement.synchronisation import delay_step, estimate_delays, synchronised
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.synthesis.embedded.demo import demo_capture, detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.synthesis.simulation.keypoint_detector import delayed

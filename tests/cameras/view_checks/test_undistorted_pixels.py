@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.epipolar_fit import report_undistorted
-from solver_backend.cameras.distortion import distort
-from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.projection import distort, undistort
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Keypoints2D
 

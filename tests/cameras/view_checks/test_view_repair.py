@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.view_faults import NamedLike, repair_views
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.scenes import detected, ring_of_cameras, walker
 

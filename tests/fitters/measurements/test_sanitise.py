@@ -9,7 +9,7 @@ import pytest
 
 from research.simulation import bad_input
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnostics
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings

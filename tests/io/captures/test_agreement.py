@@ -37,7 +37,7 @@ def write_apart(
 
 def median_error_m(capture: Capture, first: int) -> float:
     """Return how far triangulated points are from the truth, the capture beginning at this frame of the demo."""
-    from solver_backend.cameras.triangulation.triangulate import triangulate
+    from solver_backend.cameras.robust_triangulation import triangulate
 
     cameras, keypoints = capture.require_multiview()
     points = np.asarray(triangulate(cameras, keypoints.xy, keypoints.confidence).points)

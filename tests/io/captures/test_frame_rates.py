@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.io.captures.frame_rates import of_the_take, stated_ratios
+from solver_backend.io.captures.agreement import of_the_take, stated_ratios
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.trial_files import write_trial

@@ -11,7 +11,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, MocapError, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.nexus_csv import read_nexus_csv
+from solver_backend.io.markers.camera_systems import read_nexus_csv
 from solver_backend.io.markers.source import MarkerTake
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from tests.support.marker_reading import taken

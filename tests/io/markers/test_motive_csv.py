@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
-from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
+from solver_backend.io.markers.camera_systems import begins_as_motive, read_motive_csv
 from solver_backend.io.markers.source import MarkerTake
 from tests.support.marker_reading import missing, taken
 from tests.support.words import words

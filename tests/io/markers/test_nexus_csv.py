@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
-from solver_backend.io.markers.nexus_csv import read_nexus_csv
+from solver_backend.io.markers.camera_systems import read_nexus_csv
 from tests.support.marker_reading import missing, taken
 from tests.support.marker_texts import NEXUS_SECTIONS
 from tests.support.words import facts, words

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, NoDetections
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
+from solver_backend.io.markers.camera_systems import read_qualisys_tsv
 from tests.support.marker_reading import missing, taken
 from tests.support.words import facts, words
 

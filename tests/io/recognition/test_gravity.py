@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.gravity import body_points, independent_count, leaning, upright_from_person

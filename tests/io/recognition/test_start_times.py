@@ -53,7 +53,7 @@ def write_apart(
 
 def error_m(capture: Capture, demo: Capture, first: int) -> float:
     """Return how far triangulated points are from the truth, the capture beginning at this frame of the demo."""
-    from solver_backend.cameras.triangulation.triangulate import triangulate
+    from solver_backend.cameras.robust_triangulation import triangulate
 
     cameras, keypoints = capture.require_multiview()
     points = triangulate(cameras, keypoints.xy, keypoints.confidence).points

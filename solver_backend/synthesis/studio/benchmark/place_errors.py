@@ -13,7 +13,7 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.simulation.cast import Person

@@ -1,0 +1,557 @@
+"""Robust triangulation of all keypoints of all frames at once: points, covariances, and which views agree."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.cameras.projection import CameraArrays, project_with_jacobian, undistort
+from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.small_matrices import (
+    all_coordinates,
+    any_coordinate,
+    inverse_symmetric_3x3,
+    squared_length,
+)
+from solver_backend.types import Cameras
+from solver_backend.types.shapes import Bool, Float
+
+MOST_VIEWS = 6
+"""Subsets are made of this many views of a point, its most confident ones."""
+_SMALLEST_DETERMINANT = 1e-5
+"""``2 sin²`` of the angle between two rays below which they do not locate a point (0.13°)."""
+
+
+@dataclass(frozen=True)
+class UndistortedViews:
+    """N points as C undistorted views see them."""
+
+    normalised: Array
+    """(C, N, 2) undistorted x/z and y/z; zero where unusable."""
+    weight: Array
+    """(C, N) confidence, zero where unusable."""
+    R: Array
+    """(C, 3, 3) world to camera."""
+    t: Array
+    """(C, 3) metres."""
+    focal: Array
+    """(C, 2) px."""
+
+
+def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
+    """Return for every point the linear triangulation that its views agree with most.
+
+    Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
+    The criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), r in pixels:
+    two doubtful views outvote a confident one, and between equal numbers confidence decides.
+
+    Args:
+        views: C views of N points.
+        scale_px: (N,) residual at which a view stops to count.
+
+    Returns:
+        (N, 3) world metres, NaN where no subset locates the point.
+    """
+    xp = array_namespace(views.weight)
+    equations = _ray_equations(views)
+    total = xp.sum(equations, axis=1)
+    order = xp.argsort(-views.weight, axis=0, stable=True)[:MOST_VIEWS]
+    ranked = equations[:, order, xp.arange(order.shape[1])[None, :]]
+    used = views.weight[order, xp.arange(order.shape[1])[None, :]] > 0
+    count = int(order.shape[0])
+    subsets = [(total, used[0] & used[1])]
+    if count > 2:
+        subsets += [(total - ranked[:, i], used[i] & used[2]) for i in range(count)]
+        subsets += [(ranked[:, i] + ranked[:, j], used[i] & used[j]) for i, j in combinations(range(count), 2)]
+    best = xp.full_like(total[:3], math.nan)
+    lowest = xp.full_like(total[0], math.inf)
+    for system, allowed in subsets:
+        point, solvable = _solve(system)
+        cost = xp.where(allowed & solvable, _robust_cost(views, point, scale_px), xp.full_like(lowest, math.inf))
+        better = cost < lowest
+        best, lowest = xp.where(better[None, :], point, best), xp.where(better, cost, lowest)
+    return best.T
+
+
+def _ray_equations(views: UndistortedViews) -> Array:
+    """Return (9, C, N): the six entries of ``Q = w (I - d dᵀ)`` and ``Q o`` of the rays ``o + s d``.
+
+    ``Σ Q x = Σ Q o`` gives the point with the least squared distance to the rays in metres (midpoint method; Hartley
+    and Sturm 1997).
+    """
+    xp = array_namespace(views.weight)
+    w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
+    n = views.normalised
+    length = xp.sqrt(1.0 + squared_length(n)[..., None])
+    d = xp.matmul(xp.concat((n, xp.ones_like(length)), axis=-1) / length, views.R)
+    x, y, z = d[..., 0], d[..., 1], d[..., 2]
+    o = -xp.matmul(xp.matrix_transpose(views.R), views.t[..., None])
+    ox, oy, oz = o[:, 0], o[:, 1], o[:, 2]
+    xx, xy, xz, yy, yz, zz = 1.0 - x * x, -x * y, -x * z, 1.0 - y * y, -y * z, 1.0 - z * z
+    right = (xx * ox + xy * oy + xz * oz, xy * ox + yy * oy + yz * oz, xz * ox + yz * oy + zz * oz)
+    return xp.stack((xx, xy, xz, yy, yz, zz, *right), axis=0) * w
+
+
+def _solve(system: Array) -> tuple[Array, Array]:
+    """Return (3, N) solutions of the symmetric systems (9, N) by Cramer's rule, and where they exist."""
+    xp = array_namespace(system)
+    a, b, c, d, e, f, u, v, w = (system[i] for i in range(9))
+    aa, ab, ac = d * f - e * e, c * e - b * f, b * e - c * d
+    bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
+    det = a * aa + b * ab + c * ac
+    solvable = det > _SMALLEST_DETERMINANT
+    scale = 1.0 / xp.where(solvable, det, xp.ones_like(det))
+    solution = (aa * u + ab * v + ac * w, ab * u + bb * v + bc * w, ac * u + bc * v + cc * w)
+    return xp.stack(solution, axis=0) * scale, solvable
+
+
+def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Array:
+    """Return the (N,) cost of ``best_candidate`` of points (3, N); a point behind a camera counts as infinitely far."""
+    xp = array_namespace(point)
+    camera = xp.matmul(views.R, point) + views.t[:, :, None]
+    z = camera[:, 2]
+    front = z > 0
+    inverse = 1.0 / xp.where(front, z, xp.ones_like(z))
+    ex = (camera[:, 0] * inverse - views.normalised[..., 0]) * views.focal[:, 0, None]
+    ey = (camera[:, 1] * inverse - views.normalised[..., 1]) * views.focal[:, 1, None]
+    square = ex * ex + ey * ey
+    share = xp.where(front, square / (square + scale_px * scale_px), xp.ones_like(square))
+    votes = xp.where(views.weight > 0, 0.5 + 0.5 * views.weight, xp.zeros_like(views.weight))
+    return xp.sum(votes * share, axis=0)
+
+
+INLIER_SIGMAS = 3.5
+"""A view is rejected beyond this many standard deviations (0.2 % of good detections)."""
+ROBUST_SIGMAS = 3.0
+"""Scale of the Geman-McClure weights."""
+ROBUST_STEPS, FINAL_STEPS = 6, 3
+_LONGEST_STEP_M = 0.5
+_ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
+"""A point that moves less is finished: to decide which views agree, and for good."""
+
+
+def fit_points(
+    arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
+) -> tuple[Array, Array, Array]:
+    """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
+
+    Args:
+        arrays: C cameras.
+        px: (C, N, 2) detections.
+        weight: (C, N) confidence, zero where missing.
+        spread: (N,) standard deviation of the detections, px.
+        views: ``undistorted_views`` of these detections, for who has them already.
+
+    Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
+    """
+    xp = array_namespace(px)
+    points = _locate(arrays, px, weight, ROBUST_SIGMAS * spread, views or undistorted_views(arrays, px, weight))
+    inliers, _ = _agreeing(arrays, px, weight, points, spread)
+    agreed = xp.where(inliers, weight, xp.zeros_like(weight))
+    points = _refine(arrays, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
+    return (points, *_agreeing(arrays, px, weight, points, spread))
+
+
+def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
+    """Return (C, N, 2) detections as the linear triangulation takes them."""
+    xp = array_namespace(px)
+    normalised = undistort(arrays, px)
+    usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
+    normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
+    focal = xp.stack((arrays.K[:, 0, 0], arrays.K[:, 1, 1]), axis=-1)
+    return UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
+
+
+def _locate(arrays: CameraArrays, px: Array, weight: Array, scale_px: Array, views: UndistortedViews) -> Array:
+    """Return robust points (N, 3), NaN where nothing locates them."""
+    return _refine(arrays, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
+
+
+def _refine(
+    arrays: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
+) -> Array:
+    """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
+
+    Args:
+        arrays: C cameras.
+        px: (C, N, 2) detections.
+        weight: (C, N), zero where not to be used.
+        points: (N, 3) start, world metres.
+        scale_px: (N,) scale of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares.
+        steps: at most so many.
+        settled_m: a point that moves less is finished.
+    """
+    xp = array_namespace(px)
+    active = xp.arange(points.shape[0])
+    points = xp.asarray(points, copy=True)
+    for _ in range(steps):
+        start, detections, wanted = points[active], px[:, active], weight[:, active]
+        error, J, seen = _errors(arrays, detections, wanted, start)
+        w = xp.where(seen, wanted, xp.zeros_like(wanted))
+        if scale_px is not None:
+            w = w / (1.0 + squared_length(error) / scale_px[active] ** 2) ** 2
+        A, gradient = _normal_equations(J, w, error)
+        step = _bounded(-xp.matmul(inverse_symmetric_3x3(A), gradient[..., None])[..., 0])
+        points[active] = start + step
+        active = active[any_coordinate(xp.abs(step) > settled_m)]
+        if active.shape[0] == 0:
+            break
+    return points
+
+
+def _bounded(step: Array) -> Array:
+    """Return steps shortened to half a metre, zero where not finite."""
+    xp = array_namespace(step)
+    step = xp.where(xp.isfinite(step), step, xp.zeros_like(step))
+    length = xp.sqrt(squared_length(step))[..., None]
+    long = length > _LONGEST_STEP_M
+    return xp.where(long, step * (_LONGEST_STEP_M / xp.where(long, length, xp.ones_like(length))), step)
+
+
+def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
+    """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
+    xp = array_namespace(px)
+    projected, J, _ = project_with_jacobian(arrays, points)
+    seen = (weight > 0) & xp.isfinite(projected[..., 0])
+    error, unseen = projected - px, ~seen
+    error[unseen], J[unseen] = 0.0, 0.0
+    return error, J, seen
+
+
+def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
+    """Return ``Σ w JᵀJ`` (N, 3, 3) and ``Σ w Jᵀe`` (N, 3) over the views."""
+    xp = array_namespace(J)
+    count, coordinates = J.shape[1], 2 * J.shape[0]
+    rows = xp.reshape(xp.permute_dims(J, (1, 0, 2, 3)), (count, coordinates, 3))
+    weights = xp.reshape(xp.permute_dims(xp.stack((w, w), axis=-1), (1, 0, 2)), (count, 1, coordinates))
+    rows_T = xp.matrix_transpose(rows) * weights
+    residuals = xp.reshape(xp.permute_dims(error, (1, 0, 2)), (count, coordinates, 1))
+    return xp.matmul(rows_T, rows), xp.matmul(rows_T, residuals)[..., 0]
+
+
+def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
+    """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
+    xp = array_namespace(px)
+    error, _, seen = _errors(arrays, px, weight, points)
+    distance = xp.sqrt(squared_length(error))
+    return seen & (distance < INLIER_SIGMAS * spread), xp.where(seen, distance, xp.full_like(distance, math.nan))
+
+
+def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
+    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
+
+    ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
+    """
+    xp = array_namespace(weight)
+    zero = xp.zeros_like(weight)
+    error, J, _ = _errors(arrays, xp.stack((zero, zero), axis=-1), weight, points)
+    A, _ = _normal_equations(J, weight, error)
+    B, _ = _normal_equations(J, weight * weight, error)
+    inverse = inverse_symmetric_3x3(A)
+    covariance = xp.matmul(inverse, xp.matmul(B, inverse)) * (spread * spread)[:, None, None]
+    enough = xp.sum(xp.astype(weight > 0, weight.dtype), axis=0) >= 2
+    return xp.where(enough[:, None, None], covariance, xp.full_like(covariance, math.nan))
+
+
+START_SHARE = 0.001
+"""First guess of the noise as a share of the image width: small, so that outliers never count as noise."""
+SMALLEST_SIGMA_PX = 0.1
+NOISE_ROUNDS = 8
+"""Too small a guess grows by about 1.8 a round: the agreeing views then fill the whole range allowed."""
+_SETTLED_SHARE = 0.05
+"""Change of the noise below which it is measured."""
+_ENOUGH_SHARE = 0.2
+"""Share of the located points that must have three agreeing views for the others to be left out."""
+_SAMPLES = 5_000, 20_000
+"""Observations the noise is measured on, roughly and then well."""
+
+
+def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
+    """Return px (C, N, 2), weights (C, N; zero where missing) and the noise (N,) of N = F K points."""
+    xp = array_namespace(xy)
+    shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
+    px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)
+    usable = (weight > 0) & xp.all(xp.isfinite(px), axis=-1)
+    spread = xp.reshape(xp.broadcast_to(sigma, tuple(xy.shape[1:3])), (-1,))
+    return px, xp.where(usable, weight, xp.zeros_like(weight)), spread
+
+
+def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
+    """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
+    views, frames, keypoints = (int(n) for n in xy.shape[:3])
+    sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
+    samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
+    for sample in _SAMPLES:
+        skip = max(1, views * frames * keypoints // sample)
+        if skip not in samples:  # a short take is its own sample both times
+            px, weight, _ = flat_views(xy[:, ::skip], confidence[:, ::skip], sigma)
+            samples[skip] = px, weight, undistorted_views(arrays, px, weight)  # what a round does not change
+        sigma = _settled(arrays, *samples[skip], sigma)
+    return sigma
+
+
+def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
+    """Return (K,) standard deviations that measuring again with them does not change, of (C, N) observations."""
+    xp, keypoints = array_namespace(px), int(sigma.shape[0])
+    for _ in range(NOISE_ROUNDS):
+        before = sigma
+        _, inliers, distance = fit_points(arrays, px, weight, xp.tile(sigma, (int(px.shape[1]) // keypoints,)), views)
+        sigma = _spread_of(xp.where(inliers, distance, xp.zeros_like(distance)), inliers, before)
+        if bool(xp.all(xp.abs(sigma - before) <= _SETTLED_SHARE * before)):
+            break
+    return sigma
+
+
+def _spread_of(distance: Array, inliers: Array, otherwise: Array) -> Array:
+    """Return (K,) standard deviations from the sums of squares of N = F K points.
+
+    A point of V views has 2 V coordinates and 3 unknowns, so ``Σ r²/σ²`` is χ² of ``n = 2V - 3`` degrees of freedom,
+    whose median is ``n (1 - 2/(9n))³`` (Wilson and Hilferty 1931). Points of three or more views count, unless they
+    are few.
+    """
+    xp = array_namespace(distance)
+    keypoints = int(otherwise.shape[0])
+    count = xp.sum(xp.astype(inliers, distance.dtype), axis=0)
+    several, located = xp.sum(xp.astype(count >= 3, count.dtype)), xp.sum(xp.astype(count >= 2, count.dtype))
+    usable = count >= (3 if float(several) > _ENOUGH_SHARE * float(located) else 2)
+    n = xp.where(usable, 2.0 * count - 3.0, xp.ones_like(count))
+    variance = xp.sum(distance * distance, axis=0) / (n * (1.0 - 2.0 / (9.0 * n)) ** 3)
+    variance = xp.reshape(xp.where(usable, variance, xp.full_like(variance, math.nan)), (-1, keypoints))
+    overall = _median(variance, float(xp.mean(otherwise)) ** 2 if keypoints else 1.0)
+    each = [_median(variance[:, k], overall) for k in range(keypoints)]
+    least = SMALLEST_SIGMA_PX**2
+    return constant([math.sqrt(max(min(max(v, 0.25 * overall), 4.0 * overall), least)) for v in each], distance)
+
+
+def _median(values: Array, otherwise: float) -> float:
+    xp = array_namespace(values)
+    flat = xp.sort(values[xp.isfinite(values)])
+    return float(flat[flat.shape[0] // 2]) if flat.shape[0] else otherwise
+
+
+STAGE = "Triangulating"
+LARGEST_SIGMA_M = 0.3
+"""A point less certain than this is no point."""
+_CHUNK = 32_000
+"""Observations worked on at once: few enough to stay in the cache."""
+
+
+@dataclass(frozen=True)
+class Triangulation:
+    """F frames of K keypoints located by C views."""
+
+    points: Float[Array, "frames keypoints 3"]
+    """(F, K, 3) world metres, NaN where fewer than two views agree or the point is less certain than asked."""
+    covariance: Float[Array, "frames keypoints 3 3"]
+    """(F, K, 3, 3) m², of the inliers' noise; NaN with the point."""
+    inliers: Bool[Array, "views frames keypoints"]
+    """(C, F, K) bool: the views the point was computed from."""
+    residual_px: Float[Array, "views frames keypoints"]
+    """(C, F, K) distance from every detection to the projected point, NaN where there is none of both."""
+    sigma_px: Float[Array, " keypoints"]
+    """(K,) standard deviation of the detections, given or measured."""
+
+    def of_keypoints(self, columns: np.ndarray) -> Triangulation:
+        """Return the keypoints at these columns, in NumPy."""
+        points, covariance = (np.asarray(a)[:, columns] for a in (self.points, self.covariance))
+        inliers, residual_px = (np.asarray(a)[:, :, columns] for a in (self.inliers, self.residual_px))
+        return Triangulation(points, covariance, inliers, residual_px, np.asarray(self.sigma_px)[columns])
+
+
+def triangulate(
+    cameras: Cameras,
+    xy: Float[Array, "views frames keypoints 2"],
+    confidence: Float[Array, "views frames keypoints"],
+    sigma_px: float | Float[Array, " ..."] | None = None,
+    progress: Progress = silent,
+) -> Triangulation:
+    """Locate keypoints seen by several views, rejecting views that do not agree.
+
+    The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on
+    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure; views further off than
+    ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance is that of the weighted estimator,
+    ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers.
+
+    With three views and one of them wrong along an epipolar line, two pairs agree equally well and the more confident
+    one wins: geometry alone does not decide.
+
+    Args:
+        xy: (C, F, K, 2) px, NaN where missing.
+        confidence: (C, F, K), 0 where missing.
+        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far
+            the views disagree.
+        progress: called as blocks of frames are done.
+
+    Returns:
+        The triangulation; NaN where fewer than two views are usable or agree, or where the standard deviation along the
+        worst axis is above ``LARGEST_SIGMA_M`` (rays that are nearly parallel, such as those of cameras that face
+        each other).
+
+    Raises:
+        TooFewViews: there are fewer than two cameras.
+        CalibrationMismatch: ``xy`` has another number of views than there are cameras.
+        KeypointCountMismatch: the shapes of ``xy`` and ``confidence`` differ.
+
+    Reference: Geman and McClure 1987 (ρ); Huber 1967 (the covariance).
+    """
+    _check(cameras, xy, confidence)
+    progress(STAGE, 0, 1)
+    xp = array_namespace(xy, confidence)
+    arrays = CameraArrays.of(cameras, xy)
+    frames, keypoints = int(xy.shape[1]), int(xy.shape[2])
+    if sigma_px is None:
+        sigma = measure_noise(arrays, xy, confidence)
+    else:
+        sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
+    step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
+    blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
+
+    def block(f: slice) -> tuple[Array, Array, Array, Array]:
+        return _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma)
+
+    parts = map_blocks(block, blocks, xy, lambda done: progress(STAGE, done, len(blocks)))
+    points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
+    inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
+    return Triangulation(points, covariance, inliers, residual, sigma)
+
+
+def _triangulate_frames(
+    arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return points, covariance, inliers and residuals of (C, F, K) detections."""
+    xp = array_namespace(xy)
+    views, frames, keypoints = (int(n) for n in xy.shape[:3])
+    px, weight, spread = flat_views(xy, confidence, sigma)
+    points, inliers, residual = fit_points(arrays, px, weight, spread)
+    covariance = covariance_of(arrays, xp.where(inliers, weight, xp.zeros_like(weight)), points, spread)
+    worst = xp.max(xp.sum(xp.abs(covariance), axis=-1), axis=-1)
+    lost = ~(worst <= LARGEST_SIGMA_M**2)
+    covariance = xp.where(lost[:, None, None], xp.full_like(covariance, math.nan), covariance)
+    points = xp.where(lost[:, None], xp.full_like(points, math.nan), points)
+    residual = xp.where(lost[None, :], xp.full_like(residual, math.nan), residual)
+    return (
+        xp.reshape(points, (frames, keypoints, 3)),
+        xp.reshape(covariance, (frames, keypoints, 3, 3)),
+        xp.reshape(inliers & ~lost[None, :], (views, frames, keypoints)),
+        xp.reshape(residual, (views, frames, keypoints)),
+    )
+
+
+def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
+    if len(cameras) < 2:
+        hint = "Add the detections of another camera."
+        raise TooFewViews(f"Triangulation needs two cameras; there is {len(cameras)}.", hint=hint)
+    if xy.ndim != 4 or xy.shape[-1] != 2 or tuple(confidence.shape) != tuple(xy.shape[:-1]):
+        raise KeypointCountMismatch(
+            f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)} must be (views, frames, keypoints, 2) and "
+            "(views, frames, keypoints)."
+        )
+    if xy.shape[0] != len(cameras):
+        raise CalibrationMismatch(f"xy has {xy.shape[0]} views; there are {len(cameras)} cameras.")
+
+
+DEPTH_SIGMA_M = 0.5
+"""How far a point may lie from where it is first guessed: bounds what a single other view leaves open."""
+BLOCK_FRAMES = 256
+"""Frames worked on at a time."""
+
+
+@dataclass(frozen=True)
+class Predictions:
+    """F frames of K keypoints as each of C views should see them."""
+
+    px: np.ndarray
+    """(C, F, K, 2) pixels, NaN where no other view sees the keypoint."""
+    covariance: np.ndarray
+    """(C, F, K, 2, 2) px² of the distance from a detection to its prediction, the detection's own noise included."""
+
+
+def predict_views(
+    cameras: Cameras,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    triangulation: Triangulation,
+    frames: np.ndarray | None = None,
+) -> Predictions:
+    """Predict every view from the others by one linear step around the triangulated points.
+
+    With ``A_b = J_bᵀ J_b / σ²`` and the residual ``r_b`` of view b at the point X, view c is expected at
+    ``π_c(X) + J_c δ`` with ``δ = (Σ_{b≠c} A_b + I/τ²)⁻¹ Σ_{b≠c} J_bᵀ r_b / σ²`` and covariance
+    ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹ J_cᵀ``. Only views that agree count as others, unless fewer than two do.
+
+    Args:
+        xy: (C, F, K, 2) px, NaN where missing.
+        confidence: (C, F, K), 0 where missing.
+        triangulation: of the same detections.
+        frames: numbers of the frames to predict; None for all.
+
+    Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
+    linear regression and its predictive variance).
+    """
+    arrays, start = CameraArrays.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
+    inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
+    if frames is not None:
+        start, xy, confidence, inliers = start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames]
+
+    def block(frames: slice) -> Predictions:
+        return _predicted(arrays, start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames], sigma_px)
+
+    parts = map_blocks(block, [slice(f, f + BLOCK_FRAMES) for f in range(0, max(len(start), 1), BLOCK_FRAMES)], xy)
+    return Predictions(*(np.concatenate([getattr(p, name) for p in parts], axis=1) for name in ("px", "covariance")))
+
+
+def _predicted(
+    arrays: CameraArrays,
+    start: np.ndarray,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    inliers: np.ndarray,
+    sigma_px: np.ndarray,
+) -> Predictions:
+    """Return the predictions around (F, K, 3) points."""
+    usable = (confidence > 0) & np.isfinite(xy).all(-1)
+    px, J, _ = project_with_jacobian(arrays, start)
+    usable &= np.isfinite(px[..., 0])
+    J = np.where(usable[..., None, None], J, np.nan_to_num(J))
+    scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2
+    residual = np.where(usable[..., None], xy - px, 0.0)
+    information, gradient = scaled @ J, (scaled @ residual[..., None])[..., 0]
+    inliers = inliers & usable
+    agreeing = inliers.sum(axis=0) - inliers
+    information_of, gradient_of = _of_others(information, gradient, inliers)
+    information_all, gradient_all = _of_others(information, gradient, usable)
+    several = agreeing >= 2
+    information_of = np.where(several[..., None, None], information_of, information_all)
+    gradient_of = np.where(several[..., None], gradient_of, gradient_all)
+    spread = inverse_symmetric_3x3(information_of + np.eye(3) / DEPTH_SIGMA_M**2)
+    step = spread @ gradient_of[..., None]
+    covariance = J @ spread @ np.swapaxes(J, -1, -2)
+    covariance += np.eye(2) * sigma_px[:, None, None] ** 2
+    seen_by_others = (usable.sum(axis=0) - usable) > 0
+    return Predictions(np.where(seen_by_others[..., None], px + (J @ step)[..., 0], np.nan), covariance)
+
+
+def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return for each view the sums over the other views that are counted."""
+    information = np.where(counted[..., None, None], information, 0.0)
+    gradient = np.where(counted[..., None], gradient, 0.0)
+    return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
+
+
+def _everywhere(points: np.ndarray) -> np.ndarray:
+    """Return (F, K, 3) points with gaps bridged in time, or at the middle of the take where never known."""
+    known = np.isfinite(points).all(-1)
+    filled = points.copy()
+    frames = np.arange(len(points))
+    middle = np.median(points[known], axis=0) if known.any() else np.zeros(3)
+    for k in np.flatnonzero(~known.all(axis=0)):
+        at = frames[known[:, k]]
+        for axis in range(3):
+            filled[:, k, axis] = np.interp(frames, at, points[at, k, axis]) if len(at) else middle[axis]
+    return filled

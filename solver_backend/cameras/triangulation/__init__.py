@@ -1,1 +1,0 @@
-"""Points from views: linear candidates, robust refinement, the detector's noise."""
