@@ -25,6 +25,7 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _LARGEST = 2_000_000_000
+"""Bytes of the largest file that is read."""
 """Bytes of an MVNX file at most. An hour of a take has about 1.5 GB."""
 
 
