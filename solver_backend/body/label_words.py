@@ -144,7 +144,7 @@ class LabelWords:
             label: without its prefix.
             letters: the side that each single letter stands for.
         """
-        for pattern in _TOKENS if len(label) <= LONGEST_LABEL else ():
+        for pattern in _TOKENS:
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
                 return side, words
@@ -261,7 +261,12 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
 
 
 def spelt(label: str) -> str:
-    """Return a label in letters without accents, vertebrae as a letter and a number: ``Halswirbel 7`` as ``C7``."""
+    """Return a label without accents, with vertebrae as a letter and a number: ``C7`` for ``Halswirbel 7``.
+
+    A label longer than ``LONGEST_LABEL`` names nothing and becomes empty.
+    """
+    if len(label) > LONGEST_LABEL:
+        return ""
     decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))
     plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
     for level, pattern in _IN_WORDS:

@@ -65,8 +65,6 @@ class Verdict:
 class BenchmarkSkipped(MocapError):
     """A benchmark cannot run here; the message says what it lacks."""
 
-    code = "benchmark_skipped"
-
 
 def key_of(label: str) -> str:
     """Return a row's name in the baseline."""

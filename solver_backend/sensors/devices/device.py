@@ -81,28 +81,18 @@ class OpenedDevice:
 class SensorFailed(MocapError):
     """A sensor was lost, or its data cannot be used."""
 
-    code = "sensor_failed"
-
 
 class SensorUnknown(MocapError):
     """The kind of sensor is unknown, or the calibration has no such sensor."""
-
-    code = "sensor_unknown"
 
 
 class PicturesDiffer(MocapError):
     """A sensor's infrared, depth and calibration have different sizes."""
 
-    code = "pictures_differ"
-
 
 class RecordingInvalid(MocapError):
     """A folder is not a sensor recording, or is damaged."""
 
-    code = "recording_invalid"
-
 
 class NoMarkers(MocapError):
     """No sensor saw a marker in any frame."""
-
-    code = "no_markers"

@@ -39,13 +39,9 @@ _ROUNDS = 20
 class GammaNotFound(MocapError):
     """No three points are apart as the markers of the Γ are."""
 
-    code = "gamma_not_found"
-
 
 class GammaInvalid(MocapError):
     """The Γ's edges are too short, too long or too alike."""
-
-    code = "gamma_invalid"
 
 
 @dataclass(frozen=True)

@@ -16,25 +16,17 @@ from solver_backend.types.shapes import Bool, Float, Int
 class WandNotSeen(MocapError):
     """A sensor never saw the wand, or never together with another sensor."""
 
-    code = "wand_not_seen"
-
 
 class WandAmbiguous(MocapError):
     """More than one wand, or another light, was in sight."""
-
-    code = "wand_ambiguous"
 
 
 class WandInvalid(MocapError):
     """The wand's lengths do not distinguish its lights, or differ from what was seen."""
 
-    code = "wand_invalid"
-
 
 class TimesInvalid(MocapError):
     """A recording's times do not increase."""
-
-    code = "times_invalid"
 
 
 LARGEST_LEFT_OUT = 0.2

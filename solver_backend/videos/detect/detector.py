@@ -28,19 +28,13 @@ from solver_backend.types import JointSet
 class DetectorMissing(MocapError):
     """No detector is installed, or the Python or model that was named has none."""
 
-    code = "detector_missing"
-
 
 class DetectorOutputsUnknown(MocapError):
     """A model's inputs and outputs are of no kind we can read."""
 
-    code = "detector_outputs_unknown"
-
 
 class DetectorFailed(MocapError):
     """The detector's process broke."""
-
-    code = "detector_failed"
 
 
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32

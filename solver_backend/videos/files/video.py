@@ -26,19 +26,13 @@ if TYPE_CHECKING:
 class VideoUnreadable(MocapError):
     """A video is missing, empty, broken or no video at all."""
 
-    code = "video_unreadable"
-
 
 class VideoWithoutSound(MocapError):
     """A video has no sound, or only silence, where sound is needed."""
 
-    code = "video_without_sound"
-
 
 class SameVideoTwice(MocapError):
     """Two cameras have the very same video."""
-
-    code = "same_video_twice"
 
 
 AGAIN = "Copy the file from the camera again, or leave this camera out."

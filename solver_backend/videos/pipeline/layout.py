@@ -79,8 +79,6 @@ def _entries(folder: Path) -> list[Path]:
 class NoVideos(MocapError):
     """A folder holds no take."""
 
-    code = "no_videos"
-
 
 VIDEO_FOLDERS = (
     "videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video", "recordings",

@@ -168,5 +168,3 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
 
 class SyncUnknown(MocapError):
     """Nothing in the recording shows how the cameras' clocks differ."""
-
-    code = "sync_unknown"
