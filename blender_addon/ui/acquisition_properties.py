@@ -51,20 +51,12 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 
 def sending_options(properties: Any) -> list[str]:
-    """Return the options that send a live run's poses, none unless the user has switched this on.
-
-    Raises:
-        CommandLineInvalid: see ``allowed_address``.
-    """
+    """Return the options that send a live run's poses, none unless the user has switched this on."""
     return ["--send", str(allowed_address(properties.send_to))] if properties.send else []
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address in a text.
-
-    Args:
-        text: the address.
-        schemes: accepted protocols.
+    """Return the address in a text, if its protocol is one of the schemes.
 
     Raises:
         CommandLineInvalid: the address is invalid, or on another machine while Blender is set to stay offline.
@@ -119,23 +111,24 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
 
     def sensors(self) -> list[str]:
         """Return the sensors as words of a command line, none if the user has not chosen any."""
-        from ..conventions.file_paths import file_of
-
-        calibration = ["--calibration", str(file_of(self.calibration))] if self.calibration else []
+        calibration = _paths("--calibration", self.calibration)
         if self.kind == "FOLDER":
-            return [str(file_of(self.source)), *calibration] if self.source else []
+            return [*_paths(self.source), *calibration] if self.source else []
         named = [part for oak in self.oaks.split() for part in ("--oak", oak)]
         return [*named, "--sync", self.sync, *calibration] if named else []
 
     def calibrating(self) -> list[str]:
         """Return the options of the wand calibration."""
-        from ..conventions.file_paths import file_of
-
-        options = [str(file_of(self.wand)), *(["--trigger"] if self.trigger else [])]
-        if not self.gamma:
-            return options
+        options = [*_paths(self.wand), *(["--trigger"] if self.trigger else [])]
         lengths = ["--gamma-lengths", f"{self.long_edge:.4f}", f"{self.short_edge:.4f}"]
-        return [*options, "--gamma", str(file_of(self.gamma)), *lengths]
+        return [*options, *_paths("--gamma", self.gamma), *lengths] if self.gamma else options
+
+
+def _paths(*words: str) -> list[str]:
+    """Return an option and a stored path as words of a command line, none for an empty path."""
+    from ..conventions.file_paths import file_of
+
+    return [*words[:-1], str(file_of(words[-1]))] if words[-1] else []
 
 
 OWN = "OWN"

@@ -30,10 +30,7 @@ def adopt(scene: bpy.types.Scene) -> int:
 
 
 def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
-    """Adopt bodies as ``adopt`` does, and keep the current capture.
-
-    A replaced body keeps its takes. If the next update adopted it, its capture would become the current one.
-    """
+    """Adopt bodies as ``adopt`` does, such as a replaced body that keeps its takes, and keep the current capture."""
     index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
     adopt(scene)
     scene.mocap.show(index)
@@ -48,8 +45,7 @@ def _is_solved(obj: bpy.types.Object) -> bool:
 
 def _adopt(scene: bpy.types.Scene, body: bpy.types.Object) -> None:
     from .._exchange.motion_file import is_motion
-    from ..animation.curves import current_action
-    from ..animation.retiming import laid_rate
+    from ..animation.curves import current_action, laid_rate
     from ..animation.takes import PERSON, measured_key, take_file
 
     action = current_action(body)

@@ -103,7 +103,6 @@ def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None
 
 
 def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Apply the floor offset to the body's delta location, which has no keys."""
     armature = self.armature
     if armature is not None:
         armature.delta_location.z = self.floor_offset
@@ -142,7 +141,6 @@ class MocapReview(bpy.types.PropertyGroup):
 
 
 def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Select the body of the chosen person. They stay chosen until another object is active."""
     body = self.review_of(self.person_shown).armature
     if body is not None and body.name in context.view_layer.objects and context.mode == "OBJECT":
         for other in context.selected_objects:
@@ -235,11 +233,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return the excluded views as the solver setting states them.
-
-        Args:
-            scene_fps: frames per second of the scene's frame ranges.
-        """
+        """Return the excluded views as the solver setting states them, for frame ranges at a scene's frame rate."""
         unused = [item.name for item in self.cameras if not item.use]
         ratio = self.fps / scene_fps if self.fps else 1.0
         ranges: list[str] = []

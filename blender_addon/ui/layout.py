@@ -24,14 +24,14 @@ TALLEST = 1.6
 """Height of the button for the next step relative to others."""
 
 
-def is_narrow(context: bpy.types.Context) -> bool:
+def is_narrow(context: bpy.types.Context, limit_px: float = _NARROW_PX) -> bool:
     """Return whether the sidebar has no room for labels and values in one row."""
-    return context.region.width < _NARROW_PX * (context.preferences.system.ui_scale or 1.0)
+    return context.region.width < limit_px * (context.preferences.system.ui_scale or 1.0)
 
 
 def is_slim(context: bpy.types.Context) -> bool:
     """Return whether the sidebar has no room for two numbers in one row."""
-    return context.region.width < _SLIM_PX * (context.preferences.system.ui_scale or 1.0)
+    return is_narrow(context, _SLIM_PX)
 
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context, settings: Any, *names: str) -> None:
@@ -102,3 +102,12 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
         if all(blf.dimensions(0, line)[0] <= room for line in lines):
             return lines or [""]
     return textwrap.wrap(text, _MIN_LETTERS) or [""]
+
+
+def redraw(*kinds: str) -> None:
+    """Redraw the regions of these kinds in every 3D viewport."""
+    for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
+        for area in window.screen.areas:
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if region.type in kinds:
+                    region.tag_redraw()

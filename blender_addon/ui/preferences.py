@@ -13,10 +13,7 @@ from .setting_properties import path, switch
 
 _tested: dict[str, str] = {}
 """Versions in the Pythons of detectors that were tested, by path."""
-
-
 _WHOLE: dict[str, Any] = {"options": set()}
-"""Preferences have no paths relative to a .blend file."""
 
 
 class MocapPreferences(bpy.types.AddonPreferences):
@@ -78,14 +75,17 @@ def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
 
 def chosen_python(context: bpy.types.Context) -> Path | None:
     """Return the Python that the user chose for the solver, None for Blender's own."""
-    preferences = preferences_of(context)
-    return Path(preferences.python) if preferences is not None and preferences.python else None
+    return _chosen(context, "python")
 
 
 def named_detector(context: bpy.types.Context) -> Path | None:
     """Return the Python that the user chose for detectors, None without one."""
-    preferences = preferences_of(context)
-    return Path(preferences.detector) if preferences is not None and preferences.detector else None
+    return _chosen(context, "detector")
+
+
+def _chosen(context: bpy.types.Context, name: str) -> Path | None:
+    path = getattr(preferences_of(context), name, "")
+    return Path(path) if path else None
 
 
 def detector_python(context: bpy.types.Context) -> Path | None:
@@ -135,11 +135,7 @@ def _has_own_environment(detector: str) -> bool:
 
 
 def note_detector(context: bpy.types.Context, python: Path) -> str:
-    """Start a detector's Python, and keep and return its versions.
-
-    Raises:
-        PythonUnsuitable: it does not start.
-    """
+    """Start a detector's Python, and keep and return its versions."""
     from ..solving.detector.find_python import probe_detector
 
     found = _tested[str(python)] = f"Detector: {probe_detector(python)}"

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import datetime
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -36,9 +36,6 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 
     This is the folder in the scene's settings, or ``mocap`` in the folder of the .blend file. An unsaved file uses a
     session folder of the user until it is saved.
-
-    Raises:
-        OutputNotWritable: the folder cannot be created or written to.
     """
     settings = scene.mocap
     if settings.folder and (bpy.data.filepath or not settings.folder.startswith("//")):
@@ -166,11 +163,7 @@ following = Following()
 
 
 def follow(target: Path) -> Journey:
-    """Copy the files of the open scene into the folder of a .blend file, and link the copies.
-
-    Raises:
-        OutputNotWritable: they cannot be copied, and everything is restored.
-    """
+    """Copy the files of the open scene into the folder of a .blend file, and link the copies. An error undoes all."""
     journey, base = Journey(), target.parent
     try:
         links = list(_links())
@@ -189,9 +182,8 @@ def follow(target: Path) -> Journey:
         journey.back()
         if isinstance(error, MocapError):
             raise
-        raise OutputNotWritable(
-            f"Captures and takes cannot be copied: {error.strerror or error}.", where=str(base)
-        ) from error
+        message = f"Captures and takes cannot be copied: {error.strerror or error}."
+        raise OutputNotWritable(message, where=str(base)) from error
     return journey
 
 
@@ -241,17 +233,17 @@ def _links() -> Iterator[_Link]:
     from ..animation.takes import PATHS
 
     for scene in bpy.data.scenes:
-        if scene.library is None:
-            for capture in (*scene.mocap.captures, scene.mocap.blank):
-                yield _Link(capture, "file", follows=True)
-                yield _Link(capture, "original", follows=True)
-                yield _Link(capture, "source", follows=False)
-            yield _Link(scene.mocap.solve, "subject", follows=True)
-            yield from (
-                _Link(scene.mocap.videos, key, follows=False) for key in ("folder", "results", "lenses", "model")
-            )
-            yield _Link(scene.mocap, "folder", follows=False)
-            yield _Link(scene.mocap, "session", follows=False)
+        if scene.library is not None:
+            continue
+        settings = scene.mocap
+        for capture in (*settings.captures, settings.blank):
+            yield from (_Link(capture, key, follows=key != "source") for key in ("file", "original", "source"))
+        yield _Link(settings.solve, "subject", follows=True)
+        for owner, keys in (
+            (settings.videos, ("folder", "results", "lenses", "model")),
+            (settings, ("folder", "session")),
+        ):
+            yield from (_Link(owner, key, follows=False) for key in keys)
     for action in bpy.data.actions:
         if action.library is None:
             yield from (_Link(action, key, follows=True) for key in PATHS if action.get(key))
@@ -267,7 +259,8 @@ def _destinations(paths: list[Path], base: Path) -> dict[Path, Path]:
             groups.setdefault(path.parent, (into / path.parent.relative_to(below), set()))[1].add(path)
     moved: dict[Path, Path] = {}
     for wanted, files in groups.values():
-        folder = next(folder for folder in _names(wanted) if all(_is_free(folder / f.name, f) for f in files))
+        names = chain([wanted], (wanted.with_name(f"{wanted.name}_{n}") for n in count(2)))
+        folder = next(folder for folder in names if all(_is_free(folder / f.name, f) for f in files))
         moved |= {path: folder / path.name for path in sorted(files)}
     return moved
 
@@ -297,11 +290,6 @@ def _is_kept(link: _Link, path: Path) -> bool:
     return link.key == "folder" and link.text.startswith("//") and (base is None or path.is_relative_to(base))
 
 
-def _names(folder: Path) -> Iterator[Path]:
-    yield folder
-    yield from (folder.with_name(f"{folder.name}_{n}") for n in count(2))
-
-
 def _is_free(new: Path, old: Path) -> bool:
     """Return whether a path is free or has the same content."""
     import filecmp
@@ -324,6 +312,5 @@ def _copy(old: Path, new: Path) -> None:
 def _say(text: str) -> None:
     sys.stderr.write(f"{text}\n")
     if not bpy.app.background and bpy.context.window is not None:
-        bpy.context.window_manager.popup_menu(
-            lambda menu, _: menu.layout.label(text=text, icon="ERROR"), title="Motion capture"
-        )
+        windows = bpy.context.window_manager
+        windows.popup_menu(lambda menu, _: menu.layout.label(text=text, icon="ERROR"), title="Motion capture")

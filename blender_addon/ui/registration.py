@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from types import ModuleType
+from typing import Any
 
 import bpy
 
@@ -44,12 +44,8 @@ _BASES = (
 )
 
 
-@dataclass(frozen=True)
-class Registrable:
-    """One thing to register, and how to take it back."""
-
-    add: Callable[[], None]
-    remove: Callable[[], None]
+Registrable = tuple[Callable[[], Any], Callable[[], Any]]
+"""Register one thing, and take it back."""
 
 
 def _classes(*modules: ModuleType) -> list[Registrable]:
@@ -63,27 +59,27 @@ def _is_defined_in(module: ModuleType, cls: object) -> bool:
 
 
 def _class(cls: type) -> Registrable:
-    return Registrable(lambda: bpy.utils.register_class(prepare(cls)), lambda: bpy.utils.unregister_class(cls))
+    return lambda: bpy.utils.register_class(prepare(cls)), lambda: bpy.utils.unregister_class(cls)
 
 
-def _draw(owner: type, draw: Callable[..., None]) -> Registrable:
-    return Registrable(lambda: owner.append(draw), lambda: owner.remove(draw))
-
-
-def _handler(handlers: list[Callable[..., None]], function: Callable[..., None]) -> Registrable:
-    return Registrable(lambda: handlers.append(function), lambda: handlers.remove(function))
+def _listed(owner: Any, function: Callable[..., None]) -> Registrable:
+    """Add a handler to a list, or a function that draws to a menu."""
+    return lambda: owner.append(function), lambda: owner.remove(function)
 
 
 def _pointer(owner: type, name: str, cls: type) -> Registrable:
-    return Registrable(lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name))
+    return lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name)
 
 
 def _stop(stop: Callable[[], None]) -> Registrable:
-    return Registrable(lambda: None, stop)
+    return lambda: None, stop
+
+
+_HANDLERS = bpy.app.handlers
 
 
 TABLE: tuple[Registrable, ...] = (
-    Registrable(add_translations, remove_translations),
+    (add_translations, remove_translations),
     *_classes(capture_properties, acquisition_properties, properties),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     *_classes(preferences),
@@ -93,36 +89,36 @@ TABLE: tuple[Registrable, ...] = (
     *_classes(live, sensor_array),
     _stop(export.playing.stop),
     *_classes(export, markers, studio),
-    Registrable(videos_panel.previews.start, videos_panel.previews.stop),
+    (videos_panel.previews.start, videos_panel.previews.stop),
     *_classes(run, capture, videos_panel, solve_panels, review_panels, deliver, acquire),
-    _handler(bpy.app.handlers.load_pre, live.before_load),
-    _handler(bpy.app.handlers.load_pre, export.before_load),
-    _handler(bpy.app.handlers.frame_change_post, export.on_frame_change),
-    _handler(bpy.app.handlers.frame_change_pre, viewport.on_frame_change),
-    Registrable(viewport.drawing.start, viewport.drawing.stop),
-    _handler(bpy.app.handlers.load_post, base.after_load),
-    _handler(bpy.app.handlers.load_post, adoption.on_load),
-    _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
-    _handler(bpy.app.handlers.save_pre, project_files.before_save),
-    _handler(bpy.app.handlers.save_post, project_files.after_save),
-    _handler(bpy.app.handlers.save_post_fail, project_files.after_failed_save),
-    _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
-    _draw(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
-    _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
-    _draw(bpy.types.TOPBAR_MT_file_export, export.draw_export_menu),
-    *(_draw(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
-    Registrable(command.register, command.unregister),
+    _listed(_HANDLERS.load_pre, live.before_load),
+    _listed(_HANDLERS.load_pre, export.before_load),
+    _listed(_HANDLERS.frame_change_post, export.on_frame_change),
+    _listed(_HANDLERS.frame_change_pre, viewport.on_frame_change),
+    (viewport.drawing.start, viewport.drawing.stop),
+    _listed(_HANDLERS.load_post, base.after_load),
+    _listed(_HANDLERS.load_post, adoption.on_load),
+    _listed(_HANDLERS.depsgraph_update_post, adoption.on_update),
+    _listed(_HANDLERS.save_pre, project_files.before_save),
+    _listed(_HANDLERS.save_post, project_files.after_save),
+    _listed(_HANDLERS.save_post_fail, project_files.after_failed_save),
+    _listed(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
+    _listed(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
+    _listed(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
+    _listed(bpy.types.TOPBAR_MT_file_export, export.draw_export_menu),
+    *(_listed(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
+    (command.register, command.unregister),
 )
 """In the order of registration."""
 
 
 def register() -> None:
     """Register the table from top to bottom."""
-    for entry in TABLE:
-        entry.add()
+    for add, _ in TABLE:
+        add()
 
 
 def unregister() -> None:
     """Take back the table from bottom to top."""
-    for entry in reversed(TABLE):
-        entry.remove()
+    for _, remove in reversed(TABLE):
+        remove()

@@ -37,8 +37,7 @@ def prepare_job(
         person: index of one of its people, None for the current one.
 
     Raises:
-        OutputNotWritable: takes cannot be written.
-        TakeMissing: the capture, the motion to solve again, or a file of the settings no longer exists.
+        MocapError: takes cannot be written, or a file of the settings no longer exists.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person
@@ -105,22 +104,14 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
 
 
 def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the bones that the user has assigned to markers, and return the file or None if there are none.
-
-    Raises:
-        OutputNotWritable: see ``write_text``.
-    """
+    """Write the bones that the user has assigned to markers, and return the file or None if there are none."""
     places = {item.name: item.place for item in capture.marker_items if item.place is not None}
     values = {"format": "manifold_mocap_labels", "version": 1, "places": places}
     return _write(path, values) if places else None
 
 
 def write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the labels that the user has given to points, and return the file or None if there are none.
-
-    Raises:
-        OutputNotWritable: see ``write_text``.
-    """
+    """Write the labels that the user has given to points, and return the file or None if there are none."""
     points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.point_labels]
     return _write(path, {"format": "manifold_mocap_user_labels", "version": 1, "points": points}) if points else None
 
@@ -130,11 +121,7 @@ def _write(path: Path, values: dict[str, Any]) -> Path:
 
 
 def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path | None:
-    """Return the file in a property, None if it is empty.
-
-    Raises:
-        TakeMissing: the file no longer exists.
-    """
+    """Return the file in a property, None if it is empty. A file that no longer exists is an error."""
     if not getattr(settings, name):
         return None
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
@@ -145,11 +132,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, remedy: str) -> Path 
 
 
 def folder_of_takes(scene: bpy.types.Scene, preferred: Path) -> Path:
-    """Return the folder for takes: the preferred one, or one in the folder of captures if that cannot be written to.
-
-    Raises:
-        OutputNotWritable: neither can be written to.
-    """
+    """Return the folder for takes: the preferred one, or one in the folder of captures if that cannot be written to."""
     try:
         return usable(preferred)
     except OutputNotWritable:

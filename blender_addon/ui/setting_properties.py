@@ -164,13 +164,7 @@ def listed(name: str, items: Any) -> Any:
 
 
 def make_property(row: Setting, default: Any, **more: Any) -> Any:
-    """Return the property of a setting. Empty text and 0 stand for no value.
-
-    Args:
-        row: the setting.
-        default: its default.
-        more: further arguments of the property.
-    """
+    """Return the property of a setting, with further arguments. Empty text and 0 stand for no value."""
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
@@ -200,12 +194,7 @@ def make_property(row: Setting, default: Any, **more: Any) -> Any:
 
 
 def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[str, Any]:
-    """Return solver settings as a job file has them, without empty texts.
-
-    Args:
-        properties: a property group of the solver settings.
-        names: of the settings.
-    """
+    """Return solver settings as a job file has them, without empty texts."""
     values: Mapping[str, Any] = {name: getattr(properties, name) for name in names}
     # Blender's numbers are in single precision: 0.1 is 0.10000000149.
     plain = {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
@@ -214,12 +203,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
 
 
 def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
-    """Return the solver's command-line options of reading settings that differ from their defaults.
-
-    Args:
-        properties: a property group of the reading settings.
-        listed: choices from lists, by name.
-    """
+    """Return the solver's command-line options of reading settings, and of choices from lists, that are not default."""
     plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
     return options_of(plain | dict(listed))
 

@@ -27,11 +27,7 @@ _BAND_PX = 5.0
 
 
 class Drawing:
-    """Draw handlers that exist while the add-on is enabled.
-
-    Args:
-        handlers: space, function and event of each.
-    """
+    """Draw handlers that exist while the add-on is enabled: space, function and event of each."""
 
     def __init__(self, *handlers: tuple[Any, Callable[[], None], str]) -> None:
         self._handlers = handlers
@@ -146,9 +142,7 @@ _weights: dict[tuple[str, int], np.ndarray] = {}
 
 def shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
     """Yield the reviews with visible confidence."""
-    for review in reviews_of(scene):
-        if review.colours:
-            yield review
+    return (review for review in reviews_of(scene) if review.colours)
 
 
 def reviews_of(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
@@ -200,12 +194,7 @@ def _draw_bands() -> None:
 
 
 def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
-    """Draw an evaluated mesh slightly off its surface in the colours of its vertices.
-
-    Args:
-        posed: the evaluated object.
-        shades: (V, 3) colours.
-    """
+    """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
     import gpu  # pyright: ignore[reportMissingImports]
     import numpy as np
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]

@@ -14,6 +14,7 @@ from bpy.app.handlers import persistent
 from ..._exchange.errors import MocapError, sentence
 from ...conventions.file_paths import absolute
 from ...errors import WindowClosed
+from ..layout import redraw
 from ..preferences import chosen_python
 from ..project_files import RELATIVE, following
 
@@ -33,10 +34,9 @@ _REDRAW_S = 1.0
 
 @dataclass(frozen=True)
 class Need:
-    """A condition of an operator."""
+    """A condition of an operator, and the message while it is not met."""
 
     message: str
-    """Shown while the condition is not met."""
     is_met: Callable[[bpy.types.Context], Any]
 
 
@@ -54,6 +54,10 @@ EDITABLE = Need(
 )
 OBJECT_MODE = Need("Change to object mode first", lambda context: context.mode == "OBJECT")
 IDLE = Need("The solver is running; wait or cancel first", lambda context: not current.busy)
+
+
+Answer = set[str] | str | None
+"""Result of an operator's work: the message to report, None for none, or the set that Blender expects."""
 
 
 class MocapOperator(Operator):
@@ -74,27 +78,25 @@ class MocapOperator(Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether all needs are met, and tell the user about the first that is not."""
         unmet = next((need for need in cls.needs if not need.is_met(context)), None)
         if unmet is not None:
             cls.poll_message_set(unmet.message)
         return unmet is None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Do the work, or report an error."""
         try:
-            return self.work(context)
+            return self.answer(self.work(context))
         except MocapError as error:
             self.report({"ERROR"}, str(error))
             return {"CANCELLED"}
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Do the work and return the operator's answer.
-
-        Raises:
-            MocapError: it cannot be done.
-        """
+    def work(self, context: bpy.types.Context) -> Answer:
+        """Do the work. A ``MocapError`` is reported."""
         raise NotImplementedError
+
+    def answer(self, found: Answer) -> set[str]:
+        """Report a message as information, and return the set that Blender expects."""
+        return found if isinstance(found, set) else self.finish(found or "")
 
     def finish(self, message: str = "", *, warn: Any = False) -> set[str]:
         """Report a result and return that the work is done."""
@@ -102,10 +104,24 @@ class MocapOperator(Operator):
             self.report({"WARNING"} if warn else {"INFO"}, message)
         return {"FINISHED"}
 
-    def give_up(self, message: str) -> set[str]:
+    def give_up(self, message: str, kind: str = "WARNING") -> set[str]:
         """Report a reason and return that nothing was done."""
-        self.report({"WARNING"}, message)
+        self.report({kind}, message)
         return {"CANCELLED"}
+
+
+def operator(label: str, *needs: Need, options: set[str] = UNDOABLE, **properties: Any) -> Callable[..., Any]:
+    """Return a decorator that makes an operator of the function that does its work, ``MOCAP_OT_<function>``.
+
+    The function takes the operator, which has the properties, and the context. Its docstring is the tooltip.
+    """
+
+    def make(work: Callable[..., Answer]) -> type:
+        members = {"__doc__": work.__doc__, "__module__": work.__module__, "__annotations__": properties}
+        members |= {"bl_label": label, "bl_options": options, "needs": needs, "work": work}
+        return type(f"MOCAP_OT_{work.__name__}", (MocapOperator, bpy.types.Operator), members)
+
+    return make
 
 
 class ViewportDrop(FileHandler):
@@ -113,16 +129,13 @@ class ViewportDrop(FileHandler):
 
     @classmethod
     def poll_drop(cls, context: bpy.types.Context) -> bool:
-        """Accept files in the 3D viewport."""
         return context.area is not None and context.area.type == "VIEW_3D"
 
 
 def choose_file(suffixes: Sequence[str], *, several: bool = False) -> Any:
     """Return a mixin with the properties of Blender's file browser, to stand before its helper among the bases.
 
-    Args:
-        suffixes: of the files to show.
-        several: whether several files, a folder or dropped files are accepted.
+    With ``several``, several files, a folder or dropped files are accepted.
     """
     hidden = {"options": {"HIDDEN", "SKIP_SAVE"}}
     path: dict[str, Any] = {"options": {"HIDDEN", "SKIP_SAVE"} | RELATIVE}
@@ -235,27 +248,18 @@ class SolverOperator(MocapOperator):
     _scene = ""
 
     def call(self, context: bpy.types.Context) -> Call:
-        """Return the command line of the run.
-
-        Raises:
-            MocapError: the run cannot be started.
-        """
+        """Return the command line of the run. A ``MocapError`` is reported."""
         raise NotImplementedError
 
-    def received(self, context: bpy.types.Context, result: Any) -> set[str]:
-        """Take the result into the scene and return the operator's answer."""
+    def received(self, context: bpy.types.Context, result: Any) -> Answer:
+        """Take the result into the scene."""
         raise NotImplementedError
 
     def rescue(self, context: bpy.types.Context) -> str:
-        """Take the finished parts of a failed run into the scene, and return a sentence about them or "".
-
-        Raises:
-            MocapError: the parts cannot be read.
-        """
+        """Take the finished parts of a failed run into the scene, and return a sentence about them or ""."""
         return ""
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start the run."""
+    def work(self, context: bpy.types.Context) -> Answer:
         return self.begin(context, self.call(context))
 
     def begin(self, context: bpy.types.Context, call: Call) -> set[str]:
@@ -268,18 +272,14 @@ class SolverOperator(MocapOperator):
         return self.follow(context, start_verb(self.verb, words, call.folder))
 
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
-        """Start the solver and follow it. Without a window, wait for it.
-
-        Raises:
-            MocapError: it cannot be started.
-        """
+        """Start the solver and follow it."""
         from ...solving.run import start
 
         self._hold(context)
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
-        """Follow a run that was started. Without a window, wait for it."""
+        """Follow a run. Without a window, wait for it."""
         if not self._scene:
             self._hold(context)
         current.run = run
@@ -299,7 +299,6 @@ class SolverOperator(MocapOperator):
         self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Poll the run on each timer event, and let every other event pass."""
         run = current.run
         if run is None:  # abandoned
             self._stop_timer(context)
@@ -314,7 +313,6 @@ class SolverOperator(MocapOperator):
         return self._ended(context)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the run when Blender closes the window or opens another file."""
         self._stop_timer(context)
         hint = "Start it again from a window that stays open."
         error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
@@ -347,7 +345,7 @@ class SolverOperator(MocapOperator):
         _show(context, None)
         try:
             if run.result is not None:
-                return self.received(context, run.result)
+                return self.answer(self.received(context, run.result))
             error = run.error or {}
             if error.get("code") == "cancelled":
                 self.report({"INFO"}, sentence(error))
@@ -366,37 +364,24 @@ class SolverOperator(MocapOperator):
             self._timer = None
 
 
-class MOCAP_OT_cancel(MocapOperator, bpy.types.Operator):
+@operator("Cancel", Need("Nothing is running", lambda context: current.busy), options=INTERNAL)
+def cancel(self: Any, context: bpy.types.Context) -> None:
     """End the current run without leaving unfinished files, and keep all earlier takes."""
-
-    bl_label = "Cancel"
-    bl_options = INTERNAL
-    needs = (Need("Nothing is running", lambda context: current.busy),)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        if current.run is not None:
-            current.run.cancel()
-        return self.finish()
+    if current.run is not None:
+        current.run.cancel()
 
 
-class MOCAP_OT_dismiss(MocapOperator, bpy.types.Operator):
+_MESSAGE = Need("There is no message", lambda context: current.last is not None and not current.busy)
+
+
+@operator("Dismiss", _MESSAGE, options=INTERNAL)
+def dismiss(self: Any, context: bpy.types.Context) -> None:
     """Remove this message together with its log."""
-
-    bl_label = "Dismiss"
-    bl_options = INTERNAL
-    needs = (Need("There is no message", lambda context: current.last is not None and not current.busy),)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        current.last = None
-        return self.finish()
+    current.last = None
 
 
 def _show(context: bpy.types.Context, status: str | None) -> None:
     """Redraw the sidebars, and write a line into the status bar or clear it."""
-    for window in context.window_manager.windows:
-        if not bpy.app.background:
-            window.workspace.status_text_set(status)
-        for area in window.screen.areas:
-            for region in area.regions if area.type == "VIEW_3D" else ():
-                if region.type == "UI":  # redrawing the viewport itself may be slow
-                    region.tag_redraw()
+    for window in context.window_manager.windows if not bpy.app.background else ():
+        window.workspace.status_text_set(status)
+    redraw("UI")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -13,7 +13,7 @@ from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
 from ...conventions.naming import next_path
-from .base import CAMERAS, IDLE, Call, MocapOperator, Need, SolverOperator, options
+from .base import CAMERAS, IDLE, Call, Need, SolverOperator, operator, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, CheckResult, RefineResult
@@ -31,31 +31,19 @@ def _in_viewport(context: bpy.types.Context) -> bool:
     return context.space_data is not None and context.space_data.type == "VIEW_3D"
 
 
-class MOCAP_OT_leave_out_range(MocapOperator, bpy.types.Operator):
+@operator("Leave Out Range", index=int)
+def leave_out_range(self: Any, context: bpy.types.Context) -> None:
     """Leave this camera out of the range set under Fix a Range."""
-
-    bl_label = "Leave Out Range"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        settings = context.scene.mocap
-        item = settings.capture.left_out.add()
-        item.name = settings.capture.cameras[self.index].name
-        item.first, item.last = settings.review.first, settings.review.last
-        return self.finish()
+    settings = context.scene.mocap
+    item = settings.capture.left_out.add()
+    item.name = settings.capture.cameras[self.index].name
+    item.first, item.last = settings.review.first, settings.review.last
 
 
-class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
+@operator("Use Range Again", index=int)
+def use_range(self: Any, context: bpy.types.Context) -> None:
     """Use the camera in these frames again."""
-
-    bl_label = "Use Range Again"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        context.scene.mocap.capture.left_out.remove(self.index)
-        return self.finish()
+    context.scene.mocap.capture.left_out.remove(self.index)
 
 
 class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
@@ -72,7 +60,6 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         return Call([str(source)], source.parent)
 
     def received(self, context: bpy.types.Context, result: CheckResult) -> set[str]:
-        """Keep the findings for the panel."""
         capture, verdict = context.scene.mocap.capture, result["verdict"]
         lines = [
             f"{verdict[:1].upper()}{verdict[1:]}",
@@ -100,8 +87,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
         folder = folder_of_takes(context.scene, source.parent)
         return Call([str(source), *options(out=next_path(folder, "capture_refined", ".npz"))], folder)
 
-    def received(self, context: bpy.types.Context, result: RefineResult) -> set[str]:
-        """Move the cameras."""
+    def received(self, context: bpy.types.Context, result: RefineResult) -> str:
         capture = context.scene.mocap.capture
         rows = {row["name"]: row for row in result["refined"]}
         original = capture.original or capture.file
@@ -110,7 +96,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
         for item in capture.cameras:
             row = rows[item.name]
             item.before_px, item.after_px = row["before_px"] or 0.0, row["after_px"] or 0.0
-        return self.finish(f"Refined: {capture.refined_text()}. Solve again to use it")
+        return f"Refined: {capture.refined_text()}. Solve again to use it"
 
 
 class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
@@ -125,14 +111,13 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
         copy = options(out=source.with_name("capture_restored.npz"), overwrite=True)
         return Call([str(source), *copy], source.parent)
 
-    def received(self, context: bpy.types.Context, result: CaptureResult) -> set[str]:
-        """Move the cameras back."""
+    def received(self, context: bpy.types.Context, result: CaptureResult) -> str:
         capture = context.scene.mocap.capture
         Path(result["capture"]).unlink(missing_ok=True)
         original = str(file_of(capture.original))
         capture = _replace_cameras(context.scene, capture, {**result, "capture": original})
         capture.original = ""
-        return self.finish("The cameras are restored to the recording's calibration")
+        return "The cameras are restored to the recording's calibration"
 
 
 def _replace_cameras(
@@ -150,49 +135,32 @@ def _replace_cameras(
     return capture
 
 
-class MOCAP_OT_view_camera(MocapOperator, bpy.types.Operator):
+@operator("Look Through Camera", index=int)
+def view_camera(self: Any, context: bpy.types.Context) -> None:
     """Look through this camera, with the body over its footage."""
+    from ...scene.cameras import look_through
 
-    bl_label = "Look Through Camera"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...scene.cameras import look_through
-
-        cameras = context.scene.mocap.capture.cameras
-        chosen = cameras[self.index].object if self.index < len(cameras) else None
-        if chosen is None:
-            raise CaptureInvalid("This camera was deleted.", hint="Import the capture again.")
-        look_through(context.scene, chosen)
-        _show_detections(context.scene, chosen)
-        if _in_viewport(context):
-            context.space_data.region_3d.view_perspective = "CAMERA"
-        return self.finish()
+    cameras = context.scene.mocap.capture.cameras
+    chosen = cameras[self.index].object if self.index < len(cameras) else None
+    if chosen is None:
+        raise CaptureInvalid("This camera was deleted.", hint="Import the capture again.")
+    look_through(context.scene, chosen)
+    _show_detections(context.scene, chosen)
+    if _in_viewport(context):
+        context.space_data.region_3d.view_perspective = "CAMERA"
 
 
-class MOCAP_OT_leave_camera(MocapOperator, bpy.types.Operator):
+@operator("Leave Camera", Need("The viewport does not look through a camera", in_camera_view))
+def leave_camera(self: Any, context: bpy.types.Context) -> None:
     """Return to the free view, with the detections of all cameras and the whole floor."""
-
-    bl_label = "Leave Camera"
-    needs = (Need("The viewport does not look through a camera", in_camera_view),)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        _show_detections(context.scene, None)
-        context.space_data.region_3d.view_perspective = "PERSP"
-        return self.finish()
+    _show_detections(context.scene, None)
+    context.space_data.region_3d.view_perspective = "PERSP"
 
 
-class MOCAP_OT_show_capture(MocapOperator, bpy.types.Operator):
+@operator("Show Capture", index=int)
+def show_capture(self: Any, context: bpy.types.Context) -> None:
     """Show this capture in the panels, as an active object of the capture does."""
-
-    bl_label = "Show Capture"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        context.scene.mocap.show(self.index)
-        return self.finish()
+    context.scene.mocap.show(self.index)
 
 
 def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:

@@ -28,6 +28,7 @@ from .base import (
     Need,
     SolverOperator,
     choose_file,
+    operator,
     options,
 )
 
@@ -43,7 +44,6 @@ class ChoosesOutput(ExportHelper):
 
     @property
     def filename_ext(self) -> str:
-        """Suffix of the file name."""
         raise NotImplementedError
 
     def browse(self, context: bpy.types.Context, event: bpy.types.Event, name: str) -> set[str]:
@@ -54,11 +54,7 @@ class ChoosesOutput(ExportHelper):
         return ExportHelper.invoke(self, context, event)
 
     def output(self) -> Path:
-        """Return the chosen path.
-
-        Raises:
-            OutputNotWritable: it is relative to a file that was never saved.
-        """
+        """Return the chosen path. A path relative to a file that was never saved is an error."""
         if self.filepath.startswith("//") and not bpy.data.filepath:
             message = "A path that starts with // needs a saved file."
             raise OutputNotWritable(message, where=self.filepath, hint="Save it, or enter the whole path.")
@@ -106,7 +102,6 @@ class MOCAP_OT_export_take(
         return FORMATS[self.format].suffix
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the options of the format."""
         layout, chosen = self.layout, FORMATS[self.format]
         layout.use_property_split = True
         ranged = ("first", "last") if self.use_range else ()
@@ -183,9 +178,9 @@ class MOCAP_OT_export_markers(
         words = options(out=path, contents=self.contents, overwrite=self.overwrite)
         return Call([str(motion), *words], usable(path.parent))
 
-    def received(self, context: bpy.types.Context, result: MarkersResult) -> set[str]:
+    def received(self, context: bpy.types.Context, result: MarkersResult) -> str:
         count = f"{result['frames']} frames of {result['markers']} {self.contents} markers"
-        return self.finish(f"Wrote {count} to {absolute(self.filepath).name}")
+        return f"Wrote {count} to {absolute(self.filepath).name}"
 
 
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -244,26 +239,20 @@ def before_load(*_: object) -> None:
     playing.stop()
 
 
-class MOCAP_OT_send_take(MocapOperator, bpy.types.Operator):
+_BODY_TO_SEND = Need(
+    "Solve a capture or import a motion first",
+    lambda context: playing.busy or context.scene.mocap.review.armature is not None,
+)
+
+
+@operator("Send While Playing", _BODY_TO_SEND, options=INTERNAL)
+def send_take(self: Any, context: bpy.types.Context) -> None:
     """Send the body's pose with every hand edit over VMC in each frame that is shown."""
+    from ...scene.take_sender import TakeSender
 
-    bl_label = "Send While Playing"
-    bl_options = INTERNAL
-    needs = (
-        Need(
-            "Solve a capture or import a motion first",
-            lambda context: playing.busy or context.scene.mocap.review.armature is not None,
-        ),
-    )
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start with the pose of this frame, or stop."""
-        from ...scene.take_sender import TakeSender
-
-        if playing.busy:
-            playing.stop()
-            return self.finish()
-        address = allowed_address(context.scene.mocap.live.send_to)
-        playing.begin(TakeSender(context.scene.mocap.review.armature, address), f"Sending to {address} while playing.")
-        playing.on_frame(context.scene)
-        return self.finish()
+    if playing.busy:
+        playing.stop()
+        return
+    address = allowed_address(context.scene.mocap.live.send_to)
+    playing.begin(TakeSender(context.scene.mocap.review.armature, address), f"Sending to {address} while playing.")
+    playing.on_frame(context.scene)

@@ -3,29 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic
 from ..._exchange.errors import ErrorEvent
-from .base import IDLE, MocapOperator
-from .cameras import MOCAP_OT_refine_cameras
-from .review import MOCAP_OT_feet_to_floor
+from .base import IDLE, MocapOperator, operator
 
 
-class MOCAP_OT_leave_camera_out(MocapOperator, bpy.types.Operator):
+@operator("Leave Out", camera=str)
+def leave_camera_out(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Solve without this camera, until you tick it under Cameras again."""
-
-    bl_label = "Leave Out"
-
-    camera: str
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        item = next((item for item in context.scene.mocap.capture.cameras if item.name == self.camera), None)
-        if item is None:
-            return self.give_up(f"The capture has no camera '{self.camera}'")
-        item.use = False
-        return self.finish(f"'{self.camera}' is excluded: solve again")
+    item = next((item for item in context.scene.mocap.capture.cameras if item.name == self.camera), None)
+    if item is None:
+        return self.give_up(f"The capture has no camera '{self.camera}'")
+    item.use = False
+    return f"'{self.camera}' is excluded: solve again"
 
 
 class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
@@ -39,7 +33,6 @@ class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
 
     @classmethod
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        """Return the tooltip with the option and its value."""
         prop = _group_of(context, properties.option).bl_rna.properties.get(properties.option)
         name = properties.option if prop is None else prop.name
         return f"Set {name} to {properties.value}, and read the capture again"
@@ -49,8 +42,7 @@ class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
         try:
             setattr(group, self.option, type(getattr(group, self.option))(self.value))
         except (AttributeError, TypeError, ValueError):  # the option or its value comes from a file
-            self.report({"ERROR"}, f"Reading Options have no {self.option} '{self.value}'")
-            return {"CANCELLED"}
+            return self.give_up(f"Reading Options have no {self.option} '{self.value}'", "ERROR")
         source = context.scene.mocap.capture.source
         started = bpy.ops.mocap.import_capture("INVOKE_DEFAULT", filepath=source)
         return {"CANCELLED"} if started == {"CANCELLED"} else {"FINISHED"}
@@ -76,11 +68,11 @@ class Fix:
 
 
 def _again(text: str, option: str, value: str, *, is_choice: bool = True) -> Fix:
-    return Fix(MOCAP_OT_read_again.bl_idname, text, (("option", option), ("value", value)), is_choice)
+    return Fix("mocap.read_again", text, (("option", option), ("value", value)), is_choice)
 
 
-_REFINE = Fix(MOCAP_OT_refine_cameras.bl_idname, "Refine Calibration")
-_FLOOR = Fix(MOCAP_OT_feet_to_floor.bl_idname, "Feet to Floor")
+_REFINE = Fix("mocap.refine_cameras", "Refine Calibration")
+_FLOOR = Fix("mocap.feet_to_floor", "Feet to Floor")
 _FIXES = {
     _REFINE: "camera_turned camera_disagrees camera_moved cameras_shifted",
     _FLOOR: "feet_above_floor floor_too_high foot_below_floor",
@@ -107,7 +99,7 @@ def fix_of(found: Diagnostic) -> Fix | None:
     """Return the fix of a diagnostic, None if it has no button."""
     if found.code in _LEFT_OUT and found.where.cameras:
         camera = found.where.cameras[0]
-        return Fix(MOCAP_OT_leave_camera_out.bl_idname, f"Leave Out {camera}", (("camera", camera),))
+        return Fix("mocap.leave_camera_out", f"Leave Out {camera}", (("camera", camera),))
     fix = _FIX_OF.get(found.code)
     if fix is None:
         return None

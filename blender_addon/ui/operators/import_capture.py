@@ -36,7 +36,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return self.execute(context) if is_chosen(self) else ImportHelper.invoke(self, context, event)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> Any:
         """Start reading, or bake a solved motion at once."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
@@ -48,7 +48,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over))
         current.last = None
-        return self.finish(f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}")
+        return f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}"
 
     def call(self, context: bpy.types.Context) -> Call:
         from ...solving.take_paths import capture_folder, capture_root, is_session
@@ -61,7 +61,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
         out = options(out=folder if is_session(source) else folder / "capture.npz", overwrite=True)
         return Call([str(source), *out, *settings.reading.arguments(), f"--sync={settings.solve.sync}"], folder)
 
-    def received(self, context: bpy.types.Context, result: Any) -> set[str]:
+    def received(self, context: bpy.types.Context, result: Any) -> None:
         """Set up the scene for each capture. The longest trial of a session sets the frame range."""
         from .import_results import takes_over
 
@@ -73,7 +73,6 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
             last = max(last, scene.mocap.capture.review.last)
         if take_over:
             scene.frame_end = max(scene.frame_end, last)
-        return self.finish()
 
     def _set_up(self, context: bpy.types.Context, result: CaptureResult, source: Path) -> None:
         from .import_results import present_capture, set_up_said, take_capture, takes_over
@@ -105,13 +104,12 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
         folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
         return Call(options(out=folder / "capture.npz", overwrite=True, markers=markers), folder)
 
-    def received(self, context: bpy.types.Context, result: CaptureResult) -> set[str]:
+    def received(self, context: bpy.types.Context, result: CaptureResult) -> None:
         from .import_results import present_capture, take_capture
 
         stage = take_capture(context.scene, result)
         context.scene.mocap.capture.source = stored(result["capture"])
         present_capture(context, stage)
-        return self.finish()
 
 
 class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -51,22 +51,12 @@ class BringsMotion(SolverOperator):
         raise NotImplementedError
 
     def bring(self, context: bpy.types.Context, clip: Path, name: str, more: Sequence[str] = ()) -> Call:
-        """Return the command line for a clip.
-
-        Args:
-            context: of the window.
-            clip: file with the motion.
-            name: of the motion file.
-            more: further options of the verb.
-
-        Raises:
-            MocapError: the folder of takes cannot be written to.
-        """
+        """Return the command line that fits a clip into the motion file of a name, with further options of the verb."""
         folder = usable(files_folder(context.scene))
         out = options(out=next_path(folder, safe_name(name), ".npz"))
         return Call([str(clip), *out, *more], folder, clip.suffix.lower() in THROUGH_BLENDER)
 
-    def received(self, context: bpy.types.Context, result: ClipResult) -> set[str]:
+    def received(self, context: bpy.types.Context, result: ClipResult) -> str:
         """Bake the motion and report the findings."""
         from ...scene.session import undisturbed
         from ..project_files import bring_home
@@ -80,7 +70,7 @@ class BringsMotion(SolverOperator):
             self.report({"WARNING"}, note)
         off_mm = result.get("distance_mm")
         near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
-        return self.finish(f"Baked '{take.action.name}'{near}")
+        return f"Baked '{take.action.name}'{near}"
 
 
 def remarks(result: Remarks) -> tuple[str, ...]:
@@ -114,7 +104,7 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIO
     scene_setup: SCENE_SETUP
     floor: switch("Floor", "Add a floor of metre tiles", on=True)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> Any:
         """Bake one of our motions at once, or start the fit of a clip."""
         from ..._exchange.motion_file import is_motion
 
@@ -135,7 +125,7 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIO
         take_over = takes_over(context.scene, self.scene_setup)
         return BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over, floor=self.floor)
 
-    def _bake(self, context: bpy.types.Context, file: Path) -> set[str]:
+    def _bake(self, context: bpy.types.Context, file: Path) -> str:
         from .import_results import add_motion, set_up_said
 
         settings = self.bake_settings(context)
@@ -145,7 +135,7 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIO
         for note in take.notes:
             self.report({"WARNING"}, note)
         message = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
-        return self.finish(f"{message}; {set_up_said(context.scene, take_over=settings.set_scene)}")
+        return f"{message}; {set_up_said(context.scene, take_over=settings.set_scene)}"
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
@@ -249,8 +239,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
             words.append(f"--armature={self.armature}")
         return Call(words, folder, through_blender)
 
-    def received(self, context: bpy.types.Context, result: GlovesResult) -> set[str]:
-        """Bake the motion as a new take on a body with fingers."""
+    def received(self, context: bpy.types.Context, result: GlovesResult) -> str:
         from ...animation.takes import SolveFiles, take_file
         from .import_results import take_motion
 
@@ -260,4 +249,4 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
         for note in remarks(result):
             self.report({"WARNING"}, note)
         hands = sum(len(recording["sides"]) for recording in result["gloves"])
-        return self.finish(f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}")
+        return f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}"

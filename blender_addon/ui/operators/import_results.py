@@ -42,13 +42,7 @@ _NAMED = ("known", "unknown", "computed", "doubled")
 
 
 def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
-    """Keep the meaning and gaps of each label, and the object with the markers.
-
-    Args:
-        capture: settings of the scene's capture.
-        result: result event of the verb ``convert``.
-        stage: the capture's objects.
-    """
+    """Keep the meaning and gaps of each label of a result of ``convert``, and the object with the markers."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
     capture.subjects = ", ".join(names.get("subjects", ()))
@@ -82,15 +76,13 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
         scene: the scene.
         result: result event of the verb ``convert``.
         source: the file or folder that the user chose. Footage may be in its folder.
-
-    Raises:
-        MocapError: the capture file is missing or wrong.
     """
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()
     if not settings.reading.footage_anywhere:
-        file, refused = near_footage(file, [path.parent, *_folder_of(source)])
+        folders = [] if source is None else [source if source.is_dir() else source.parent]
+        file, refused = near_footage(file, [path.parent, *folders])
     known = next((i for i, capture in enumerate(settings.captures) if file_of(capture.file) == path), None)
     existing = None if known is None else settings.captures[known]
     take_over = takes_over(scene, scene.mocap.reading.scene_setup)
@@ -131,12 +123,6 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
         review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
-
-
-def _folder_of(source: Path | None) -> list[Path]:
-    if source is None:
-        return []
-    return [source if source.is_dir() else source.parent]
 
 
 def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
@@ -204,9 +190,6 @@ def take_motion(
         of: one of the scene's captures, None for the current one.
         again: the frames that were solved again, while all others keep their edits. None for a whole take.
         result: result event of the solve with the take's error and warnings, None if it is unknown.
-
-    Raises:
-        MocapError: the motion or the body cannot be read, or do not belong together.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -276,9 +259,6 @@ def add_motion(
         settings: of the bake.
         capture: capture file with cameras and detections to add, None for none.
         body: body file, None for the one of the solve.
-
-    Raises:
-        MocapError: a file is missing or wrong.
     """
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)

@@ -15,9 +15,10 @@ from ..._exchange.vmc.sender import FACES, PORTS
 from ...conventions.file_paths import absolute, stored
 from ...conventions.naming import next_path
 from ..acquisition_properties import allowed_address, sending_options
+from ..layout import redraw
 from ..preferences import chosen_python, detector_for
 from ..project_files import files_folder, usable
-from .base import INTERNAL, OBJECT_MODE, MocapOperator, Need, options
+from .base import INTERNAL, OBJECT_MODE, MocapOperator, Need, operator, options
 from .retarget import chosen_settings, chosen_target, table_map
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class CurrentLive:
         face: LiveFace | None = None,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene from now on.
+        """Show a run in a scene from now on. If the body or the rig cannot be made, kill the run.
 
         Args:
             run: the run.
@@ -75,9 +76,6 @@ class CurrentLive:
             on_recorded: called with the recording of a sensor run at the end.
             face: shape keys to move.
             character: makes the rig to move.
-
-        Raises:
-            MocapError, RuntimeError: the body or the rig cannot be made, and the run is killed.
         """
         import numpy as np
 
@@ -126,7 +124,7 @@ class CurrentLive:
             now = time.monotonic()
             panels = run.finished or now - self._panels_drawn > _PANELS_S
             self._panels_drawn = now if panels else self._panels_drawn
-            _redraw(panels=panels)
+            redraw("WINDOW", "UI") if panels else redraw("WINDOW")
         return None if self.run is None else _INTERVAL_S
 
     def _reshape(self, run: LiveRun, figure: LiveFigure) -> None:
@@ -169,15 +167,6 @@ def before_load(*_: object) -> None:
     live.abandon()
 
 
-def _redraw(*, panels: bool) -> None:
-    """Redraw the viewports, and their much slower panels if asked for."""
-    for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
-        for area in window.screen.areas:
-            for region in area.regions if area.type == "VIEW_3D" else ():
-                if panels or region.type == "WINDOW":
-                    region.tag_redraw()
-
-
 ALONE = Need("Live is running; stop it first", lambda context: not live.busy)
 
 
@@ -189,9 +178,8 @@ def source_of(scene: bpy.types.Scene) -> str:
 
 def _has_source(context: bpy.types.Context) -> bool:
     settings = context.scene.mocap.live
-    if settings.kind == "VMC":
-        return bool(settings.listen)
-    return settings.kind == "CAMERAS" or bool(source_of(context.scene))
+    chosen = {"VMC": settings.listen, "CAMERAS": True}
+    return bool(chosen[settings.kind] if settings.kind in chosen else source_of(context.scene))
 
 
 def _has_cameras(context: bpy.types.Context) -> bool:
@@ -203,44 +191,35 @@ _SOURCE = Need("Choose a marker recording or a motion, or import one", _has_sour
 _CAMERAS = Need("Enter the cameras, such as webcam:0 webcam:1, and choose their calibration", _has_cameras)
 
 
-class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
+@operator("Start Live", ALONE, OBJECT_MODE, _SOURCE, _CAMERAS)
+def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
     """Move a body live with the markers or poses of a recording, another program or cameras."""
+    from ...scene.live_figure import LiveFace, read_face_table
 
-    bl_label = "Start Live"
-    needs = (ALONE, OBJECT_MODE, _SOURCE, _CAMERAS)
+    scene, settings = context.scene, context.scene.mocap.live
+    require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")
+    face, body = None, True
+    if settings.kind == "VMC":
+        body = allowed_address(settings.listen, tuple(PORTS)).scheme not in FACES
+        if settings.face_mesh:
+            table = read_face_table(absolute(settings.face_table)) if settings.face_table else {}
+            face = LiveFace(settings.face_mesh, table)
+    run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
+    character = partial(_character, self, context) if settings.drive and body else None
+    live.begin(run, scene, face=face, body=body, fingers=_has_poses(scene), character=character)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start the solver, and make the body, face and character to move."""
-        from ...scene.live_figure import LiveFace, read_face_table
 
-        scene, settings = context.scene, context.scene.mocap.live
-        require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")
-        face, body = None, True
-        if settings.kind == "VMC":
-            body = allowed_address(settings.listen, tuple(PORTS)).scheme not in FACES
-            if settings.face_mesh:
-                table = read_face_table(absolute(settings.face_table)) if settings.face_table else {}
-                face = LiveFace(settings.face_mesh, table)
-        run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
-        character = partial(self._character, context) if settings.drive and body else None
-        live.begin(run, scene, face=face, body=body, fingers=_has_poses(scene), character=character)
-        return self.finish()
+def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFile) -> LiveRig:
+    """Return the target of the retargeting as a live rig."""
+    import numpy as np
 
-    def _character(self, context: bpy.types.Context, body: BodyFile) -> LiveRig:
-        """Return the target of the retargeting as a live rig.
+    from ...retarget.live_rig import LiveRig
 
-        Raises:
-            MapInvalid, TargetUnsuitable: there is none, or it cannot follow.
-        """
-        import numpy as np
-
-        from ...retarget.live_rig import LiveRig
-
-        scene = context.scene
-        rig = LiveRig(chosen_target(context), scene, table_map(context), chosen_settings(scene), body, np.zeros(10))
-        for note in rig.notes:
-            self.report({"WARNING"}, note)
-        return rig
+    scene = context.scene
+    rig = LiveRig(chosen_target(context), scene, table_map(context), chosen_settings(scene), body, np.zeros(10))
+    for note in rig.notes:
+        operator.report({"WARNING"}, note)
+    return rig
 
 
 def _has_poses(scene: bpy.types.Scene) -> bool:
@@ -252,11 +231,7 @@ def _has_poses(scene: bpy.types.Scene) -> bool:
 
 
 def _file_or_program(context: bpy.types.Context) -> LiveRun:
-    """Start a run of a recording, a motion, or another program's poses or face.
-
-    Raises:
-        MocapError: a file does not exist, or the address is invalid.
-    """
+    """Start a run of a recording, a motion, or another program's poses or face."""
     from ..._exchange.motion_file import is_motion
     from ...solving.live import start_live
 
@@ -279,11 +254,7 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
-    """Start a run of cameras.
-
-    Raises:
-        MocapError: a file does not exist.
-    """
+    """Start a run of cameras."""
     from ...solving.live import start_cameras
 
     scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
@@ -305,17 +276,11 @@ def _video(text: str) -> str:
     return f"{name}{equals}{absolute(path)}"
 
 
-class MOCAP_OT_live_stop(MocapOperator, bpy.types.Operator):
+@operator("Stop", Need("Live is not running", lambda context: live.busy), options=INTERNAL)
+def live_stop(self: MocapOperator, context: bpy.types.Context) -> None:
     """Stop the live run after it has saved its recording."""
-
-    bl_label = "Stop"
-    bl_options = INTERNAL
-    needs = (Need("Live is not running", lambda context: live.busy),)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        if live.run is not None:
-            live.run.stop()
-        return self.finish()
+    if live.run is not None:
+        live.run.stop()
 
 
 def require_there(*paths: str) -> None:

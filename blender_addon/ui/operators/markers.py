@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
-from .base import MARKERS, MocapOperator, Need
+from .base import MARKERS, MocapOperator, Need, operator
 
 _REACH_PX = 25.0
 """Maximum distance of a click from a point, chosen by hand."""
@@ -58,41 +60,29 @@ def choose_nearest(
     return True
 
 
-class MOCAP_OT_label_point(MocapOperator, bpy.types.Operator):
+@operator("Label Point", MARKERS, _SHOWN)
+def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
     """Label the selected point in this frame, so that the next solve labels the recording around it."""
+    from ...scene.marker_cloud import marker_positions, played_row
 
-    bl_label = "Label Point"
-    needs = (MARKERS, _SHOWN)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...scene.marker_cloud import marker_positions, played_row
-
-        capture = context.scene.mocap.capture
-        index = capture.marker_index
-        if not 0 <= index < len(capture.marker_items):
-            self.report({"ERROR"}, "Select a point first, with Pick or in the list")
-            return {"CANCELLED"}
-        label, frame = capture.marker_items[index].name, context.scene.frame_current_final
-        if label not in marker_positions(capture.cloud, frame):
-            self.report({"ERROR"}, f"{label} is not visible in this frame; go to a frame with this point")
-            return {"CANCELLED"}
-        row = played_row(capture.cloud, frame)
-        item = next((item for item in capture.point_labels if (item.point, item.frame) == (index, row)), None)
-        item = item or capture.point_labels.add()
-        item.name, item.point, item.frame = label, index, row
-        item.marker = "" if capture.label_name == "NONE" else capture.label_name
-        return self.finish()
+    capture = context.scene.mocap.capture
+    index = capture.marker_index
+    if not 0 <= index < len(capture.marker_items):
+        return self.give_up("Select a point first, with Pick or in the list", "ERROR")
+    label, frame = capture.marker_items[index].name, context.scene.frame_current_final
+    if label not in marker_positions(capture.cloud, frame):
+        return self.give_up(f"{label} is not visible in this frame; go to a frame with this point", "ERROR")
+    row = played_row(capture.cloud, frame)
+    item = next((item for item in capture.point_labels if (item.point, item.frame) == (index, row)), None)
+    item = item or capture.point_labels.add()
+    item.name, item.point, item.frame = label, index, row
+    item.marker = "" if capture.label_name == "NONE" else capture.label_name
+    return None
 
 
-class MOCAP_OT_remove_point_label(MocapOperator, bpy.types.Operator):
+@operator("Remove Label", index=int)
+def remove_point_label(self: Any, context: bpy.types.Context) -> None:
     """Remove the label from this point."""
-
-    bl_label = "Remove Label"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        labels = context.scene.mocap.capture.point_labels
-        if 0 <= self.index < len(labels):
-            labels.remove(self.index)
-        return self.finish()
+    labels = context.scene.mocap.capture.point_labels
+    if 0 <= self.index < len(labels):
+        labels.remove(self.index)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
@@ -10,7 +10,7 @@ from ...conventions.naming import counted
 from ...errors import MapInvalid
 from ..properties import show_map
 from ..setting_properties import text
-from .base import MocapOperator, Need
+from .base import MocapOperator, Need, operator
 
 if TYPE_CHECKING:
     from ...conventions.timing import TakeTiming
@@ -28,39 +28,31 @@ def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
 _ACTOR = Need("Solve a capture first, or choose an actor", lambda context: actor_object(context.scene) is not None)
 
 
-class MOCAP_OT_map_rig(MocapOperator, bpy.types.Operator):
+@operator("Map Bones", _ACTOR)
+def map_rig(self: Any, context: bpy.types.Context) -> str:
     """Assign the target's bones to roles by presets, structure or names."""
+    from ...retarget.recognition import map_rig, user_presets_folder
 
-    bl_label = "Map Bones"
-    needs = (_ACTOR,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...retarget.recognition import map_rig, user_presets_folder
-
-        found = map_rig(chosen_target(context), user_presets_folder())
-        show_map(context.scene.mocap.retarget, found)
-        for doubt in found.doubts:
-            self.report({"WARNING"}, doubt)
-        return self.finish(f"{found.label}: {counted(len(found.bones), 'bone')}; check the table")
+    found = map_rig(chosen_target(context), user_presets_folder())
+    show_map(context.scene.mocap.retarget, found)
+    for doubt in found.doubts:
+        self.report({"WARNING"}, doubt)
+    return f"{found.label}: {counted(len(found.bones), 'bone')}; check the table"
 
 
-class MOCAP_OT_set_map_pose(MocapOperator, bpy.types.Operator):
+@operator("Set Map Pose", _ACTOR)
+def set_map_pose(self: Any, context: bpy.types.Context) -> str:
     """Keep the target's pose as the one that matches the body at rest: arms sideways, palms down, legs straight."""
+    from dataclasses import replace
 
-    bl_label = "Set Map Pose"
-    needs = (_ACTOR,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from dataclasses import replace
-
-        rig, rig_map = chosen_target(context), table_map(context)
-        bones = {bone: rig.pose.bones[bone] for bone in rig_map.bones.values() if bone in rig.pose.bones}
-        pose = {
-            name: tuple((bone.matrix.to_3x3() @ bone.bone.matrix_local.to_3x3().inverted()).to_quaternion())
-            for name, bone in bones.items()
-        }
-        show_map(context.scene.mocap.retarget, replace(rig_map, map_pose=pose))
-        return self.finish(f"The pose of {counted(len(pose), 'bone')} is kept as the map pose")
+    rig, rig_map = chosen_target(context), table_map(context)
+    bones = {bone: rig.pose.bones[bone] for bone in rig_map.bones.values() if bone in rig.pose.bones}
+    pose = {
+        name: tuple((bone.matrix.to_3x3() @ bone.bone.matrix_local.to_3x3().inverted()).to_quaternion())
+        for name, bone in bones.items()
+    }
+    show_map(context.scene.mocap.retarget, replace(rig_map, map_pose=pose))
+    return f"The pose of {counted(len(pose), 'bone')} is kept as the map pose"
 
 
 class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
@@ -76,7 +68,7 @@ class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
             self.name = self.name or rig.name
         return context.window_manager.invoke_props_dialog(self)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> str:
         from dataclasses import replace
 
         from ..._exchange.errors import OutputNotWritable
@@ -92,31 +84,27 @@ class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
         path = folder / f"{safe_name(name)}.json"
         write_map(path, replace(rig_map, label=name), overwrite=True)
         show_map(context.scene.mocap.retarget, replace(rig_map, label=name, doubts=()))
-        return self.finish(f"Preset '{name}' was written to {path}")
+        return f"Preset '{name}' was written to {path}"
 
 
-class MOCAP_OT_retarget(MocapOperator, bpy.types.Operator):
+@operator("Retarget", _ACTOR)
+def retarget(self: Any, context: bpy.types.Context) -> str:
     """Transfer the actor's motion to the target as a new action, and keep its current action on a muted NLA track."""
+    from ...animation.curves import mark_laid
+    from ...conventions.timing import show_frame
+    from ...retarget.retarget import retarget
 
-    bl_label = "Retarget"
-    needs = (_ACTOR,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...animation.retiming import mark_laid
-        from ...conventions.timing import show_frame
-        from ...retarget.retarget import retarget
-
-        scene = context.scene
-        rig, rig_map = chosen_target(context), table_map(context)
-        actor, timing, warnings = _actor(scene)
-        done = retarget(actor, rig, scene, rig_map, timing, chosen_settings(scene))
-        mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
-        show_frame(scene)
-        for note in (*warnings, *done.notes):
-            self.report({"WARNING"}, note)
-        measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
-        match = f"hands and feet match within {max(done.deviation_mm, 0.1):.1f} mm"
-        return self.finish(f"'{done.action.name}': scaled by {measured}, {match}")
+    scene = context.scene
+    rig, rig_map = chosen_target(context), table_map(context)
+    actor, timing, warnings = _actor(scene)
+    done = retarget(actor, rig, scene, rig_map, timing, chosen_settings(scene))
+    mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
+    show_frame(scene)
+    for note in (*warnings, *done.notes):
+        self.report({"WARNING"}, note)
+    measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
+    match = f"hands and feet match within {max(done.deviation_mm, 0.1):.1f} mm"
+    return f"'{done.action.name}': scaled by {measured}, {match}"
 
 
 def chosen_settings(scene: bpy.types.Scene) -> RetargetSettings:
@@ -141,11 +129,7 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
 
 
 def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
-    """Return the rig to animate.
-
-    Raises:
-        MapInvalid: none is chosen, or it is the actor.
-    """
+    """Return the rig to animate. None, or the actor itself, is an error."""
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")
@@ -156,11 +140,7 @@ def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
 
 
 def table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map in the table, with the user's corrections.
-
-    Raises:
-        MapInvalid: the target has not been mapped.
-    """
+    """Return the map in the table, with the user's corrections. A target without a map is an error."""
     import json
     from dataclasses import replace
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import bpy
 
@@ -11,7 +12,7 @@ from ...conventions.naming import counted
 from ...errors import BodyUnreachable
 from ..setting_properties import choice, number
 from ..viewport import colour_bones
-from .base import BODY, EDITABLE, OPENS, TAKE, MocapOperator, Need
+from .base import BODY, EDITABLE, OPENS, TAKE, Need, operator
 
 _MARGIN = 5
 """Scene frames on both sides of a range to review, which the new solve has to meet."""
@@ -37,41 +38,30 @@ _LIMBS = (
 )
 
 
-class MOCAP_OT_next_bad_range(MocapOperator, bpy.types.Operator):
+@operator("Next Range to Review", TAKE, backwards=bool)
+def next_bad_range(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Go to the next frame range to review, and make it the range to solve again."""
+    from ...review.ranges import doubtful_ranges, next_range
 
-    bl_label = "Next Range to Review"
-    needs = (TAKE,)
-
-    backwards: bool
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...review.ranges import doubtful_ranges, next_range
-
-        scene, review = context.scene, context.scene.mocap.review
-        ranges = doubtful_ranges(review.take, review.below)
-        found = next_range(ranges, scene.frame_current, backwards=self.backwards)
-        if found is None:
-            self.finish("No frame is below the threshold")
-            return {"CANCELLED"}
-        first, last = review.take.frame_range
-        review.first = max(found[0] - _MARGIN, math.floor(first))
-        review.last = min(found[1] + _MARGIN, math.ceil(last))
-        scene.frame_set(found[0])
-        return self.finish(f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}")
+    scene, review = context.scene, context.scene.mocap.review
+    ranges = doubtful_ranges(review.take, review.below)
+    found = next_range(ranges, scene.frame_current, backwards=self.backwards)
+    if found is None:
+        return self.give_up("No frame is below the threshold", "INFO")
+    first, last = review.take.frame_range
+    review.first = max(found[0] - _MARGIN, math.floor(first))
+    review.last = min(found[1] + _MARGIN, math.ceil(last))
+    scene.frame_set(found[0])
+    return f"Frames {found[0]} to {found[1]}, {ranges.index(found) + 1} of {len(ranges)}"
 
 
-class MOCAP_OT_pin_pose(MocapOperator, bpy.types.Operator):
+@operator("Pin Current Pose", TAKE)
+def pin_pose(self: Any, context: bpy.types.Context) -> str:
     """Keep the pose of this frame, with your edits, when the range is solved again."""
-
-    bl_label = "Pin Current Pose"
-    needs = (TAKE,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        review, frame = context.scene.mocap.review, context.scene.frame_current
-        pin_frame(review, frame)
-        review.first, review.last = min(review.first, frame), max(review.last, frame)
-        return self.finish(f"Frame {frame} is pinned")
+    review, frame = context.scene.mocap.review, context.scene.frame_current
+    pin_frame(review, frame)
+    review.first, review.last = min(review.first, frame), max(review.last, frame)
+    return f"Frame {frame} is pinned"
 
 
 def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
@@ -83,71 +73,48 @@ def pin_frame(review: bpy.types.PropertyGroup, frame: int) -> None:
     pin.frame, pin.job_values = frame, values
 
 
-class MOCAP_OT_unpin(MocapOperator, bpy.types.Operator):
+@operator("Unpin", index=int)
+def unpin(self: Any, context: bpy.types.Context) -> None:
     """Let the solver change this pose again."""
-
-    bl_label = "Unpin"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        context.scene.mocap.review.pins.remove(self.index)
-        return self.finish()
+    context.scene.mocap.review.pins.remove(self.index)
 
 
-class MOCAP_OT_show_confidence(MocapOperator, bpy.types.Operator):
+@operator("Show Confidence", TAKE, EDITABLE)
+def show_confidence(self: Any, context: bpy.types.Context) -> None:
     """Colour bones and skin by confidence, and mark the frames to review on the timeline."""
-
-    bl_label = "Show Confidence"
-    needs = (TAKE, EDITABLE)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        review = context.scene.mocap.review
-        review.colours = not review.colours
-        colour_bones(context.scene)
-        return self.finish()
+    review = context.scene.mocap.review
+    review.colours = not review.colours
+    colour_bones(context.scene)
 
 
-class MOCAP_OT_select_body(MocapOperator, bpy.types.Operator):
+@operator("Select Body", BODY)
+def select_body(self: Any, context: bpy.types.Context) -> None:
     """Leave pose mode and select only the solved body."""
-
-    bl_label = "Select Body"
-    needs = (BODY,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        select_alone(context, context.scene.mocap.review.armature)
-        return self.finish()
+    select_alone(context, context.scene.mocap.review.armature)
 
 
-class MOCAP_OT_open_report(MocapOperator, bpy.types.Operator):
+@operator("Open Report", TAKE, options=OPENS)
+def open_report(self: Any, context: bpy.types.Context) -> set[str]:
     """Open the page about the solve of this take."""
+    from ..._exchange.marker_formats import is_report
+    from ...animation.takes import take_file
 
-    bl_label = "Open Report"
-    bl_options = OPENS
-    needs = (TAKE,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Open the report in the system's browser."""
-        from ..._exchange.marker_formats import is_report
-        from ...animation.takes import take_file
-
-        take = context.scene.mocap.review.take
-        path = take_file(take, "report_file")
-        if not path.is_file():
-            hint = "Solve again with Report switched on under Advanced."
-            raise FileMissing("This take has no report.", where=str(path), hint=hint)
-        if not is_report(path, take_file(take, "motion_file").parent):
-            hint = "Solve again with Report switched on, or open it yourself if you trust it."
-            message = "This file is not a report of the solver, so it is not opened."
-            raise FileDamaged(message, where=str(path), hint=hint)
-        return bpy.ops.wm.path_open(filepath=str(path))
+    take = context.scene.mocap.review.take
+    path = take_file(take, "report_file")
+    if not path.is_file():
+        hint = "Solve again with Report switched on under Advanced."
+        raise FileMissing("This take has no report.", where=str(path), hint=hint)
+    if not is_report(path, take_file(take, "motion_file").parent):
+        hint = "Solve again with Report switched on, or open it yourself if you trust it."
+        message = "This file is not a report of the solver, so it is not opened."
+        raise FileDamaged(message, where=str(path), hint=hint)
+    return bpy.ops.wm.path_open(filepath=str(path))
 
 
 def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Change to object mode, unhide an object, and make it the active and only selected one.
 
-    Raises:
-        BodyUnreachable: its collection is hidden or excluded from the view layer.
+    A ``BodyUnreachable`` is raised if its collection is hidden or excluded from the view layer.
     """
     if context.view_layer.objects.get(obj.name) == obj:
         obj.hide_set(False)
@@ -164,77 +131,59 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     context.view_layer.objects.active = obj
 
 
-class MOCAP_OT_feet_to_floor(MocapOperator, bpy.types.Operator):
+@operator("Feet to Floor", TAKE, EDITABLE)
+def feet_to_floor(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Set Floor Offset so that the lower sole is on the floor in half of the frames."""
+    from ...review.floor_height import sole_height
 
-    bl_label = "Feet to Floor"
-    needs = (TAKE, EDITABLE)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...review.floor_height import sole_height
-
-        review = context.scene.mocap.review
-        height = sole_height(context.scene, review.armature, review.take, _SAMPLES)
-        if height is None:
-            return self.give_up("The body has no skin")
-        review.floor_offset -= height
-        moved_mm = 1000.0 * context.scene.unit_settings.scale_length * abs(height)
-        return self.finish(f"The body was {'lowered' if height > 0 else 'raised'} by {moved_mm:.0f} mm")
+    review = context.scene.mocap.review
+    height = sole_height(context.scene, review.armature, review.take, _SAMPLES)
+    if height is None:
+        return self.give_up("The body has no skin")
+    review.floor_offset -= height
+    moved_mm = 1000.0 * context.scene.unit_settings.scale_length * abs(height)
+    return f"The body was {'lowered' if height > 0 else 'raised'} by {moved_mm:.0f} mm"
 
 
-class MOCAP_OT_lock_feet(MocapOperator, bpy.types.Operator):
+_FOREIGN = Need(
+    "This take is solved from a capture: raise Foot Lock and press Solve Again",
+    lambda context: not context.scene.mocap.capture.file,
+)
+_SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
+
+
+@operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, slide_mm=_SLIDE)
+def lock_feet(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Add a take with your edits in which planted feet do not slide, for clips of other programs."""
+    from ...retarget.locked_feet import lock_feet
 
-    bl_label = "Lock Feet"
-    needs = (
-        Need(
-            "This take is solved from a capture: raise Foot Lock and press Solve Again",
-            lambda context: not context.scene.mocap.capture.file,
-        ),
-        TAKE,
-        EDITABLE,
-    )
-
-    slide_mm: number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...retarget.locked_feet import lock_feet
-
-        scene, review = context.scene, context.scene.mocap.review
-        made = lock_feet(scene, review.take, review.armature, self.slide_mm)
-        if made is None:
-            return self.give_up(f"Every planted foot slides by more than {self.slide_mm:g} mm: nothing was locked")
-        held = counted(made.stands, "foot contact")
-        return self.finish(f"{held} locked in '{made.action.name}': feet slid by up to {made.slid_mm:.0f} mm")
+    scene, review = context.scene, context.scene.mocap.review
+    made = lock_feet(scene, review.take, review.armature, self.slide_mm)
+    if made is None:
+        return self.give_up(f"Every planted foot slides by more than {self.slide_mm:g} mm: nothing was locked")
+    held = counted(made.stands, "foot contact")
+    return f"{held} locked in '{made.action.name}': feet slid by up to {made.slid_mm:.0f} mm"
 
 
-class MOCAP_OT_mark_gaps(MocapOperator, bpy.types.Operator):
+@operator("Mark Gaps", TAKE)
+def mark_gaps(self: Any, context: bpy.types.Context) -> str:
     """Replace our timeline markers at interpolated frame ranges and ranges to review."""
+    from ...review.ranges import doubtful_ranges
 
-    bl_label = "Mark Gaps"
-    needs = (TAKE,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...review.ranges import doubtful_ranges
-
-        scene, review = context.scene, context.scene.mocap.review
-        remove_marks(scene)
-        gaps = doubtful_ranges(review.take, _NOTHING_MEASURED)
-        others = [r for r in doubtful_ranges(review.take, review.below) if not any(_meet(r, gap) for gap in gaps)]
-        for name, ranges in ((_GAP, gaps), (_TO_REVIEW, others)):
-            for first, last in ranges:
-                scene.timeline_markers.new(f"{name} {first}-{last}", frame=first)
-        return self.finish(f"{counted(len(gaps), 'interpolated range')}, {counted(len(others), 'range')} to review")
+    scene, review = context.scene, context.scene.mocap.review
+    remove_marks(scene)
+    gaps = doubtful_ranges(review.take, _NOTHING_MEASURED)
+    others = [r for r in doubtful_ranges(review.take, review.below) if not any(_meet(r, gap) for gap in gaps)]
+    for name, ranges in ((_GAP, gaps), (_TO_REVIEW, others)):
+        for first, last in ranges:
+            scene.timeline_markers.new(f"{name} {first}-{last}", frame=first)
+    return f"{counted(len(gaps), 'interpolated range')}, {counted(len(others), 'range')} to review"
 
 
-class MOCAP_OT_clear_marks(MocapOperator, bpy.types.Operator):
+@operator("Clear Gap Markers")
+def clear_marks(self: Any, context: bpy.types.Context) -> None:
     """Remove our gap markers from the timeline, and keep your own markers."""
-
-    bl_label = "Clear Gap Markers"
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        remove_marks(context.scene)
-        return self.finish()
+    remove_marks(context.scene)
 
 
 def remove_marks(scene: bpy.types.Scene) -> None:
@@ -247,21 +196,16 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-class MOCAP_OT_switch_limbs(MocapOperator, bpy.types.Operator):
+_TO, _LIMB = choice("To", "Controls to switch to", _MODES), choice("Limb", "Limbs to switch", _LIMBS)
+
+
+@operator("Switch Limbs", BODY, EDITABLE, to=_TO, limb=_LIMB)
+def switch_limbs(self: Any, context: bpy.types.Context) -> str:
     """Switch limbs between IK and FK with keys that keep the motion, or only the pose if there is no action."""
+    from ...body.controls.limbs import LIMBS, limb_of
+    from ...scene.limb_modes import pose_by_joints, pose_from_ends
 
-    bl_label = "Switch Limbs"
-    needs = (BODY, EDITABLE)
-
-    to: choice("To", "Controls to switch to", _MODES)
-    limb: choice("Limb", "Limbs to switch", _LIMBS)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...body.controls.limbs import LIMBS, limb_of
-        from ...scene.limb_modes import pose_by_joints, pose_from_ends
-
-        limbs = LIMBS if self.limb == "ALL" else (limb_of(self.limb),)
-        switch = pose_from_ends if self.to == "IK" else pose_by_joints
-        frames = switch(context.scene.mocap.review.armature, context.scene, limbs)
-        keyed = f"{counted(frames, 'frame')} keyed" if frames else "the pose is set"
-        return self.finish(f"{self.to}: {keyed}")
+    limbs = LIMBS if self.limb == "ALL" else (limb_of(self.limb),)
+    switch = pose_from_ends if self.to == "IK" else pose_by_joints
+    frames = switch(context.scene.mocap.review.armature, context.scene, limbs)
+    return f"{self.to}: {counted(frames, 'frame')} keyed" if frames else f"{self.to}: the pose is set"

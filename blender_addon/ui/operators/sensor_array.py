@@ -56,8 +56,7 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
     def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
         return PARTS[properties.part][1]
 
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Start the process of the sensors, and make the points and body to show."""
+    def work(self, context: bpy.types.Context) -> None:
         from ...solving.live import start_sensors
 
         scene, sensors, part = context.scene, context.scene.mocap.sensors, self.part
@@ -70,7 +69,6 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
             words += options(record=next_path(folder, PARTS[part][2]))
         run = start_sensors([*sensors.sensors(), *words], chosen_python(context), folder)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
-        return self.finish()
 
 
 class MOCAP_OT_calibrate_sensors(SolverOperator, bpy.types.Operator):
@@ -92,7 +90,6 @@ class MOCAP_OT_calibrate_sensors(SolverOperator, bpy.types.Operator):
         return Call([*sensors.calibrating(), *out], folder)
 
     def received(self, context: bpy.types.Context, result: SensorsResult) -> set[str]:
-        """Use the calibration, and keep the findings for the panel."""
         sensors = context.scene.mocap.sensors
         sensors.calibration = stored(Path(result["calibration"]))
         remarks = [*result.get("findings", ()), *result.get("notes", ())]

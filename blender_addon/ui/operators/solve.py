@@ -14,7 +14,7 @@ from ...conventions.naming import counted
 from ..preferences import chosen_python, preferences_of
 from ..project_files import bring_home
 from ..setting_properties import choice
-from .base import CAPTURE, IDLE, INTERNAL, MARKERS, TAKE, Call, MocapOperator, Need, SolverOperator, current, options
+from .base import CAPTURE, IDLE, INTERNAL, MARKERS, TAKE, Call, Need, SolverOperator, current, operator, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
@@ -60,14 +60,13 @@ class _Solves(SolverOperator):
         self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, *part)
         return Call(options(job=path), path.parent)
 
-    def received(self, context: bpy.types.Context, result: SolveResult) -> set[str]:
-        """Bake the motion as a new action."""
+    def received(self, context: bpy.types.Context, result: SolveResult) -> str:
         from .import_results import take_motion
 
         action = take_motion(context, self._files, again=self._again, result=result)
         to_review = result["unseen_frames"] + result["unsure_frames"]
         look = f"; review {counted(to_review, 'frame')}" if to_review else ""
-        return self.finish(f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")
+        return f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}"
 
     def rescue(self, context: bpy.types.Context) -> str:
         """Bake a complete motion if only the report failed."""
@@ -130,11 +129,7 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
-    """Return the scene frames of the chosen range that were edited by hand and are not pinned.
-
-    Raises:
-        MocapError: the take's motion or body cannot be read.
-    """
+    """Return the scene frames of the chosen range that were edited by hand and are not pinned."""
     from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
 
@@ -181,7 +176,6 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         return Call(words, folder)
 
     def received(self, context: bpy.types.Context, result: TakesResult | TakeResult) -> set[str]:
-        """Bake each motion."""
         takes = result.get("takes", [result])
         for take in takes:
             self._bake(context, Path(take["motion"]), take)
@@ -223,11 +217,10 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
         layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
         return Call([str(capture), *options(out=out, body=settings.solve.body, layout=layout)], out.parent)
 
-    def received(self, context: bpy.types.Context, result: PersonResult) -> set[str]:
-        """Use this person for all further solves."""
+    def received(self, context: bpy.types.Context, result: PersonResult) -> str:
         context.scene.mocap.solve.subject = stored(result["subject"])
         bring_home()
-        return self.finish(f"Calibrated: {calibrated(result)}")
+        return f"Calibrated: {calibrated(result)}"
 
 
 def calibrated(result: PersonResult) -> str:
@@ -238,21 +231,18 @@ def calibrated(result: PersonResult) -> str:
     return f"{len(markers)} markers; {name} is farthest from its usual position, {worst['offset_mm']:.0f} mm"
 
 
-class MOCAP_OT_show_log(MocapOperator, bpy.types.Operator):
+_LOG = Need("There is no log", lambda context: current.run is not None or current.last is not None)
+
+
+@operator("Show Log", _LOG, options=INTERNAL)
+def show_log(self: Any, context: bpy.types.Context) -> None:
     """Show the solver's log in a new window."""
-
-    bl_label = "Show Log"
-    bl_options = INTERNAL
-    needs = (Need("There is no log", lambda context: current.run is not None or current.last is not None),)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        text = write_log()
-        if not bpy.app.background:
-            bpy.ops.wm.window_new()
-            area = context.window_manager.windows[-1].screen.areas[0]
-            area.type = "TEXT_EDITOR"
-            area.spaces.active.text = text
-        return self.finish()
+    text = write_log()
+    if not bpy.app.background:
+        bpy.ops.wm.window_new()
+        area = context.window_manager.windows[-1].screen.areas[0]
+        area.type = "TEXT_EDITOR"
+        area.spaces.active.text = text
 
 
 def write_log() -> bpy.types.Text:
@@ -268,25 +258,21 @@ def write_log() -> bpy.types.Text:
     return text
 
 
-class MOCAP_OT_test_python(MocapOperator, bpy.types.Operator):
+@operator("Test Python", options=INTERNAL)
+def test_python(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Start the chosen Python and report its versions and devices, without installing anything."""
+    from ...solving.python_probe import probe_python
 
-    bl_label = "Test Python"
-    bl_options = INTERNAL
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...solving.python_probe import probe_python
-
-        preferences = preferences_of(context)
-        if preferences is None:
-            return {"CANCELLED"}
-        preferences.found = preferences.failed = ""
-        try:
-            preferences.found = _describe(probe_python(chosen_python(context)))
-        except MocapError as error:
-            preferences.failed = str(error)
-            raise
-        return self.finish(preferences.found.replace("\n", ", "))
+    preferences = preferences_of(context)
+    if preferences is None:
+        return {"CANCELLED"}
+    preferences.found = preferences.failed = ""
+    try:
+        preferences.found = _describe(probe_python(chosen_python(context)))
+    except MocapError as error:
+        preferences.failed = str(error)
+        raise
+    return preferences.found.replace("\n", ", ")
 
 
 def _describe(found: PythonFound) -> str:

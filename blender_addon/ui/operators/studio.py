@@ -12,7 +12,7 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ...conventions.naming import counted, next_path
 from ..acquisition_properties import FAULTS, OWN
 from ..project_files import files_folder, usable
-from .base import IDLE, OPENS, Call, MocapOperator, Need, SolverOperator
+from .base import IDLE, OPENS, Call, Need, SolverOperator, operator
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import BenchmarkResult, DataSetPlan
@@ -47,7 +47,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         self._faults = next(label for value, label, _ in FAULTS if value == settings.faults)
         return self.film(path, folder, "--benchmark", *sorted(settings.methods), "--places")
 
-    def received(self, context: bpy.types.Context, result: BenchmarkResult) -> set[str]:
+    def received(self, context: bpy.types.Context, result: BenchmarkResult) -> str:
         """Add a row per array, and show the map of the first one on the floor."""
         from ...studio.places import read_places, rows_of
 
@@ -62,7 +62,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(file)
         show_row(context, first)
-        return self.finish(f"{settings.rows[first].array}: {settings.rows[first].reached}")
+        return f"{settings.rows[first].array}: {settings.rows[first].reached}"
 
 
 class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
@@ -80,7 +80,7 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
         self._checked = stored(path), stored(out)
         return self.film(path, out, "--plan")
 
-    def received(self, context: bpy.types.Context, result: DataSetPlan) -> set[str]:
+    def received(self, context: bpy.types.Context, result: DataSetPlan) -> str:
         """Keep the plan until a setting changes."""
         settings = context.scene.mocap.studio
         settings.planned = (
@@ -89,7 +89,7 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
             f"about {_size(result['needed_mb'])}; {_size(result['free_mb'])} are free"
         )
         settings.planned_file, settings.planned_out = self._checked
-        return self.finish(settings.planned)
+        return settings.planned
 
 
 class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
@@ -102,56 +102,36 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
         settings = context.scene.mocap.studio
         return self.film(file_of(settings.planned_file), file_of(settings.planned_out))
 
-    def received(self, context: bpy.types.Context, result: DataSetPlan) -> set[str]:
-        return self.finish(f"{counted(len(result['shots']), 'shot')} in {result['data_set']}")
+    def received(self, context: bpy.types.Context, result: DataSetPlan) -> str:
+        return f"{counted(len(result['shots']), 'shot')} in {result['data_set']}"
 
 
-class MOCAP_OT_show_places(MocapOperator, bpy.types.Operator):
+@operator("Show on the Floor", index=int)
+def show_places(self: Any, context: bpy.types.Context) -> None:
     """Show the array's errors by place as coloured squares on the floor."""
-
-    bl_label = "Show on the Floor"
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
-        return self.finish()
+    show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
 
 
-class MOCAP_OT_open_benchmark(MocapOperator, bpy.types.Operator):
+@operator("Open Page", options=OPENS, index=int)
+def open_benchmark(self: Any, context: bpy.types.Context) -> set[str]:
     """Open the benchmark's page with its table, errors over time and by place, and worst frames."""
-
-    bl_label = "Open Page"
-    bl_options = OPENS
-
-    index: int
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        page = _row(context, self.index)[0]
-        if not page.is_file():
-            raise FileMissing("The page no longer exists.", where=str(page), hint="Run the benchmark again.")
-        return bpy.ops.wm.path_open(filepath=str(page))
+    page = _row(context, self.index)[0]
+    if not page.is_file():
+        raise FileMissing("The page no longer exists.", where=str(page), hint="Run the benchmark again.")
+    return bpy.ops.wm.path_open(filepath=str(page))
 
 
-class MOCAP_OT_clear_benchmarks(MocapOperator, bpy.types.Operator):
+@operator("Clear Benchmarks")
+def clear_benchmarks(self: Any, context: bpy.types.Context) -> None:
     """Clear the table and the map on the floor, and keep the files."""
+    from ...studio.places import remove_places
 
-    bl_label = "Clear Benchmarks"
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...studio.places import remove_places
-
-        context.scene.mocap.studio.rows.clear()
-        remove_places(context.scene)
-        return self.finish()
+    context.scene.mocap.studio.rows.clear()
+    remove_places(context.scene)
 
 
 def show_row(context: bpy.types.Context, index: int) -> None:
-    """Show the map of a row, in the colours of all rows of its benchmark.
-
-    Raises:
-        FileMissing, FileDamaged: its file is missing or damaged.
-    """
+    """Show the map of a row, in the colours of all rows of its benchmark."""
     from ...studio.places import read_places, shared_limits, show_places
 
     maps = read_places(_row(context, index)[1])
@@ -177,13 +157,7 @@ def _size(mebibytes: float) -> str:
 
 
 def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a data set with the panel's settings.
-
-    Raises:
-        CalibrationMissing: there are no cameras.
-        TakeMissing, FileMissing: the capture, take or motion is missing.
-        CommandLineInvalid: no image is filmed.
-    """
+    """Return the description of a data set with the panel's settings, which errors name if they are incomplete."""
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("Nothing is filmed.", hint="Choose at least one kind of image.")
@@ -206,13 +180,7 @@ def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
 
 
 def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the description of a benchmark: one person for three seconds, and the arrays to compare.
-
-    Raises:
-        CalibrationMissing: there are no cameras.
-        TakeMissing: the capture is missing.
-        CommandLineInvalid: the errors are of markers, or no method is chosen.
-    """
+    """Return the description of a benchmark: one person for three seconds, and the arrays to compare."""
     settings = context.scene.mocap.studio
     if settings.faults.endswith("_markers"):
         hint = "Choose Detector, Good Detector or Jitter under Faults."
@@ -240,11 +208,7 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
 
 
 def write_description(description: dict[str, Any], path: Path) -> Path:
-    """Write a description and return its path.
-
-    Raises:
-        OutputNotWritable: see ``write_text``.
-    """
+    """Write a description and return its path."""
     import json
 
     from ..._exchange.outputs import write_text
@@ -253,11 +217,7 @@ def write_description(description: dict[str, Any], path: Path) -> Path:
 
 
 def next_folder(scene: bpy.types.Scene, name: str) -> Path:
-    """Return the next numbered folder in the scene's folder of files.
-
-    Raises:
-        OutputNotWritable: the folder cannot be written to.
-    """
+    """Return the next numbered folder in the scene's folder of files."""
     return next_path(usable(files_folder(scene) / "studio"), name)
 
 

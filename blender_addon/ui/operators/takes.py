@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ...errors import TakeMissing
 from ..setting_properties import choice, number
 from ..viewport import colour_markers
-from .base import BODY, EDITABLE, TAKE, MocapOperator, Need
+from .base import BODY, EDITABLE, TAKE, MocapOperator, Need, operator
 
 _LIMITS = (
     ("RATE", "Keys per Second", "Keep this number of keys, at any distance"),
@@ -15,30 +17,22 @@ _LIMITS = (
 )
 
 
-def _has_action(context: bpy.types.Context) -> bool:
-    return context.scene.mocap.review.armature.animation_data.action is not None
+_NOT_ON_NLA = Need(
+    "The take is on the NLA already",
+    lambda context: context.scene.mocap.review.armature.animation_data.action is not None,
+)
 
 
-_NOT_ON_NLA = Need("The take is on the NLA already", _has_action)
-
-
-class MOCAP_OT_show_take(MocapOperator, bpy.types.Operator):
+@operator("Show Take", BODY, EDITABLE, name=str)
+def show_take(self: Any, context: bpy.types.Context) -> None:
     """Play this take."""
+    from ...animation.takes import show_take
+    from ...conventions.timing import show_frame
 
-    bl_label = "Show Take"
-    needs = (BODY, EDITABLE)
-
-    name: str
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...animation.takes import show_take
-        from ...conventions.timing import show_frame
-
-        scene, settings = context.scene, context.scene.mocap
-        show_take(settings.review.armature, _take_named(settings, self.name))
-        colour_markers(scene)
-        show_frame(scene)
-        return self.finish()
+    scene, settings = context.scene, context.scene.mocap
+    show_take(settings.review.armature, _take_named(settings, self.name))
+    colour_markers(scene)
+    show_frame(scene)
 
 
 class MOCAP_OT_delete_take(MocapOperator, bpy.types.Operator):
@@ -52,7 +46,7 @@ class MOCAP_OT_delete_take(MocapOperator, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return context.window_manager.invoke_confirm(self, event)
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> None:
         from ...animation.takes import show_take
         from ...conventions.timing import show_frame
 
@@ -66,7 +60,6 @@ class MOCAP_OT_delete_take(MocapOperator, bpy.types.Operator):
         bpy.data.actions.remove(take)
         colour_markers(context.scene)
         show_frame(context.scene)
-        return self.finish()
 
 
 def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:
@@ -98,72 +91,58 @@ class MOCAP_OT_thin_take(MocapOperator, bpy.types.Operator):
         self.layout.prop(self, "by", expand=True)
         self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def work(self, context: bpy.types.Context) -> str:
         from ...scene.add_take import thinned_take
 
         scene, review = context.scene, context.scene.mocap.review
         limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
         action = thinned_take(scene, review.take, review.armature, *limits)
-        return self.finish(action["keys_deviation"])
+        return action["keys_deviation"]
 
 
-class MOCAP_OT_push_down(MocapOperator, bpy.types.Operator):
+@operator("Push Down to NLA", TAKE, EDITABLE, _NOT_ON_NLA)
+def push_down(self: Any, context: bpy.types.Context) -> str:
     """Move this take to an NLA track with its name, from where the body plays it."""
+    from ...animation.takes import push_down
 
-    bl_label = "Push Down to NLA"
-    needs = (TAKE, EDITABLE, _NOT_ON_NLA)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...animation.takes import push_down
-
-        review = context.scene.mocap.review
-        armature, name = review.armature, review.take.name
-        push_down(armature)
-        armature.animation_data.nla_tracks[-1].mute = False
-        return self.finish(f"'{name}' plays from an NLA track with its name")
+    review = context.scene.mocap.review
+    armature, name = review.armature, review.take.name
+    push_down(armature)
+    armature.animation_data.nla_tracks[-1].mute = False
+    return f"'{name}' plays from an NLA track with its name"
 
 
-class MOCAP_OT_mark_take(MocapOperator, bpy.types.Operator):
+@operator("Mark as Asset", TAKE)
+def mark_take(self: Any, context: bpy.types.Context) -> str:
     """Add this take to the asset browser, with its length and frame rate."""
+    from ...animation.takes import mark_as_asset
 
-    bl_label = "Mark as Asset"
-    needs = (TAKE,)
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...animation.takes import mark_as_asset
-
-        take = context.scene.mocap.review.take
-        mark_as_asset(take)
-        return self.finish(f"'{take.name}' is an asset of this file")
+    take = context.scene.mocap.review.take
+    mark_as_asset(take)
+    return f"'{take.name}' is an asset of this file"
 
 
-class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
+@operator("Follow Frame Rate")
+def follow_rate(self: Any, context: bpy.types.Context) -> str:
     """Resample takes, detections, footage, confidence and pins to the scene's frame rate."""
+    from ...conventions.timing import scene_frame_rate, show_frame
+    from ...scene.frame_rate import relay
 
-    bl_label = "Follow Frame Rate"
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        from ...conventions.timing import scene_frame_rate, show_frame
-        from ...scene.frame_rate import relay
-
-        scene = context.scene
-        ratio = relay(scene, takes_of_captures(scene))
-        for capture in scene.mocap.captures:
-
-            def moved(frame: int, start: int = capture.frame_start) -> int:
-                return round(start + (frame - start) * ratio)
-
-            for item in (*capture.left_out, *capture.reviews):
-                item.first, item.last = moved(item.first), moved(item.last)
-            for pin in (pin for review in capture.reviews for pin in review.pins):
-                pin.frame = moved(pin.frame)
-        show_frame(scene)
-        return self.finish(f"Everything is resampled to {scene_frame_rate(scene):g} fps")
+    scene = context.scene
+    ratio = relay(scene, takes_of_captures(scene))
+    for capture in scene.mocap.captures:
+        start = capture.frame_start
+        for item in (*capture.left_out, *capture.reviews):
+            item.first, item.last = (round(start + (f - start) * ratio) for f in (item.first, item.last))
+        for pin in (pin for review in capture.reviews for pin in review.pins):
+            pin.frame = round(start + (pin.frame - start) * ratio)
+    show_frame(scene)
+    return f"Everything is resampled to {scene_frame_rate(scene):g} fps"
 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
     """Return all takes of a scene's captures."""
-    from ...animation.retiming import is_take
+    from ...animation.curves import is_take
     from ...animation.takes import takes_of
 
     found = [takes_of(capture.measured, original=capture.original) for capture in scene.mocap.captures]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -17,20 +17,8 @@ from ..preferences import detector_for, detector_python, litert_python, note_det
 from ..project_files import files_folder, usable
 from ..properties import STEPS
 from ..setting_properties import choice, path, switch
-from .base import (
-    IDLE,
-    INTERNAL,
-    OPENS,
-    Call,
-    MocapOperator,
-    Need,
-    SolverOperator,
-    ViewportDrop,
-    choose_file,
-    current,
-    is_chosen,
-    options,
-)
+from . import base
+from .base import Call, Need, SolverOperator, current, is_chosen, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, DetectorResult, TakeOfVideos, VideosResult
@@ -47,11 +35,7 @@ class VideosOperator(SolverOperator):
     _seen = 0
 
     def run_steps(self, context: bpy.types.Context, until: str, redo: str = "") -> Call:
-        """Return the command line for the scene's folder of videos.
-
-        Raises:
-            MocapError: results cannot be written.
-        """
+        """Return the command line for the scene's folder of videos."""
         videos = context.scene.mocap.videos
         results = file_of(videos.results)
         words = [str(file_of(videos.folder)), *options(out=usable(results), until=until), *videos.arguments()]
@@ -105,7 +89,7 @@ class VideosOperator(SolverOperator):
 
 
 class MOCAP_OT_capture_from_videos(
-    VideosOperator, bpy.types.Operator, choose_file(SUFFIXES, several=True), ImportHelper
+    VideosOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
 ):
     """Detect keypoints in a folder of one video per camera, synchronise and calibrate the cameras, and import it."""
 
@@ -124,12 +108,7 @@ class MOCAP_OT_capture_from_videos(
         draw_video_settings(self.layout, context)
 
     def call(self, context: bpy.types.Context) -> Call:
-        """Start with the folder of the chosen file, or with one video.
-
-        Raises:
-            TakeMissing: the user asks for one video and has chosen a folder.
-            MocapError: see ``run_steps``.
-        """
+        """Start with the folder of the chosen file, or with one video."""
         chosen = absolute(self.filepath or self.directory)
         if self.files and self.files[0].name and self.directory:
             chosen = absolute(self.directory) / self.files[0].name
@@ -147,7 +126,7 @@ class MOCAP_OT_video_step(VideosOperator, bpy.types.Operator):
     """Run this step with the current settings, and repeat the steps that depend on it."""
 
     bl_label = "Run This Step"
-    needs = (Need("Choose a folder of videos first", lambda context: context.scene.mocap.videos.folder), IDLE)
+    needs = (Need("Choose a folder of videos first", lambda context: context.scene.mocap.videos.folder), base.IDLE)
 
     step: str
 
@@ -157,23 +136,16 @@ class MOCAP_OT_video_step(VideosOperator, bpy.types.Operator):
         return self.run_steps(context, until, self.step if self.step in done else "")
 
 
-class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
+@base.operator("Open Image", options=base.INTERNAL, filepath=str)
+def open_video_picture(self: Any, context: bpy.types.Context) -> set[str]:
     """Open this image in full size in the system's viewer."""
-
-    bl_label = "Open Image"
-    bl_options = INTERNAL
-
-    filepath: str
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        """Open only an image that a step of this scene has drawn."""
-        drawn = {picture.name for step in context.scene.mocap.videos.steps for picture in step.pictures}
-        if self.filepath not in drawn or not Path(self.filepath).is_file():
-            raise TakeMissing("The image no longer exists.", where=self.filepath, hint="Run the step again.")
-        return bpy.ops.wm.path_open(filepath=self.filepath)
+    drawn = {picture.name for step in context.scene.mocap.videos.steps for picture in step.pictures}
+    if self.filepath not in drawn or not Path(self.filepath).is_file():
+        raise TakeMissing("The image no longer exists.", where=self.filepath, hint="Run the step again.")
+    return bpy.ops.wm.path_open(filepath=self.filepath)
 
 
-class MOCAP_FH_videos(ViewportDrop, bpy.types.FileHandler):
+class MOCAP_FH_videos(base.ViewportDrop, bpy.types.FileHandler):
     """Import of videos dropped on the 3D viewport. One video stands for its folder."""
 
     bl_idname = "MOCAP_FH_videos"
@@ -194,11 +166,7 @@ def draw_video_settings(layout: bpy.types.UILayout, context: bpy.types.Context) 
 
 
 def _results(context: bpy.types.Context, folder: Path, name: str) -> Path:
-    """Return the folder of results: in the folder of the videos, or of captures if that cannot be written to.
-
-    Raises:
-        OutputNotWritable: neither can be written to.
-    """
+    """Return the folder of results: in the folder of the videos, or of captures if that cannot be written to."""
     from ...solving.take_paths import capture_folder
 
     try:
@@ -253,7 +221,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     """Install MediaPipe or LiteRT, which detect people in videos, in an environment of its own after a question."""
 
     bl_label = "Set Up Detector…"
-    bl_options = OPENS | INTERNAL
+    bl_options = base.OPENS | base.INTERNAL
     verb = SET_UP_DETECTOR
     is_of_capture = False
 
@@ -294,8 +262,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         script = Path(make_environment.__file__)
         return self.follow(context, start_script(self.verb, script, words, own, folder.parent))
 
-    def received(self, context: bpy.types.Context, result: DetectorResult) -> set[str]:
-        """Use the models that were found."""
+    def received(self, context: bpy.types.Context, result: DetectorResult) -> str:
         found = note_detector(context, Path(result["python"]))
         videos = context.scene.mocap.videos
         hands = [path for path in result["models"] if Path(path).name == _HAND_MODEL]
@@ -304,17 +271,13 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         poses = [path for path in result["models"] if Path(path).name in _POSE_MODELS]
         if poses and detector_python(context) is None:
             videos.detector, videos.model = "model", min(poses, key=lambda path: _POSE_MODELS.index(Path(path).name))
-        return self.finish(f"The detector is set up. {found}")
+        return f"The detector is set up. {found}"
 
 
-class MOCAP_OT_test_detector(MocapOperator, bpy.types.Operator):
+@base.operator("Test Detector", options=base.INTERNAL)
+def test_detector(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Start the detector's Python and report its versions, without installing anything."""
-
-    bl_label = "Test Detector"
-    bl_options = INTERNAL
-
-    def work(self, context: bpy.types.Context) -> set[str]:
-        python = detector_for(context)
-        if python is None:
-            return self.give_up("No detector is set up: press Set Up Detector, or choose a Python with one")
-        return self.finish(note_detector(context, python))
+    python = detector_for(context)
+    if python is None:
+        return self.give_up("No detector is set up: press Set Up Detector, or choose a Python with one")
+    return note_detector(context, python)

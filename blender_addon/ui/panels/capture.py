@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 from ...conventions.kept_findings import findings_in
 from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_lines, draw_next, draw_settings, is_narrow, wrapped
 from ..operators.base import current
-from ..operators.cameras import (
-    in_camera_view,
-)
+from ..operators.cameras import in_camera_view
 from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import READING_ROWS
@@ -100,12 +100,6 @@ def problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             draw_finding(layout, context, found)
 
 
-def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    for message in context.scene.mocap.capture.messages:
-        if not message.is_problem:
-            wrapped(layout, context, message.text, "DOT")
-
-
 def _has_notes(context: bpy.types.Context) -> bool:
     return has_capture(context) and not has_markers(context)
 
@@ -116,18 +110,17 @@ def notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     _draw_notes(layout, context)
 
 
+def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    for message in context.scene.mocap.capture.messages:
+        if not message.is_problem:
+            wrapped(layout, context, message.text, "DOT")
+
+
 class MOCAP_UL_markers(bpy.types.UIList):
     """The list of markers."""
 
     def draw_item(
-        self,
-        context: bpy.types.Context,
-        layout: bpy.types.UILayout,
-        data: MocapCapture,
-        item: bpy.types.PropertyGroup,
-        icon: int,
-        active_data: MocapCapture,
-        active_property: str,
+        self, context: Any, layout: bpy.types.UILayout, data: Any, item: Any, icon: int, owner: Any, active: str
     ) -> None:
         row = layout.row()
         row.label(text=item.name.rpartition(":")[2], icon=MEANINGS[item.meaning], translate=False)
@@ -193,13 +186,13 @@ class MOCAP_UL_people(bpy.types.UIList):
 
     def draw_item(
         self,
-        context: bpy.types.Context,
+        context: Any,
         layout: bpy.types.UILayout,
-        data: MocapCapture,
-        item: bpy.types.PropertyGroup,
+        data: Any,
+        item: Any,
         icon: int,
-        active_data: MocapCapture,
-        active_property: str,
+        owner: Any,
+        active: str,
         index: int = 0,
         flt_flag: int = 0,
     ) -> None:

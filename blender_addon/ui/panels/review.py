@@ -10,9 +10,7 @@ from ...body.controls.limbs import LIMBS, ROOT, finger_control, fist_control, ha
 from ...conventions.naming import counted
 from ..layout import draw_button, is_narrow, is_slim, wrapped
 from ..operators.base import current
-from ..operators.takes import (
-    takes_of_person,
-)
+from ..operators.takes import takes_of_person
 from ..properties import MocapReview
 from ..setting_properties import names_of
 from ..translation import CONTEXT
@@ -160,9 +158,11 @@ def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)
 
 
-@panel(
-    "FK and IK", "EDIT", parent="review", order=4, needs=lambda context: has_limbs(context.scene.mocap.review.armature)
-)
+def _has_limbs(context: bpy.types.Context) -> bool:
+    return has_limbs(context.scene.mocap.review.armature)
+
+
+@panel("FK and IK", "EDIT", parent="review", order=4, needs=_has_limbs)
 def limbs(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw a slider per limb, and the button that switches it and keeps the motion."""
     root = context.scene.mocap.review.armature.pose.bones[ROOT]

@@ -72,11 +72,9 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
     if not needs_new_rate(context.scene):
         return
+    rate = f"The scene now has {scene_frame_rate(context.scene):g} fps, so motion or detections play too fast or slow."
     box = layout.box()
-    rate = f"{scene_frame_rate(context.scene):g} fps"
-    wrapped(
-        box, context, f"The scene now has {rate}, so motion or detections play too fast or slow.", "ERROR", alert=True
-    )
+    wrapped(box, context, rate, "ERROR", alert=True)
     box.operator("mocap.follow_rate", icon="TIME")
 
 
@@ -129,7 +127,6 @@ def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, settings:
 
 
 def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:
-    """Draw the button to the ranges to review, or the one from Edit to Deliver."""
     settings = context.scene.mocap
     is_next = settings.stage == "EDIT"
     if not ranges and is_next:
@@ -138,7 +135,7 @@ def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges:
     button.scale_y = TALLEST if is_next else 1.0
     if ranges:
         text = f"{counted(ranges, 'range')} to review"
-        operator = "mocap.next_bad_range"
-        button.operator(operator, text=text, icon="TRIA_RIGHT", translate=False).backwards = False
+        next_range = button.operator("mocap.next_bad_range", text=text, icon="TRIA_RIGHT", translate=False)
+        next_range.backwards = False
     elif is_next:
         button.prop_enum(settings, "stage", "DELIVER", text="Continue to Deliver", text_ctxt=CONTEXT, icon="FORWARD")

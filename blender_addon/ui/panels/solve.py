@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -127,22 +127,18 @@ def _draw_outcome(box: bpy.types.UILayout, context: bpy.types.Context, solved: S
     _draw_warnings(box, context, solved)
 
 
-def _facts(solved: Any) -> list[tuple[str, str]]:
-    """Return lines about a solve with their icons."""
-    found = []
+def _facts(solved: Any) -> Iterator[tuple[str, str]]:
+    """Yield lines about a solve with their icons."""
     if solved.get("fps"):
         seconds = solved["frames"] / solved["fps"]
-        found.append((f"{counted(solved['frames'], 'frame')}, {seconds:.1f} s at {solved['fps']:g} fps", "TIME"))
-    for key, what in (
-        ("reprojection_median_px", "px from the detections"),
-        ("marker_median_mm", "mm from the markers"),
-    ):
+        yield f"{counted(solved['frames'], 'frame')}, {seconds:.1f} s at {solved['fps']:g} fps", "TIME"
+    distances = {"reprojection_median_px": "px from the detections", "marker_median_mm": "mm from the markers"}
+    for key, what in distances.items():
         if solved.get(key) is not None:
-            found.append((f"{solved[key]:.1f} {what} (median)", "DOT"))
+            yield f"{solved[key]:.1f} {what} (median)", "DOT"
     for key, what in (("unsure_frames", "to review"), ("unseen_frames", "interpolated")):
         if solved[key]:
-            found.append((f"{counted(solved[key], 'frame')} {what}", "INFO"))
-    return found
+            yield f"{counted(solved[key], 'frame')} {what}", "INFO"
 
 
 def _draw_warnings(layout: bpy.types.UILayout, context: bpy.types.Context, solved: Any, take: str = "") -> None:

@@ -9,10 +9,7 @@ import bpy.utils.previews  # pyright: ignore[reportMissingImports]
 
 from ..layout import draw_lines, draw_next, wrapped
 from ..operators.base import current
-from ..operators.videos import (
-    SET_UP_DETECTOR,
-    draw_video_settings,
-)
+from ..operators.videos import SET_UP_DETECTOR, draw_video_settings
 from ..preferences import detector_text, lacks_detector
 from ..properties import STEPS, MocapVideoStep
 from ..translation import CONTEXT
@@ -93,16 +90,14 @@ def _draw_detector(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, step: MocapVideoStep | None) -> None:
     """Draw the row of a step, and its results if it is open."""
     box = layout.box()
-    row = box.row(align=True)
-    if step is None:
-        row.label(text=STEPS[name][0], text_ctxt=CONTEXT, icon="LAYER_USED")
-    else:
+    row, icon = box.row(align=True), "LAYER_USED"
+    if step is not None:
         row.prop(step, "open", text="", icon="DOWNARROW_HLT" if step.open else "RIGHTARROW", emboss=False)
-        row.alert = bool(step.warnings)
-        row.label(text=STEPS[name][0], text_ctxt=CONTEXT, icon="ERROR" if step.warnings else "CHECKMARK")
-        row.alert = False
-    icon = "PLAY" if step is None else "FILE_REFRESH"
-    row.operator("mocap.video_step", text="", icon=icon).step = name
+        icon = "ERROR" if step.warnings else "CHECKMARK"
+    title = row.row(align=True)
+    title.alert = icon == "ERROR"
+    title.label(text=STEPS[name][0], text_ctxt=CONTEXT, icon=icon)
+    row.operator("mocap.video_step", text="", icon="PLAY" if step is None else "FILE_REFRESH").step = name
     if step is None or not step.open:
         return
     draw_lines(box, context, step.warnings, "ERROR")

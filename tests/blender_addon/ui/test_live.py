@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import MocapError
-from blender_addon.animation.pose import read_pose
+from blender_addon.animation.action import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.scene.live_figure import MOST_POINTS, create_live_figure

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import CommandLineInvalid
-from blender_addon.animation.pose import read_pose
+from blender_addon.animation.action import read_pose
 from blender_addon.ui.acquisition_properties import allowed_address, sending_options
 from blender_addon.ui.operators.export import playing
 from blender_addon.ui.operators.live import live

@@ -13,10 +13,10 @@ from mathutils import Quaternion
 
 import solver_backend
 from blender_addon._exchange.motion_file import read_motion
+from blender_addon.animation.action import read_pose
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.lanes import current_confidence, read_lane
-from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.shape import body_mesh, sliders
 from blender_addon.conventions.timing import set_scene_frame_rate
