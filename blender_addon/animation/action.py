@@ -3,26 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile
-from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
+from .._exchange.so3 import quat_from_rotvec, quat_multiply, rotvec_from_quat, sign_continuous
 from ..body.armature import rotation_from_body_axes
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
 from ..body.posed_body import rotvec_on
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
 from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming
-from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
+from .curves import CurveTarget, create_action, key_type_values, mark_laid, write_curves
 from .key_reduction import thin_channels
 from .lanes import write_confidence, write_resting
 from .layers import keep_users_action, reset_root
-from .retiming import mark_laid
 
 _EDITED = 1e-4
-"""Difference of a channel (metres, or parts of a quaternion) from the motion's that was made by hand."""
+"""Smallest difference of a channel (metres, or parts of a quaternion) from the motion's that is a hand edit."""
 
 
 def bake_action(
@@ -35,18 +35,18 @@ def bake_action(
     tolerance_mm: float | None = None,
     edited: np.ndarray | None = None,
 ) -> bpy.types.Action:
-    """Write the motion as one new action of the armature.
+    """Write a motion as a new action of an armature and play it.
 
     Args:
         name: name of the action.
         motion: the motion.
         armature: of the body's rig.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
-        timing: where the take lies in the scene.
-        keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
-            the full take is noted on the action. None for a key on every frame.
-        tolerance_mm: instead of that, as few keys as leave every joint so near to the full take.
-        edited: (F, 3 + 4 J) channels to write, with what was changed by hand; None for the motion's own.
+        timing: position of the take in the scene.
+        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores their distance from
+            the full take. None writes a key on every frame.
+        tolerance_mm: keep as few keys as possible with every joint within this distance of the full take.
+        edited: (F, 3 + 4 J) channels with hand edits, None for the motion's own.
     """
     with keep_users_action(armature):
         target = create_action(name, armature)
@@ -58,7 +58,7 @@ def bake_action(
     if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in columns:
-            kept = _needed(wanted[:, part])
+            kept = slice(0, 1 if np.ptp(wanted[:, part], axis=0).max() == 0.0 else None)  # one key for what never moves
             write_curves(target, path, joint, times[kept], wanted[kept, part], types[kept])
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
         write_resting(target, armature, motion, np.arange(motion.num_frames), times)
@@ -70,7 +70,8 @@ def bake_action(
         curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in columns:
-            write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
+            smooth = times[curves.frames], curves.values[:, part], key_type_values(None, len(curves.frames))
+            write_curves(target, path, joint, *smooth, slopes=slopes[:, part])
         write_confidence(target, armature, motion, curves.frames, times)
         write_resting(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
@@ -85,13 +86,8 @@ def bake_action(
     return action
 
 
-def _needed(values: np.ndarray) -> slice:
-    """Return which of (F, C) values are keyed: all, or where nothing ever changes (hands not solved) the first."""
-    return slice(0, 1 if np.ptp(values, axis=0).max() == 0.0 else None)
-
-
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key switches of limbs to FK and finger controls to 0: takes shown in turn do not inherit another's."""
+    """Key the switches of limbs and the finger controls at 0, so that no take inherits those of another take."""
     for path, name in control_paths(armature):
         write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
@@ -117,17 +113,14 @@ def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
 
 
 def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
-    """Return the pose-bone rotations of a motion, continuous in sign.
+    """Return the (F, J, 4) pose-bone rotations wxyz of a motion, continuous in sign.
 
     A joint's rotation exp(v) in the body's axes is exp(C v) in its bone's axes. The root maps the body's frame to the
-    world; the armature's frame already is the world's, so the part that stands the body up is taken off first.
+    world. The armature's frame already is the world's, so the rotation that stands the body up is removed first.
 
     Args:
         rotvec: (F, J, 3) axis-angle in radians.
         R_bone_body: (J, 3, 3) rotations C from ``rotation_from_body_axes``.
-
-    Returns:
-        (F, J, 4) wxyz.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
@@ -136,6 +129,47 @@ def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
 
 
 def pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) location channel of the pelvis: its path in its own rest axes, in metres."""
+    """Return the (F, 3) location channel of the pelvis in its own rest axes, in metres."""
     rest = np.array(armature.data.bones[SMPL.joints[0]].matrix_local, dtype=np.float64)
     return (rest_pelvis + motion.transl - rest[:3, 3]) @ rest[:3, :3]
+
+
+_CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
+
+
+@dataclass(frozen=True)
+class BodyPose:
+    """One frame of an SMPL-type body."""
+
+    rotvec: np.ndarray
+    """(J, 3) axis-angle in radians: the root maps body to world, the others child to parent."""
+    transl: np.ndarray
+    """(3,) metres: the pelvis is at ``J_0(betas) + transl``."""
+
+
+def read_pose(
+    armature: bpy.types.Object,
+    rest_pelvis: np.ndarray,
+    R_bone_body: np.ndarray | None = None,
+    *,
+    without_root: bool = False,
+) -> BodyPose:
+    """Return the current pose of a body, constraints and hand edits included.
+
+    Args:
+        armature: from ``create_armature``.
+        rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
+        R_bone_body: (J, 3, 3) from ``rotation_from_body_axes``, to read many poses. None computes it.
+        without_root: leave out the motion of the root control, which carries the whole take.
+    """
+    R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
+    bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
+    spaces = {"from_space": "POSE", "to_space": "LOCAL"}
+    local = [armature.convert_space(pose_bone=bone, matrix=bone.matrix, **spaces) for bone in bones]
+    if not without_root:
+        local[0] = bones[0].bone.matrix_local.inverted() @ bones[0].matrix
+    quat = np.array([matrix.to_quaternion() for matrix in local], dtype=np.float64)
+    quat[:, 1:] = (np.swapaxes(R_bone_body, 1, 2) @ quat[:, 1:, None])[..., 0]
+    quat[0] = quat_multiply(_CONJUGATE * QUAT_BODY_ARMATURE, quat[0])
+    pelvis = np.array((bones[0].bone.matrix_local @ local[0]).translation, dtype=np.float64)
+    return BodyPose(rotvec_from_quat(quat), pelvis - rest_pelvis)

@@ -12,16 +12,15 @@ import numpy as np
 
 @dataclass(frozen=True)
 class CurveTarget:
-    """An action bound to an object, and where its curves go."""
+    """The curves of an action for one object."""
 
     action: bpy.types.Action
-    """The new action."""
     container: Any
     """The slot's channelbag (Blender 4.4 and later) or the action itself."""
 
 
 def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
-    """Create an action with a slot for one object and make it the object's current one; older actions stay."""
+    """Create an action with a slot for one object and play it. Older actions stay in the file."""
     action = bpy.data.actions.new(name)
     if hasattr(action, "slots"):
         action.slots.new(id_type="OBJECT", name=obj.name)
@@ -32,7 +31,7 @@ def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
 
 
 def is_take(action: bpy.types.Action) -> bool:
-    """Return whether an action was laid by ``bake_action``."""
+    """Return whether ``bake_action`` made an action."""
     return all(key in action for key in ("fps", "frames", "frame_start"))
 
 
@@ -51,7 +50,7 @@ def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the take that an object plays, also below layers of the user's; without a take the topmost action."""
+    """Return the take that an object plays, also below the user's layers, or else the topmost action."""
     own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
     if own is not None and is_take(own):
         return own
@@ -69,7 +68,7 @@ def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: An
 
 
 def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Put a whole action in the place of an NLA strip, on the frames where its keys are."""
+    """Replace an NLA strip by one that plays a whole action on the frames of its keys."""
     [track] = [track for track in obj.animation_data.nla_tracks if strip in list(track.strips)]
     kept = {name: getattr(strip, name) for name in ("blend_type", "extrapolation", "use_auto_blend")}
     track.strips.remove(strip)
@@ -80,7 +79,7 @@ def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy
 
 
 def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
-    """Let a new NLA strip play a whole action, on the frames where its keys are."""
+    """Let a new NLA strip play a whole action on the frames of its keys."""
     if hasattr(action, "slots") and len(action.slots):
         strip.action_slot = action.slots[0]
     strip.action_frame_start, strip.action_frame_end = action.frame_range
@@ -99,7 +98,7 @@ def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
 
 
 def played_target(obj: bpy.types.Object) -> CurveTarget | None:
-    """Return where the curves of an object's own action go; None if it has none, or cannot change it."""
+    """Return the curves of an object's own action, None if it has none or cannot be edited."""
     action = current_action(obj)
     if action is None or not action.is_editable or action != obj.animation_data.action:
         return None
@@ -107,7 +106,7 @@ def played_target(obj: bpy.types.Object) -> CurveTarget | None:
 
 
 def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | None:
-    """Return where the curves of an action go; None where it has no slot."""
+    """Return the curves of an action, None if it has no slot."""
     if not hasattr(action, "slots"):
         return CurveTarget(action, action)
     slot = slot or next(iter(action.slots), None)
@@ -119,7 +118,7 @@ def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | No
 
 
 def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
-    """Remove a property's curves; return the (F, 2) times and key types of the first, None where there was none."""
+    """Remove a property's curves and return the (F, 2) times and key types of the first, None if there is none."""
     curves = [curve for curve in target.container.fcurves if curve.data_path == path]
     if not curves:
         return None
@@ -133,56 +132,42 @@ def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
 
 
 def write_curves(
-    target: CurveTarget, path: str, group: str, times: np.ndarray, values: np.ndarray, types: np.ndarray
+    target: CurveTarget,
+    path: str,
+    group: str,
+    times: np.ndarray,
+    values: np.ndarray,
+    types: np.ndarray,
+    slopes: np.ndarray | None = None,
 ) -> None:
-    """Write one curve a column, LINEAR between its keys.
+    """Write one curve per column: straight lines between the keys, or cubics with given slopes at the keys.
+
+    Bezier handles of a third of the interval to the next key make a piece a cubic polynomial of time.
 
     Args:
         target: from ``create_action``.
         path: data path of the property.
-        group: channel group, one a bone.
-        times: (F,) scene frames, rising; they need not be whole.
-        values: (F, N) one column for each index of the property.
+        group: channel group, one per bone.
+        times: (F,) scene frames, ascending, not necessarily whole.
+        values: (F, N) one column per index of the property.
         types: (F,) key types, see ``key_type_values``.
+        slopes: (F, N) per scene frame, None for straight lines.
     """
-    linear = np.full(len(times), _enum_value("interpolation", "LINEAR"), dtype=np.int32)
-    for curve, column in zip(_new_curves(target, path, group, values.shape[1]), values.T, strict=True):
-        curve.keyframe_points.add(len(times))
-        curve.keyframe_points.foreach_set("co", _points(times, column))
-        curve.keyframe_points.foreach_set("interpolation", linear)
-        curve.keyframe_points.foreach_set("type", types)
-        curve.update()
-
-
-def write_smooth_curves(
-    target: CurveTarget, path: str, group: str, times: np.ndarray, values: np.ndarray, slopes: np.ndarray
-) -> None:
-    """Write one Bezier curve a column, which is the cubic through its keys with the given slopes.
-
-    Handles a third of the interval to the next key make a Bezier piece a cubic polynomial of time.
-
-    Args:
-        target: from ``create_action``.
-        path: data path of the property.
-        group: channel group, one a bone.
-        times: (K,) scene frames, rising.
-        values: (K, N) one column for each index of the property.
-        slopes: (K, N) per scene frame.
-    """
-    bezier = np.full(len(times), _enum_value("interpolation", "BEZIER"), dtype=np.int32)
-    aligned = np.full(len(times), _enum_value("handle_left_type", "ALIGNED"), dtype=np.int32)
+    columns = {"interpolation": ("LINEAR",)}
+    if slopes is not None:
+        columns = {"interpolation": ("BEZIER",), "handle_left_type": ("ALIGNED",), "handle_right_type": ("ALIGNED",)}
+    fields = {name: np.full(len(times), _enum_value(name, *value), np.int32) for name, value in columns.items()}
     steps = np.diff(times, prepend=times[0] - 1, append=times[-1] + 1) / 3
-    curves = _new_curves(target, path, group, values.shape[1])
-    for curve, column, slope in zip(curves, values.T, slopes.T, strict=True):
-        keys = curve.keyframe_points
+    for k, curve in enumerate(_new_curves(target, path, group, values.shape[1])):
+        keys, column = curve.keyframe_points, values[:, k]
         keys.add(len(times))
         keys.foreach_set("co", _points(times, column))
-        keys.foreach_set("interpolation", bezier)
-        keys.foreach_set("handle_left_type", aligned)
-        keys.foreach_set("handle_right_type", aligned)
-        keys.foreach_set("handle_left", _points(times - steps[:-1], column - slope * steps[:-1]))
-        keys.foreach_set("handle_right", _points(times + steps[1:], column + slope * steps[1:]))
-        keys.foreach_set("type", key_type_values(None, len(times)))
+        for name, field in fields.items():
+            keys.foreach_set(name, field)
+        if slopes is not None:
+            keys.foreach_set("handle_left", _points(times - steps[:-1], column - slopes[:, k] * steps[:-1]))
+            keys.foreach_set("handle_right", _points(times + steps[1:], column + slopes[:, k] * steps[1:]))
+        keys.foreach_set("type", types)
         curve.update()
 
 
@@ -212,6 +197,67 @@ def _points(times: np.ndarray, values: np.ndarray) -> np.ndarray:
 
 
 def _enum_value(prop: str, *names: str) -> int:
-    """Return the number ``foreach_set`` wants for the first name this Blender knows."""
+    """Return the number for ``foreach_set`` of the first name that this Blender knows."""
     items = bpy.types.Keyframe.bl_rna.properties[prop].enum_items
     return next(items[name].value for name in names if name in items)
+
+
+RATE = "scene_fps"
+"""Custom property of an action: the scene's frames per second for which its keys are placed."""
+_SAME = 1e-4
+"""Relative difference below which two frame rates are equal."""
+
+
+def same_rate(a: float, b: float) -> bool:
+    """Return whether two frame rates are equal."""
+    return abs(a - b) <= _SAME * max(a, b)
+
+
+def laid_rate(action: bpy.types.Action) -> float:
+    """Return the scene frame rate for which a take's keys are placed."""
+    return float(action[RATE])
+
+
+def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
+    """Store how an action is placed in time, so that it can follow the scene's frame rate.
+
+    Args:
+        action: the action.
+        fps: frames per second of its motion.
+        frames: number of frames of its motion.
+        start: scene frame of the first one.
+        scene_fps: the scene's frames per second.
+    """
+    action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
+
+
+def played_takes(scene: bpy.types.Scene) -> Iterator[bpy.types.Action]:
+    """Yield the takes that the objects of a scene play or have on the NLA, each once."""
+    seen: set[str] = set()
+    for obj in scene.objects:
+        animation = obj.animation_data if obj.type == "ARMATURE" else None
+        if animation is None:
+            continue
+        strips = [strip.action for track in animation.nla_tracks for strip in track.strips]
+        for action in (animation.action, *strips):
+            if action is not None and is_take(action) and action.name_full not in seen:
+                seen.add(action.name_full)
+                yield action
+
+
+def relay_take(action: bpy.types.Action, scene_fps: float) -> None:
+    """Move a take's keys, with all hand edits, to another scene frame rate. Its first frame stays."""
+    start, ratio = float(action["frame_start"]), scene_fps / laid_rate(action)
+    for curve in action_curves(action):
+        keys = curve.keyframe_points
+        for name in ("co", "handle_left", "handle_right"):
+            points = np.empty(2 * len(keys), np.float32)
+            keys.foreach_get(name, points)
+            points[::2] = start + (points[::2] - start) * ratio
+            keys.foreach_set(name, points)
+        curve.update()
+    action[RATE] = scene_fps
+    for animation in (obj.animation_data for obj in bpy.data.objects if obj.animation_data is not None):
+        for strip in (strip for track in animation.nla_tracks for strip in track.strips):
+            if strip.action == action:
+                strip.action_frame_start, strip.action_frame_end = action.frame_range

@@ -1,4 +1,4 @@
-"""How far Blender's evaluated body is from the same body computed in NumPy."""
+"""Distance of Blender's evaluated body from the same body computed in NumPy."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..conventions.timing import TakeTiming, go_to_frame
 
 @dataclass(frozen=True)
 class Deviation:
-    """Largest distances over the frames looked at."""
+    """Largest distances over some frames."""
 
     joints_mm: float
-    """Heads of the pose bones against the motion file's joints, or the tree's where the file has none."""
+    """Heads of the pose bones from the motion file's joints, or from the tree's if the file has none."""
     skin_mm: float
-    """Evaluated mesh against the model: skinning with the body's shape and pose correctives."""
+    """Evaluated mesh from the model: skinning with the body's shape and pose correctives."""
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
@@ -50,20 +50,14 @@ def measure_deviation(
     timing: TakeTiming,
     frames: list[int],
 ) -> Deviation:
-    """Compare Blender's evaluation with NumPy's on these frames of the take; the scene ends on its first frame.
-
-    The scene must be the window's current one.
-    """
+    """Compare Blender's evaluation with NumPy's on frames of a take. The scene must be the window's current one."""
     times = timing.scene_frames(motion.num_frames, motion.fps)
     _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]
     joints = np.stack([evaluated_joints(scene, armature, times[f]) for f in frames])
     vertices = np.stack([evaluated_vertices(scene, mesh, times[f]) for f in frames])
     scene.frame_set(scene.frame_start)
-    return Deviation(
-        joints_mm=_largest_mm(joints, expected),
-        skin_mm=_largest_mm(vertices, skin(body, motion, frames)),
-    )
+    return Deviation(_largest_mm(joints, expected), _largest_mm(vertices, skin(body, motion, frames)))
 
 
 def _largest_mm(found: np.ndarray, expected: np.ndarray) -> float:

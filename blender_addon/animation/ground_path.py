@@ -1,4 +1,4 @@
-"""The path over the ground: what a root bone carries, and what a motion in place leaves out."""
+"""The path over the ground: the motion of a root bone, which a motion in place leaves out."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import numpy as np
 from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
 _SMOOTH_S = 0.25
-"""Standard deviation of the Gaussian that leaves the sway of the hips to the hips."""
+"""Standard deviation of the Gaussian filter, which leaves the sway to the hips."""
 
 
 @dataclass(frozen=True)
 class GroundPath:
-    """A person's way over the ground."""
+    """A person's path over the ground."""
 
     way: np.ndarray
     """(F, 3) metres from the stage's origin, z = 0."""
@@ -23,7 +23,7 @@ class GroundPath:
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
-    """Return the smoothed way of the hips, and the smoothed heading of the pelvis.
+    """Return the smoothed path of the hips and the smoothed heading of the pelvis.
 
     The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
 
@@ -40,7 +40,7 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
 
 
 def _smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return columns under a Gaussian; beyond its ends a motion goes on as it came, turned about its end points."""
+    """Return Gaussian-filtered columns, continued beyond the ends by point reflection."""
     half = min(int(np.ceil(3 * sigma)), len(values) - 1)
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / max(sigma, 1e-6)) ** 2)
     longer = np.pad(values, ((half, half), (0, 0)), mode="reflect", reflect_type="odd")

@@ -1,4 +1,4 @@
-"""Which frames of a take deserve a key: laid where the take is worst without, then moved to where they serve best."""
+"""Key reduction: place keys where a take deviates most, then move them to where they serve best."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import LAYOUTS, layout_of
 
 _PULL = 1e-3
-"""Weight that draws slopes to those of their neighbours, so that keys side by side have one too."""
+"""Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes."""
 
 
 @dataclass(frozen=True)
 class SparseCurves:
-    """N curves of cubic pieces that share K keys, smooth across them (cubic Hermite splines)."""
+    """N cubic Hermite splines that share K keys."""
 
     frames: np.ndarray
     """(K,) frames of the take, ascending."""
     values: np.ndarray
-    """(K, N) at the keys: those of the take."""
+    """(K, N) values of the take at the keys."""
     slopes: np.ndarray
     """(K, N) per frame."""
 
     @classmethod
     def fitted(cls, values: np.ndarray, frames: np.ndarray) -> SparseCurves:
-        """Return the curves through some frames (K,) of whole curves (F, N) that are nearest to them in between."""
+        """Return the curves through frames (K,) of whole curves (F, N) that fit best between them."""
         if len(values) == 1:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
         return cls(frames, values[frames], fit_slopes(values, frames))
@@ -46,9 +46,9 @@ class SparseCurves:
 
 
 def fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (K, N) slopes at the keys with the least squared distance of the curves from ``values`` (F, N).
+    """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N).
 
-    A piece is linear in its two slopes, so the normal equations are tridiagonal and the same for all curves.
+    A piece is linear in its two slopes, so the normal equations are tridiagonal and equal for all curves.
     """
     left, basis = _hermite(frames, len(values))
     at_keys = values[frames]
@@ -65,7 +65,7 @@ def fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
 
 
 def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return the key before each frame (F,) and the weights (F, 4) of both values and both slopes around it."""
+    """Return the key before each frame (F,) and the weights (F, 4) of the values and slopes on both sides of it."""
     at = np.arange(num_frames)
     left = np.clip(np.searchsorted(frames, at, "right") - 1, 0, len(frames) - 2)
     length = (frames[left + 1] - frames[left]).astype(float)
@@ -76,18 +76,18 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
 
 
 _MOVES = (1, -1, 2, -2, 4, -4)
-"""Candidates by which a key is moved on trial."""
+"""Trial moves of a key in candidates."""
 _SWEEPS = 4
 _NEIGHBOURS = 3
-"""Keys on either side of a moved one that are fitted anew with it; the fit feels one farther off to a hundredth."""
+"""Keys on each side that are refitted with a moved key. A more distant key changes the fit by about a hundredth."""
 _POWER = 6
-"""Of the mean of distances that keys are moved to lessen: near the largest distance, and smooth."""
+"""Power of the mean that moves minimise: close to the largest distance, but smooth."""
 _SHARE = 8
-"""In each pass over the take one in so many of the missing keys is laid."""
+"""Each pass over the take places one in this many of the missing keys."""
 
 
 class Distance(Protocol):
-    """How far found values are from a take."""
+    """Distance of values from a take."""
 
     def __call__(self, first: int, found: np.ndarray) -> np.ndarray:
         """Return (n,) metres for values (n, N) of the frames from ``first`` on."""
@@ -95,13 +95,13 @@ class Distance(Protocol):
 
 
 def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance) -> SparseCurves:
-    """Return curves with at most ``count`` keys, laid where the take needs them.
+    """Return curves with at most ``count`` keys, placed where the take needs them.
 
     Args:
         values: (F, N) whole curves.
-        candidates: (C,) frames at which a key may lie, ascending; the first and last frame always may.
-        count: keys, at least 2.
-        distance: how far curves are from the take.
+        candidates: (C,) frames that may have a key, ascending. The first and last frame always may.
+        count: number of keys, at least 2.
+        distance: distance of curves from the take.
     """
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
@@ -109,14 +109,9 @@ def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance
 
 
 def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> SparseCurves:
-    """Return curves that are nowhere further from a take than a tolerance, with as few keys as are found to do.
+    """Return curves within a tolerance of a take in metres, with as few keys as possible.
 
-    Keys are laid at the worst frames until all are near enough; then each that is not needed goes.
-
-    Args:
-        values: (F, N) whole curves.
-        distance: how far curves are from the take.
-        tolerance_m: metres.
+    Keys are placed at the worst frames until all are within the tolerance. Then unnecessary keys are removed.
     """
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
@@ -135,7 +130,7 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
 
 
 def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
-    """Return the keys without those that the curves stay within the tolerance without; measured by their neighbours."""
+    """Return the keys without those that the tolerance does not need."""
     taken = keys.tolist()
     k = 1
     while k < len(taken) - 1:
@@ -145,7 +140,7 @@ def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_
         found = SparseCurves.fitted(part, np.array(around) - start).sampled(len(part))
         if distance(start, found).max() <= tolerance_m:
             without = np.array([*taken[:k], *taken[k + 1 :]])
-            # What lies beyond the neighbours feels it, too, if little: the whole take decides.
+            # Frames beyond the neighbours change a little, too: the whole take decides.
             if distance(0, SparseCurves.fitted(values, without).sampled(len(values))).max() <= tolerance_m:
                 taken.pop(k)
                 continue
@@ -171,7 +166,7 @@ def _lay(values: np.ndarray, free: np.ndarray, count: int, distance: Distance) -
 
 
 def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Distance) -> np.ndarray:
-    """Return the keys after moving each to a candidate nearby as long as that lessens the distances around it."""
+    """Return the keys, each moved to a nearby candidate as long as that reduces the distances around it."""
     taken = keys.tolist()
     for _ in range(_SWEEPS):
         before = list(taken)
@@ -193,7 +188,7 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 
 def _cost(values: np.ndarray, keys: list[int], distance: Distance) -> float:
-    """Return the sum of powers of the distances between the first and the last of some keys."""
+    """Return the sum of powers of the distances between the first and the last key."""
     first, stop = keys[0], keys[-1] + 1
     part = values[first:stop]
     found = SparseCurves.fitted(part, np.array(keys) - first).sampled(len(part))
@@ -202,20 +197,17 @@ def _cost(values: np.ndarray, keys: list[int], distance: Distance) -> float:
 
 @dataclass(frozen=True)
 class KeyDeviation:
-    """Largest differences between a take with few keys and the full take, over all its frames and joints."""
+    """Largest differences between a take with few keys and the full take, over all frames and joints."""
 
     keys: int
-    """Keys that are left."""
     joints_mm: float
     """Joint positions."""
     degrees: float
     """Rotations of the joints against their parents."""
 
     def __str__(self) -> str:
-        return (
-            f"{self.keys} keys are left: joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° "
-            "from the take."
-        )
+        off = f"joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."
+        return f"{self.keys} keys are left: {off}"
 
 
 def thin_channels(
@@ -229,10 +221,10 @@ def thin_channels(
 
     Args:
         channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
-        armature: whose channels they are.
-        keyframes: (F,) frames that may keep a key; None for any.
-        count: keys at most.
-        tolerance_mm: instead of ``count``, how far any joint may be from the full take; keys may then lie anywhere.
+        armature: the armature.
+        keyframes: (F,) frames that may keep a key, None for all.
+        count: maximum number of keys.
+        tolerance_mm: largest distance of a joint from the full take, with keys on any frame, instead of ``count``.
     """
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
@@ -240,7 +232,7 @@ def thin_channels(
     joints = posed_joints(channels, heads, axes)[1]
 
     def apart(first: int, found: np.ndarray) -> np.ndarray:
-        """Return (n,) metres by which the joint farthest off is off."""
+        """Return (n,) metres by which the worst joint is off."""
         off = posed_joints(found, heads, axes)[1] - joints[first : first + len(found)]
         return np.linalg.norm(off, axis=-1).max(axis=1)
 
@@ -250,11 +242,8 @@ def thin_channels(
         curves = keys_within(channels, apart, 1e-3 * tolerance_mm)
     found = curves.sampled(frames)
     cosine = np.abs((_quaternions(found) * _quaternions(channels)).sum(-1)).clip(max=1)
-    return curves, KeyDeviation(
-        keys=len(curves.frames),
-        joints_mm=float(1000 * apart(0, found).max()),
-        degrees=float(np.degrees(2 * np.arccos(cosine)).max()),
-    )
+    degrees, joints_mm = float(np.degrees(2 * np.arccos(cosine)).max()), float(1000 * apart(0, found).max())
+    return curves, KeyDeviation(len(curves.frames), joints_mm, degrees)
 
 
 def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
@@ -265,13 +254,13 @@ def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quaternions(channels: np.ndarray) -> np.ndarray:
-    """Return the (F, J, 4) unit quaternions; Blender, too, scales those of a pose to length 1."""
+    """Return the (F, J, 4) unit quaternions, normalised as Blender does."""
     quat = channels[:, 3:].reshape(len(channels), -1, 4)
     return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
 
 
 def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (F, J, 3, 3) and places (F, J, 3) of bones in the armature's frame.
+    """Return rotations (F, J, 3, 3) and positions (F, J, 3) of bones in the armature's frame.
 
     ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``.
 

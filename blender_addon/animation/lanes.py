@@ -1,4 +1,4 @@
-"""Confidence lanes: a custom property of the armature, the worst joint's, and one of each bone, all animated."""
+"""Confidence as animated custom properties: one per bone, and the worst joint's on the armature."""
 
 from __future__ import annotations
 
@@ -13,18 +13,15 @@ from .curves import CurveTarget, action_curves, current_action, key_type_values,
 HALF_AT_M = 0.03
 """Standard deviation at which confidence is one half."""
 _UNSURE_AT_MOST = 0.3
-"""Confidence of a flagged frame at most, 0 to 1; chosen by hand."""
+"""Highest confidence of a flagged frame, 0 to 1, chosen by hand."""
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``; 0 where a frame was bridged, at most 0.3 where its residual stands out.
+    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 in interpolated frames and at most 0.3 in frames with a large residual.
 
     Args:
         sigma_m: (F, 24) standard deviations in metres.
         flags: (F,) bit mask of the motion file, or None.
-
-    Returns:
-        (F, 24) in 0..1.
     """
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
@@ -35,7 +32,7 @@ def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarra
 
 
 def sigma_of(confidence: float) -> float:
-    """Return the standard deviation in metres that a confidence in (0, 1] stands for."""
+    """Return the standard deviation in metres of a confidence in (0, 1]."""
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
 
 
@@ -48,9 +45,9 @@ _GROUP = "Confidence"
 def write_confidence(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write the lanes of a motion that knows its uncertainty; bones keep theirs in their own channel groups.
+    """Write the confidence of a motion that knows its uncertainty.
 
-    The armature's lane leaves out joints at rest, which nothing measured informs: they are not what deserves a look.
+    The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
 
     Args:
         target: the take's action.
@@ -66,10 +63,9 @@ def write_confidence(
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
     _declare(armature, "Confidence of the least certain joint, 0 to 1")
     write_curves(target, _PATH, _GROUP, times[frames], worst.min(axis=1, keepdims=True), types)
-    for j, joint in enumerate(motion.body_layout.joints):
-        if joint not in armature.pose.bones:
-            continue
-        _declare(armature.pose.bones[joint], "Confidence of the joint at this bone's head, 0 to 1")
+    bones = armature.pose.bones
+    for j, joint in ((j, joint) for j, joint in enumerate(motion.body_layout.joints) if joint in bones):
+        _declare(bones[joint], "Confidence of the joint at this bone's head, 0 to 1")
         write_curves(target, f'pose.bones["{joint}"]{_PATH}', joint, times[frames], confidence[:, j : j + 1], types)
 
 
@@ -84,7 +80,7 @@ def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
 
 
 def confidence_at(action: bpy.types.Action, frame: float) -> dict[str, float]:
-    """Return each bone's confidence on a scene frame, for bones that have a lane."""
+    """Return the confidence of each bone with a curve on a scene frame."""
     return {
         match[1]: curve.evaluate(frame)
         for curve in action_curves(action)
@@ -93,7 +89,7 @@ def confidence_at(action: bpy.types.Action, frame: float) -> dict[str, float]:
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
-    """Return each bone's confidence on the scene's current frame, for bones that have one."""
+    """Return the confidence of each bone that has one on the scene's current frame."""
     return {bone.name: float(bone[PROPERTY]) for bone in armature.pose.bones if PROPERTY in bone}
 
 
@@ -109,18 +105,10 @@ _RESTING_PATH = re.compile(r'pose\.bones\["([^"]+)"\]\["resting"\]')
 def write_resting(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write 1 where a joint is at rest and 0 elsewhere, for the joints that ever are.
-
-    Args:
-        target: the take's action.
-        armature: its armature.
-        motion: the motion.
-        frames: (N,) frames of the motion that get a key.
-        times: (F,) scene frame of each frame of the motion.
-    """
+    """Write 1 for a joint at rest and 0 otherwise, for joints that are ever at rest. See ``write_confidence``."""
     for bone in armature.pose.bones:
         if RESTING in bone:
-            del bone[RESTING]  # of another take: without a curve it would stay
+            del bone[RESTING]  # of another take, which no curve would change
     if motion.resting is None:
         return
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
@@ -135,7 +123,7 @@ def write_resting(
 
 
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
-    """Return (F,) bool at scene frames, of each bone that has a lane: whether nothing measured its joint."""
+    """Return (F,) bool at scene frames for each bone with a curve: whether nothing measured its joint."""
     if action is None:
         return {}
     return {

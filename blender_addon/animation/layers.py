@@ -1,4 +1,4 @@
-"""What an animator adds to takes: actions that play on top of them, and where each take was placed."""
+"""Actions of an animator on top of takes, and the place of each take."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from ..body.controls.limbs import ROOT
 from .curves import current_action, exchange_strip, fit_strip, is_take, play_action, playing_strips, take_strip
 
 PLACE = "place"
-"""Custom property of a take: location, rotation and scale of its object and of the root control, where not keyed."""
+"""Custom property of a take: location, rotation and scale of its object and of the root control, if not keyed."""
 _PLACE_FIELDS = {
     "location": 3,
     "rotation_euler": 3,
@@ -20,11 +20,11 @@ _PLACE_FIELDS = {
     "scale": 3,
 }
 LAYER_SUFFIX = " layer"
-"""Ending of the name of an action that ``add_layer`` makes."""
+"""Suffix of the name of an action that ``add_layer`` makes."""
 
 
 def has_layers(obj: bpy.types.Object) -> bool:
-    """Return whether an object plays actions of the user's on top of a take on the NLA."""
+    """Return whether an object plays actions of the user on top of a take on the NLA."""
     strip = take_strip(obj)
     if strip is None:
         return False
@@ -36,8 +36,8 @@ def has_layers(obj: bpy.types.Object) -> bool:
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     """Let the block give an object another action without losing one that is not a take.
 
-    An action on top of a take stays there, and the new one takes the place of the take below. Any other action of the
-    user's goes to a muted NLA track of its name and keeps a fake user.
+    An action on top of a take stays there, and the new one replaces the take below. Any other action of the user goes
+    to a muted NLA track with its name and gets a fake user.
     """
     animation = obj.animation_data or obj.animation_data_create()
     remember_place(obj)
@@ -58,14 +58,14 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
 
 
 def remember_place(obj: bpy.types.Object) -> None:
-    """Keep on the take that an object plays where the object and its root control stand."""
+    """Store the place of an object and its root control on the take that it plays."""
     take = current_action(obj)
     if take is not None and is_take(take) and take.is_editable:
         take[PLACE] = [float(v) for owner in _placed(obj) for name in _PLACE_FIELDS for v in getattr(owner, name)]
 
 
 def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
-    """Put an object and its root control where they stood when the take was last played."""
+    """Move an object and its root control to their place when the take was last played."""
     values = [float(value) for value in take.get(PLACE, ())]
     if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
         return
@@ -77,7 +77,7 @@ def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
 
 
 def reset_root(obj: bpy.types.Object) -> None:
-    """Put the root control where it rests, for a take that was just solved."""
+    """Reset the root control, for a take that was just solved."""
     if (root := obj.pose.bones.get(ROOT)) is not None:
         root.matrix_basis.identity()
 
@@ -88,7 +88,7 @@ def _placed(obj: bpy.types.Object) -> list[bpy.types.Object | bpy.types.PoseBone
 
 
 def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | None) -> bpy.types.NlaStrip:
-    """Put an action on a new, muted NLA track of its name."""
+    """Put an action on a new, muted NLA track with its name."""
     track = obj.animation_data.nla_tracks.new()
     track.name = action.name
     strip = track.strips.new(action.name, int(action.frame_range[0]), action)
@@ -101,7 +101,7 @@ def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | No
 
 
 def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
-    """Move a take that an object plays to the NLA and return an empty action that is combined with it."""
+    """Move a take that an object plays to the NLA, and return a new empty action that is combined with it."""
     animation = obj.animation_data
     if animation.action == take:
         slot = getattr(animation, "action_slot", None)

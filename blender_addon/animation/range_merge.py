@@ -1,4 +1,4 @@
-"""A take of which a range was solved again: inside the range the new motion, outside it the former keys to the bit."""
+"""A take with a range that was solved again: the new motion inside, and the former keys bit for bit outside."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ Keys = dict[str, np.ndarray]
 """Each field of the keys of one curve, by its name in Blender."""
 
 _FLOATS = {"co": 2, "handle_left": 2, "handle_right": 2, "back": 1, "amplitude": 1, "period": 1}
-"""Numbers a keyframe point has in each of Blender's columns."""
+"""Numbers per keyframe point in each of Blender's columns."""
+_POINTS = ("co", "handle_left", "handle_right")
 _CHOICES = ("interpolation", "easing", "handle_left_type", "handle_right_type", "type")
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
 
-def read_keys(curve: bpy.types.FCurve) -> Keys:
-    """Return the keys of a curve: ``co`` and handles (K, 2), everything else (K, 1)."""
+def _read_keys(curve: bpy.types.FCurve) -> Keys:
+    """Return the keys of a curve: ``co`` and handles (K, 2), all others (K, 1)."""
     points = curve.keyframe_points
     keys: Keys = {name: np.empty(width * len(points), np.float32) for name, width in _FLOATS.items()}
     keys |= {name: np.empty(len(points), np.int32) for name in _CHOICES}
@@ -29,8 +30,7 @@ def read_keys(curve: bpy.types.FCurve) -> Keys:
     return {name: values.reshape(len(points), -1) for name, values in keys.items()}
 
 
-def write_keys(curve: bpy.types.FCurve, keys: Keys) -> None:
-    """Replace the keys of a curve."""
+def _write_keys(curve: bpy.types.FCurve, keys: Keys) -> None:
     points = curve.keyframe_points
     points.clear()
     points.add(len(keys["co"]))
@@ -40,15 +40,15 @@ def write_keys(curve: bpy.types.FCurve, keys: Keys) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy the curves of a take that its solve does not write, such as those of the root, into one made of it.
+    """Copy the curves of a take that its solve does not write, such as those of the root, into a take made of it.
 
-    The controls of limbs and fingers stay behind: the new take is posed joint by joint.
+    The controls of limbs and fingers are left out, as the new take is posed joint by joint.
 
     Args:
         source: the take.
-        target: where the new take's curves are.
+        target: curves of the new take.
         start: scene frame of both first frames.
-        ratio: scene frame rate of the new take by that of the old one.
+        ratio: scene frame rate of the new take divided by that of the old one.
     """
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
@@ -56,48 +56,32 @@ def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ra
         place = curve.data_path, curve.array_index
         if place in written or curve.data_path.startswith(left):
             continue
-        keys = read_keys(curve)
-        for name in ("co", "handle_left", "handle_right"):
+        keys = _read_keys(curve)
+        for name in _POINTS:
             keys[name][:, 0] = start + (keys[name][:, 0] - start) * ratio
         new = target.container.fcurves.new(curve.data_path, index=curve.array_index)
-        write_keys(new, keys)
+        _write_keys(new, keys)
         new.extrapolation, new.mute = curve.extrapolation, curve.mute
 
 
-def select_keys(keys: Keys, chosen: np.ndarray) -> Keys:
-    """Return some keys, by a (K,) mask."""
+def _select_keys(keys: Keys, chosen: np.ndarray) -> Keys:
     return {name: values[chosen] for name, values in keys.items()}
 
 
-def join_keys(*parts: Keys) -> Keys:
-    """Return keys one after the other."""
+def _join_keys(*parts: Keys) -> Keys:
     return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
 
 
-def times_of(keys: Keys) -> np.ndarray:
-    """Return the (K,) scene frames of keys."""
+def _times(keys: Keys) -> np.ndarray:
     return keys["co"][:, 0].astype(np.float64)
 
 
-def linear_keys(times: np.ndarray, values: np.ndarray, like: Keys) -> Keys:
-    """Return LINEAR keys.
-
-    Args:
-        times: (K,) scene frames.
-        values: (K,) values.
-        like: keys with at least one, whose other fields they get.
-    """
+def _linear_keys(times: np.ndarray, values: np.ndarray, like: Keys) -> Keys:
+    """Return LINEAR keys of (K,) times and values, with the other fields of the first key of ``like``."""
     keys = {name: np.repeat(field[:1], len(times), axis=0) for name, field in like.items()}
     points = np.stack([times, values], axis=1).astype(np.float32).reshape(-1, 2)
-    return keys | {
-        "co": points, "handle_left": points.copy(), "handle_right": points.copy(),
-        "interpolation": np.full((len(times), 1), _LINEAR, np.int32),
-    }  # fmt: skip
-
-
-def make_linear(keys: Keys, index: int) -> None:
-    """Let the piece after a key be a straight line."""
-    keys["interpolation"][index] = _LINEAR
+    keys |= {name: points.copy() for name in _POINTS}
+    return keys | {"interpolation": np.full((len(times), 1), _LINEAR, np.int32)}
 
 
 _NEAR = 1e-3
@@ -115,7 +99,7 @@ class RangeTimes:
     """Between two frames of the take."""
 
     def holds(self, times: np.ndarray) -> np.ndarray:
-        """Return which of (K,) times lie inside."""
+        """Return a mask of the (K,) times inside."""
         return (times > self.first - _NEAR) & (times < self.last + _NEAR)
 
     def between(self, after: float, before: float) -> np.ndarray:
@@ -126,12 +110,12 @@ class RangeTimes:
 
 
 def merge_range(edited: bpy.types.Action, solved: bpy.types.Action, times: RangeTimes) -> None:
-    """Let an edited action play what was solved again inside a range.
+    """Replace a range of an edited action by what was solved again. Its keys outside the range stay bit for bit.
 
-    Limbs that it poses from their ends (IK) are posed joint by joint inside the range.
+    Limbs that it poses by IK are posed by FK inside the range.
 
     Args:
-        edited: the take; its keys outside the range stay to the bit.
+        edited: the take.
         solved: the whole solved motion as it was baked.
         times: the range.
     """
@@ -146,7 +130,7 @@ def merge_range(edited: bpy.types.Action, solved: bpy.types.Action, times: Range
 
 
 def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
-    """Return by which sign each rotation is multiplied to go on from the former one: q and -q are the same."""
+    """Return the sign of each rotation that continues the former one, as q and -q are the same rotation."""
     before = times.first - times.step
     products: dict[str, float] = {}
     for (path, index), curve in new.items():
@@ -157,52 +141,52 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Put the solved keys of a range between the former ones; where those lie far apart, samples fill the gap."""
-    old, new = read_keys(curve), _inside(solved, times, sign)
+    """Put the solved keys of a range between the former ones, and fill gaps between sparse keys with samples."""
+    old, new = _read_keys(curve), _inside(solved, times, sign)
     if not len(old["co"]) or _is_constant(old, new):
         return
-    at = times_of(old)
-    left, right = select_keys(old, at < times.first - _NEAR), select_keys(old, at > times.last + _NEAR)
+    at = _times(old)
+    left, right = _select_keys(old, at < times.first - _NEAR), _select_keys(old, at > times.last + _NEAR)
     parts = [left, _bridge(curve, times, left, before=True), new, _bridge(curve, times, right, before=False), right]
-    write_keys(curve, join_keys(*parts))
+    _write_keys(curve, _join_keys(*parts))
 
 
 def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> Keys:
-    keys = read_keys(solved)
-    inside = select_keys(keys, times.holds(times_of(keys)))
+    keys = _read_keys(solved)
+    inside = _select_keys(keys, times.holds(_times(keys)))
     if not len(inside["co"]) or len(keys["co"]) == 1:  # nothing ever changes
         ends = np.unique([times.first, times.last])
-        inside = linear_keys(ends, np.array([solved.evaluate(time) for time in ends]), keys)
-    for name in ("co", "handle_left", "handle_right"):
+        inside = _linear_keys(ends, np.array([solved.evaluate(time) for time in ends]), keys)
+    for name in _POINTS:
         inside[name][:, 1] *= sign
     return inside
 
 
 def _is_constant(old: Keys, new: Keys) -> bool:
-    """Return whether one former key holds what was solved, too, as of hands that nobody saw."""
+    """Return whether one former key already has the solved value, as for unseen hands."""
     return len(old["co"]) == 1 and bool((new["co"][:, 1] == old["co"][0, 1]).all())
 
 
 def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: Keys, *, before: bool) -> Keys:
-    """Return keys on the frames between the range and the former key next to it, which keep what was seen there."""
+    """Return keys on the frames between the range and the nearest former key, which keep the motion there."""
     near = times.first if before else times.last
     if len(kept["co"]):
-        far = float(times_of(kept)[-1 if before else 0])
+        far = float(_times(kept)[-1 if before else 0])
         frames = times.between(far, near) if before else times.between(near, far)
         if before and len(frames):
-            make_linear(kept, -1)
-    else:  # a curve goes on level beyond its outermost key
+            kept["interpolation"][-1] = _LINEAR
+    else:  # a curve is constant beyond its outermost key
         frames = np.array([near - times.step if before else near + times.step])
-    return linear_keys(frames, np.array([curve.evaluate(frame) for frame in frames]), read_keys(curve))
+    return _linear_keys(frames, np.array([curve.evaluate(frame) for frame in frames]), _read_keys(curve))
 
 
 def _switch_off(curve: bpy.types.FCurve, times: RangeTimes) -> None:
-    """Let a limb be posed joint by joint inside the range and as it was outside."""
+    """Pose a limb by FK inside the range, and as before outside."""
     ends = np.array([times.first - times.step, times.first, times.last, times.last + times.step])
     values = np.array([curve.evaluate(ends[0]), 0.0, 0.0, curve.evaluate(ends[3])])
-    old = read_keys(curve)
+    old = _read_keys(curve)
     if not len(old["co"]) or not (old["co"][:, 1].any() or values.any()):
         return
-    at = times_of(old)
+    at = _times(old)
     left, right = at < ends[0] - _NEAR, at > ends[3] + _NEAR
-    write_keys(curve, join_keys(select_keys(old, left), linear_keys(ends, values, old), select_keys(old, right)))
+    _write_keys(curve, _join_keys(_select_keys(old, left), _linear_keys(ends, values, old), _select_keys(old, right)))

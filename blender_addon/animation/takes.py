@@ -1,4 +1,4 @@
-"""Takes: solved actions, played by their body, laid aside on an NLA track, or offered in the asset browser."""
+"""Takes: solved actions that a body plays, on NLA tracks, or in the asset browser."""
 
 from __future__ import annotations
 
@@ -18,15 +18,15 @@ from .curves import action_curves, play_action
 from .layers import keep_users_action, lay_aside, restore_place
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
-"""Custom properties of an action: the files it came from and went to."""
+"""Custom properties of an action: the files of its solve."""
 PERSON = "person"
-"""Custom property of an action: whose motion it is, where a capture shows several people."""
+"""Custom property of an action: the person, if a capture shows several people."""
 ERROR = "error_text"
-"""Custom property of an action: how far the solve is from what was measured, for people."""
+"""Custom property of an action: the median error of the solve as text."""
 DIAGNOSTICS = "diagnostics"
-"""Custom property of an action: what was found about its solve, JSON text."""
+"""Custom property of an action: the diagnostics of its solve as JSON text."""
 WARNINGS = "warnings"
-"""Custom property of an action: the warnings of its solve, a line each."""
+"""Custom property of an action: the warnings of its solve, one per line."""
 _HALF = 0.5
 """A limb's switch between joints (0) and end (1)."""
 BETAS = "betas"
@@ -43,12 +43,7 @@ class SolveFiles:
     job: Path | None
 
     def write(self, action: bpy.types.Action, folder: Path | None = None) -> None:
-        """Keep the paths as custom properties of the action.
-
-        Args:
-            action: the take.
-            folder: where the .blend file will lie, if it is not the open one's folder.
-        """
+        """Store the paths on a take, relative to a folder of the .blend file if it is not the open one's."""
         for key, path in zip(PATHS, (self.motion, self.capture, self.report, self.job), strict=True):
             action[key] = stored(path or "", folder)
 
@@ -66,17 +61,12 @@ class SolvedAgain:
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:
-    """Return one of the files of a take, an empty path for none.
-
-    Args:
-        action: the take.
-        key: of ``PATHS``.
-    """
+    """Return the file of a take with a key of ``PATHS``, an empty path for none."""
     return file_of(action.get(key) or "", action.library)
 
 
 def person_of(provenance: str) -> str:
-    """Return whose motion it is by its provenance, JSON text; "" where its capture shows one person alone."""
+    """Return the person in a motion's provenance (JSON text), "" if its capture shows only one."""
     try:
         person = json.loads(provenance)["person"]
     except (ValueError, KeyError, TypeError, RecursionError):
@@ -85,7 +75,7 @@ def person_of(provenance: str) -> str:
 
 
 def found_in(provenance: str) -> list[DiagnosticValues]:
-    """Return what was found while a motion was solved, by its provenance, JSON text; plain JSON values."""
+    """Return the diagnostics in a motion's provenance (JSON text) as plain JSON values."""
     try:
         values = json.loads(provenance).get("diagnostics")
     except (ValueError, AttributeError, TypeError, RecursionError):
@@ -94,17 +84,14 @@ def found_in(provenance: str) -> list[DiagnosticValues]:
 
 
 def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
-    """Return the warnings that a take keeps."""
+    """Return the warnings of a take."""
     return warnings_in(findings_in(str(action.get(DIAGNOSTICS, ""))))
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
-    """Return the solved actions of a capture, by name; of one of its people, if it shows several.
+    """Return the solved actions of a capture, or of one of its people, by name.
 
-    Args:
-        capture_file: what they were solved from.
-        person: whose they are, "" for everybody's.
-        original: the file with the recording's own calibration, where it was refined; "" where it was not.
+    ``original`` is the capture file with the recording's own calibration, if the calibration was refined.
     """
     if not capture_file:
         return []
@@ -125,7 +112,7 @@ def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
 
 
 def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Show of each limb the controls that pose it in a take: its joints, or its end."""
+    """Show the controls that pose each limb in a take: its joints, or its end."""
     if not has_limbs(armature) or not armature.data.is_editable:
         return
     curves = {curve.data_path: curve for curve in action_curves(action)}
@@ -135,11 +122,7 @@ def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
-    """Move the object's current action to a strip on a new, muted NLA track of its name, so that another can follow.
-
-    Returns:
-        The strip; None if the object has no action.
-    """
+    """Move the object's current action to a strip on a new, muted NLA track, and return the strip or None."""
     animation = obj.animation_data
     if animation is None or animation.action is None:
         return None
@@ -149,7 +132,7 @@ def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
 
 
 def mark_as_asset(action: bpy.types.Action) -> None:
-    """Offer an action from ``bake_action`` in the asset browser, with what is known about it."""
+    """Add an action from ``bake_action`` to the asset browser, with a description."""
     action.asset_mark()
     start, end = action.frame_range
     data = action.asset_data
@@ -159,7 +142,7 @@ def mark_as_asset(action: bpy.types.Action) -> None:
 
 
 def measured_key(action: bpy.types.Action) -> str:
-    """Return which of ``PATHS`` a take was solved from: its capture or, where it came alone, its own motion."""
+    """Return the key of ``PATHS`` of a take's source: its capture, or its own motion if it came without one."""
     return "capture_file" if action.get("capture_file") else "motion_file"
 
 

@@ -1,8 +1,8 @@
-"""The armature: bones with the joints' names to pose, a hidden one in each that carries the skin, and the controls.
+"""The armature: posed bones named like the joints, a hidden deform bone in each, and the controls.
 
-A pose bone's rest position cannot follow a slider, but its location can. The posed bones are moved to the shaped
-joints by drivers (``shape.py``); the skin must then turn about the shaped joint and yet not be moved. So each carries a
-deform bone that is driven back by the same distance: its deformation is ``G_j (v - J_j(betas)) + p_j`` exactly.
+A pose bone's rest position cannot follow a slider, but its location can. Drivers move the posed bones to the shaped
+joints (``rig.py``). The skin must then turn about the shaped joint without moving, so each posed bone has a deform
+bone that is driven back by the same distance: its deformation is ``G_j (v - J_j(betas)) + p_j`` exactly.
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
+from .._exchange.hand_points import SIDES
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS, SMPL_HANDS, BodyLayout, layout_of
 from .controls.limbs import COLLECTION as FINGER_COLLECTION
@@ -18,12 +19,7 @@ from .controls.limbs import HELPERS, LIMBS, ROOT
 from .controls.wiring import add_finger_controls, add_limb_bones, add_root, wire_finger_controls, wire_limbs
 from .layout import BoneLayout
 
-DEFORM_COLLECTION = "Deform"
-HELPER_COLLECTION = "Helpers"
-
-
-def _fingers(side: str) -> tuple[str, ...]:
-    return tuple(SMPL_HANDS.joints[j] for j in SMPL_HANDS.group(f"{side}_hand"))
+DEFORM_COLLECTION, HELPER_COLLECTION = "Deform", "Helpers"
 
 
 _COLLECTIONS = {
@@ -35,14 +31,14 @@ _COLLECTIONS = {
     "Leg Left": ("left_foot",),
     "Leg Right": ("right_foot",),
     **{limb.joint_collection: limb.joints for limb in LIMBS},
-    **{f"Fingers {side.title()}": _fingers(side) for side in ("left", "right")},
+    **{f"Fingers {s.title()}": tuple(SMPL_HANDS.joints[j] for j in SMPL_HANDS.group(f"{s}_hand")) for s in SIDES},
     **{limb.collection: (limb.control, limb.pole) for limb in LIMBS},
     "IK Twist": tuple(name for limb in LIMBS for name in limb.turns),
     HELPER_COLLECTION: HELPERS,
     FINGER_COLLECTION: FINGER_CONTROLS,
 }
 _HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection for limb in LIMBS))
-"""Collections that are hidden until they are wanted."""
+"""Collections that are hidden at first."""
 _COLOURS = {"left": (0.22, 0.55, 1.0), "right": (1.0, 0.30, 0.24)}
 _MIDDLE_COLOUR = (1.0, 0.76, 0.18)
 _SELECTED, _ACTIVE = 0.5, 0.8
@@ -57,15 +53,13 @@ def deform_bone(joint: str) -> str:
 def create_armature(
     name: str, joints: BodyLayout, layout: BoneLayout, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the armature object at the world's origin.
-
-    Blender must be in object mode; the object becomes the active one.
+    """Create the armature object at the world's origin and make it active. Blender must be in object mode.
 
     Args:
         name: name of the object.
         joints: names and tree of the bones.
-        layout: where the bones lie.
-        collection: where the object is linked; it must be part of the current view layer.
+        layout: positions of the bones.
+        collection: the object's collection, in the current view layer.
     """
     has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
@@ -83,31 +77,31 @@ def create_armature(
     armature.show_in_front = True
     _group_bones(data)
     for joint in (ROOT, *joints.joints):
-        _set_up_control(armature.pose.bones[joint])
-    for name in (name for limb in LIMBS for name in limb.keyed):
-        _paint(armature.pose.bones[name])
+        bone = armature.pose.bones[joint]
+        bone.rotation_mode = "QUATERNION"
+        bone.lock_location = (joint not in (ROOT, JOINTS[0]),) * 3
+        bone.lock_scale = (True, True, True)
     wire_limbs(armature, layout)
     if has_fingers:
         wire_finger_controls(armature)
-        for name in FINGER_CONTROLS:
-            _paint(armature.pose.bones[name])
+    limbs = [name for limb in LIMBS for name in limb.keyed]
+    for name in (ROOT, *joints.joints, *limbs, *(FINGER_CONTROLS if has_fingers else ())):
+        _paint(armature.pose.bones[name])
     return armature
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
     """Return the (J, 3, 3) rotations C from the body's axes to each bone's own axes.
 
-    A rotation about an axis v of the body frame is the pose-bone rotation about C v.
+    A rotation about an axis v of the body's frame is the pose-bone rotation about C v.
     """
     return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
 
 
 def bone_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3, 3) rest axes of the posed bones in the armature's frame, one a column."""
+    """Return the (J, 3, 3) rest axes of the posed bones in the armature's frame, one per column."""
     bones = armature.data.bones
-    return np.stack(
-        [np.array(bones[joint].matrix_local.to_3x3(), dtype=np.float64) for joint in layout_of(bones).joints]
-    )
+    return np.stack([np.array(bones[joint].matrix_local.to_3x3(), np.float64) for joint in layout_of(bones).joints])
 
 
 def _add_bones(data: bpy.types.Armature, joints: BodyLayout, layout: BoneLayout) -> None:
@@ -141,18 +135,7 @@ def _group_bones(data: bpy.types.Armature) -> None:
             collection.assign(data.bones[bone])
 
 
-def _set_up_control(bone: bpy.types.PoseBone) -> None:
-    bone.rotation_mode = "QUATERNION"
-    _paint(bone)
-    bone.lock_location = (bone.name not in (ROOT, JOINTS[0]),) * 3
-    bone.lock_scale = (True, True, True)
-
-
 def _paint(bone: bpy.types.PoseBone) -> None:
-    _colour(bone.bone.color, np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)))
-
-
-def _colour(target: bpy.types.BoneColor, colour: np.ndarray) -> None:
-    target.palette = "CUSTOM"
-    target.custom.normal = colour
+    colour, target = np.array(_COLOURS.get(bone.name.split("_")[0], _MIDDLE_COLOUR)), bone.bone.color
+    target.palette, target.custom.normal = "CUSTOM", colour
     target.custom.select, target.custom.active = (colour + share * (1 - colour) for share in (_SELECTED, _ACTIVE))

@@ -1,4 +1,4 @@
-"""Which body a motion was solved for: by the name or path its provenance holds, and by its id."""
+"""The body that a motion was solved for: by the name or path in its provenance, and by its id."""
 
 from __future__ import annotations
 
@@ -13,10 +13,7 @@ from .body_file import BodyFile, default_body_path
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file a motion was solved for; the one that ships where the motion does not name one.
-
-    Args:
-        provenance: the motion's provenance, as JSON text.
+    """Return the body file in a motion's provenance (JSON text), the bundled one if there is none.
 
     Raises:
         BodyMissing: the body is neither in the user's folder nor at its path.
@@ -30,25 +27,20 @@ def body_path_of(provenance: str) -> Path:
     for place in places:
         if os.path.isfile(place):
             return place
-    raise BodyMissing(
-        f"The motion was solved for the body '{places[0].stem}', whose file is not there.",
-        where=str(places[0]),
-        hint=f"Put the file into {bodies_folder()}, or name it when you bake.",
-    )
+    message = f"The motion was solved for the body '{places[0].stem}', whose file is not there."
+    hint = f"Put the file into {bodies_folder()}, or name it when you bake."
+    raise BodyMissing(message, where=str(places[0]), hint=hint)
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion belongs to a body; a motion that does not name its body fits any.
+    """Check that a motion belongs to a body. A motion that does not name its body fits any.
 
     Raises:
         BodyMismatch: both have an id and the ids differ.
     """
     if motion.body and body.id and motion.body != body.id:
-        raise BodyMismatch(
-            f"The motion was solved for the body '{motion.body}', not for '{body.id}'.",
-            where=motion.name,
-            hint="Name the body file it was solved for.",
-        )
+        message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
+        raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
 
 
 def _choice(provenance: str) -> str:

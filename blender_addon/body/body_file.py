@@ -1,4 +1,4 @@
-"""The body file: an SMPL-type body with our material and texture layout beside."""
+"""The body file: an SMPL-type body, with our materials and texture coordinates."""
 
 from __future__ import annotations
 
@@ -21,30 +21,18 @@ from ..conventions.skeleton import NUM_BETAS, SMPL, BodyLayout
 
 
 def on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints; those of other bodies as they are.
+    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints, and those of other bodies unchanged.
 
-    With flat hands the skin is the same: correctives of fingers, jaw and eyes vanish at rest and are left out.
-
-    Args:
-        arrays: with SMPL's keys.
-        path: of the file, for errors.
+    With flat hands the skin is the same. Correctives of fingers, jaw and eyes vanish at rest and are left out.
 
     Raises:
         BodyInvalid: the arrays are no such body.
     """
-    tree = np.asarray(arrays["kintree_table"])
-    count = tree.shape[1] if tree.ndim == 2 and len(tree) == 2 else 0
+    tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
     parents, vertices = tree[0].astype(np.int64), len(arrays["v_template"])
-    shapes = {
-        "J_regressor": (count, vertices),
-        "weights": (vertices, count),
-        "posedirs": (vertices, 3, 9 * (count - 1)),
-    }
-    for key, shape in shapes.items():
-        if key in arrays and arrays[key].shape != shape:
-            raise BodyInvalid(f"{key} has shape {arrays[key].shape}; {shape} is expected.", where=str(path))
+    _require_shapes(arrays, path, _skin_shapes(vertices, count))
     if (parents[1:] >= np.arange(1, count)).any() or (parents[1:] < 0).any():
         raise BodyInvalid("A joint comes before its parent.", where=str(path))
     layout, kept = FAMILY[count], 1 + SMPL.num_solved
@@ -68,12 +56,7 @@ def on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.nd
 
 
 def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
-    """Return whether a body has finger joints, its own or in the file of the hands of the body that ships.
-
-    Args:
-        arrays: with SMPL's keys.
-        hands_file: finger joints of the body that ships.
-    """
+    """Return whether a body has finger joints, its own or those in the hands file of the bundled body."""
     given = FAMILY.get(_joint_count(arrays))
     if given is None or not needs_hands_file(given):
         return given is not None
@@ -82,12 +65,7 @@ def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
 
 
 def add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a body with SMPL's keys on the joints of ``SMPL_HANDS``.
-
-    Args:
-        arrays: with SMPL's keys, of a body of SMPL's, SMPL-H's or SMPL-X's joints.
-        path: of the file, for errors.
-        hands_file: finger joints of the body that ships.
+    """Return the arrays of a body of SMPL's, SMPL-H's or SMPL-X's joints on the joints of ``SMPL_HANDS``.
 
     Raises:
         BodyInvalid: the arrays are no such body, or it has no fingers.
@@ -95,11 +73,7 @@ def add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Pat
     tree, vertices, count = np.asarray(arrays["kintree_table"]), len(arrays["v_template"]), _joint_count(arrays)
     if count not in FAMILY:
         raise BodyInvalid(f"A body of {count} joints has no fingers that are known.", where=str(path))
-    features = 9 * (count - 1)
-    shapes = {"J_regressor": (count, vertices), "weights": (vertices, count), "posedirs": (vertices, 3, features)}
-    for key, shape in shapes.items():
-        if key in arrays and np.shape(arrays[key]) != shape:
-            raise BodyInvalid(f"{key} has shape {np.shape(arrays[key])}; {shape} is expected.", where=str(path))
+    _require_shapes(arrays, path, _skin_shapes(vertices, count))
     given = FAMILY[count]
     if tuple(tree[0].astype(np.int64)[1:]) != given.parents[1:]:
         raise BodyInvalid(f"The tree is not {given.name}'s tree of joints.", where=str(path))
@@ -108,18 +82,26 @@ def add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Pat
     own = Skinning(weights, regressor, arrays.get("posedirs"))
     body_id = str(arrays["body_id"]) if "body_id" in arrays else path.stem
     found = with_finger_joints(given, own, body_id, hands)
-    reduced = {
-        **arrays, "weights": found.weights, "J_regressor": found.J_regressor,
-        "kintree_table": np.array([SMPL_HANDS.parents, range(SMPL_HANDS.num_joints)]),
-    }  # fmt: skip
-    if hands is not None:
-        reduced["flat_hands"] = np.asarray(hands["flat"], np.float64)
+    reduced = {**arrays, "weights": found.weights, "J_regressor": found.J_regressor}
+    reduced["kintree_table"] = np.array([SMPL_HANDS.parents, range(SMPL_HANDS.num_joints)])
+    reduced |= {} if hands is None else {"flat_hands": np.asarray(hands["flat"], np.float64)}
     return reduced if found.posedirs is None else {**reduced, "posedirs": found.posedirs}
 
 
 def _joint_count(arrays: dict[str, np.ndarray]) -> int:
     tree = np.asarray(arrays["kintree_table"])
     return tree.shape[1] if tree.ndim == 2 and len(tree) == 2 else 0
+
+
+def _skin_shapes(vertices: int, joints: int) -> dict[str, tuple[int, ...]]:
+    skin = {"J_regressor": (joints, vertices), "weights": (vertices, joints)}
+    return {**skin, "posedirs": (vertices, 3, 9 * (joints - 1))}
+
+
+def _require_shapes(arrays: dict[str, np.ndarray], path: Path, shapes: dict[str, tuple[int, ...]]) -> None:
+    for key, shape in shapes.items():
+        if key in arrays and np.shape(arrays[key]) != shape:
+            raise BodyInvalid(f"{key} has shape {np.shape(arrays[key])}; {shape} is expected.", where=str(path))
 
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -137,7 +119,7 @@ class BodyFile:
     """A skinned body in its rest frame: Y up, facing +Z, left = +X, metres."""
 
     id: str
-    """Name the motion files use for it."""
+    """Name in motion files."""
     v_template: np.ndarray
     """(V, 3) metres."""
     shapedirs: np.ndarray
@@ -155,13 +137,13 @@ class BodyFile:
     face_material: np.ndarray | None = None
     """(T,) index of each face's material."""
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
-    """(N,) vertices and (N, 3) metres that take the face away; None where the body has no such look."""
+    """(N,) vertices and (N, 3) metres that remove the face, None if the body has no such look."""
     layout: BodyLayout = SMPL
     """Names and tree of the J joints: SMPL's, or those with fingers."""
     flat_hands: np.ndarray | None = None
-    """(30, 3, 3) rotations of finger bones from rest to a flat hand; None where a hand at rest is flat."""
+    """(30, 3, 3) rotations of finger bones from rest to a flat hand, None if a hand at rest is flat."""
     licence: str = ""
-    """SPDX identifier, "" where the file states none."""
+    """SPDX identifier, "" if the file states none."""
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
         """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""
@@ -177,7 +159,7 @@ def once_a_body(
 ) -> Callable[Concatenate[BodyFile, _Key], _Result]:
     """Let a function of a body and of hashable values compute each result once while that body is in use.
 
-    Results are shared: nobody may write into them.
+    Results are shared and must not be changed.
     """
     known: WeakKeyDictionary[BodyFile, dict[object, _Result]] = WeakKeyDictionary()
 
@@ -192,23 +174,18 @@ def once_a_body(
 
 
 def default_body_path() -> Path:
-    """Return the path of the body that ships with the solver.
-
-    Raises:
-        BackendMissing: the solver is not there.
-    """
+    """Return the path of the body that ships with the solver. A missing solver is a ``BackendMissing``."""
     return backend_folder() / PACKAGE / _ASSET
 
 
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
-    """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family.
+    """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family.
 
-    The last two are kept while their files stay as they are, so that the next take on them finds what was computed
-    once a body. Their arrays are read-only.
+    The last two bodies are kept while their files stay unchanged. Their arrays are read-only.
 
     Args:
         path: of the file.
-        layout: which joints are kept: SMPL's 24, or ``SMPL_HANDS``'s with fingers, where the body has any.
+        layout: joints to keep: SMPL's 24, or ``SMPL_HANDS``'s with fingers if the body has any.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
@@ -216,16 +193,15 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":
-        raise BodyInvalid(
-            "Blender reads bodies from .npz files, not from pickles.", where=str(path), hint="Take the model's .npz."
-        )
+        message, hint = "Blender reads bodies from .npz files, not from pickles.", "Take the model's .npz."
+        raise BodyInvalid(message, where=str(path), hint=hint)
     fingers = layout.num_joints > SMPL.num_joints
     return _read(path, layout, (_state(path), _state(default_hands_path()) if fingers else None))
 
 
 @lru_cache(maxsize=2)
 def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
-    """Read a body; another ``state`` of its files is another body."""
+    """Read a body. Another ``state`` of its files is another body."""
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
     if layout.num_joints > SMPL.num_joints and has_fingers(stored, default_hands_path()):
@@ -258,7 +234,7 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
 
 
 def _state(path: Path) -> tuple[int, int] | None:
-    """Return when a file was written and its size; None where it cannot be looked at, which reading names."""
+    """Return the time and size of a file, None if it cannot be read, which reading reports."""
     try:
         found = path.stat()
     except OSError:
@@ -267,11 +243,7 @@ def _state(path: Path) -> tuple[int, int] | None:
 
 
 def default_hands_path() -> Path:
-    """Return the path of the finger joints of the body that ships.
-
-    Raises:
-        BackendMissing: the solver is not there.
-    """
+    """Return the path of the finger joints of the bundled body."""
     return default_body_path().with_name(HANDS_FILE)
 
 
@@ -289,27 +261,25 @@ def _ships_with_us(path: Path) -> bool:
 def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
     for key in set(arrays) - _TEXTS:
         if arrays[key].dtype.kind not in "fiub" or not arrays[key].ndim:
-            raise BodyInvalid(
-                f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}; an array of numbers is expected.",
-                where=str(path), hint="Take the model's own .npz, as it was downloaded.",
-            )  # fmt: skip
+            found = f"{key} is {arrays[key].dtype} of shape {arrays[key].shape}"
+            hint = "Take the model's own .npz, as it was downloaded."
+            raise BodyInvalid(f"{found}; an array of numbers is expected.", where=str(path), hint=hint)
 
 
 def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> None:
     vertices, faces, joints = len(arrays["v_template"]), len(arrays["f"]), layout.num_joints
-    shapes = {
-        "v_template": (vertices, 3), "shapedirs": (vertices, 3, NUM_BETAS), "J_regressor": (joints, vertices),
-        "weights": (vertices, joints), "kintree_table": (2, joints), "f": (faces, 3), "uv": (vertices, 2),
-        "posedirs": (vertices, 3, 9 * (joints - 1)), "face_material": (faces,),
+    shapes = _skin_shapes(vertices, joints) | {
+        "v_template": (vertices, 3),
+        "shapedirs": (vertices, 3, NUM_BETAS),
+        "kintree_table": (2, joints),
+        "f": (faces, 3),
+        "uv": (vertices, 2),
+        "face_material": (faces,),
         "blank_offsets": (len(arrays.get("blank_vertices", ())), 3),
-    }  # fmt: skip
-    for key, shape in shapes.items():
-        if key not in arrays:
-            continue
-        if arrays[key].shape != shape:
-            raise BodyInvalid(f"{key} has shape {arrays[key].shape}; {shape} is expected.", where=str(path))
-        if not np.isfinite(arrays[key]).all():
-            raise BodyInvalid(f"{key} holds NaN or infinite values.", where=str(path))
+    }
+    _require_shapes(arrays, path, shapes)
+    if wrong := [key for key in shapes if key in arrays and not np.isfinite(arrays[key]).all()]:
+        raise BodyInvalid(f"{wrong[0]} holds NaN or infinite values.", where=str(path))
     if not faces or arrays["f"].min() < 0 or arrays["f"].max() >= vertices:
         raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
     blank = arrays.get("blank_vertices", np.zeros(1, int))

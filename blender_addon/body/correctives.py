@@ -1,213 +1,140 @@
-"""Pose correctives: geometry nodes before the armature move the skin by the bones' rotations, as the model does.
+"""Pose correctives: geometry nodes before the armature modifier move the skin by the bones' rotations.
 
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
-``P`` is kept as a table, a point for each vertex and joint that moves it, not as a shape key over the whole skin for
-each of its features; drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
+``P`` is kept as a table with a point per vertex and joint that moves it, instead of a shape key of the whole skin per
+feature. Drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
 
-Of a body that equals its mirror image the table holds the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves
-by S times what ``v`` would move by if each joint turned as the one across from it does in the mirror; in the axes of
-mirrored bones that is a rotation with two of its Euler angles negated.
+For a body that equals its mirror image, the table has only the left half. With S = diag(-1, 1, 1), the skin at ``S v``
+moves by S times the offset of ``v`` if each joint turned like the opposite one in the mirror. In the axes of mirrored
+bones that is a rotation with two Euler angles negated.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import bpy
 import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.datablocks import add_driver, node_input
+from ..conventions.nodes import add_node, attribute, enabled, math, new_tree, sample_index
 from ..conventions.skeleton import BodyLayout
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile, once_a_body
 
 JOINT, VERTEX = "joint", "vertex"
-"""Names of the table's attributes that hold which joint and vertex a row belongs to."""
+"""Names of the table's attributes for the joint and vertex of a row."""
 ROW = "corrective row"
-"""Name of the skin's attribute that holds a vertex's first row in the table."""
+"""Name of the skin's attribute for a vertex's first row in the table."""
 IN_POSITION = 2, 2
 """Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway."""
 NO_ROW, MIRRORED = -1, -2
-"""Value of vertices that nothing moves; one whose mirror image has the row r has -2 - r."""
+"""Value of vertices that nothing moves, and -2 - r for a vertex whose mirror image has the row r."""
 
 
 def column_attribute(row: int, column: int) -> str:
-    """Return the name of the table's attribute that belongs to one element of ``R - I``."""
+    """Return the name of the table's attribute of one element of ``R - I``."""
     return f"r{row}{column}"
 
 
-def build_corrective_nodes(
-    name: str, table: bpy.types.Object, joints: Sequence[str], opposite: Sequence[int]
-) -> bpy.types.GeometryNodeTree:
-    """Return nodes that move a skin by its correctives; each joint's rotation is a hidden input, XYZ Euler angles.
+def build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
+    """Return nodes that move a skin by its correctives, with a hidden input of XYZ Euler angles per joint.
 
     Args:
         name: name of the node group.
         table: points with the index of their joint and nine vectors each.
-        joints: names of the joints that the table counts.
-        opposite: for each joint the place of the one across in ``joints``; empty where the table is of the whole body.
+        joints: names of the table's joints.
+        opposite: index in ``joints`` of the opposite of each joint, empty for a table of the whole body.
     """
-    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
+    geometry = ("Geometry", "IN", "Geometry"), *((joint, "IN", "Vector") for joint in joints)
+    tree = new_tree(name, *geometry, ("Geometry", "OUT", "Geometry"))
     tree.is_modifier = True
-    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     for joint in joints:
-        socket = tree.interface.new_socket(joint, in_out="INPUT", socket_type="NodeSocketVector")
-        socket.hide_in_modifier = True
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        tree.interface.items_tree[joint].hide_in_modifier = True
     entry = tree.nodes.new("NodeGroupInput")
-    source = tree.nodes.new("GeometryNodeObjectInfo")
-    source.inputs["Object"].default_value = table
-    points, row = source.outputs["Geometry"], _attribute(tree, ROW, "INT")
-    inner = _sums(f"{name} of one side")
+    points = add_node(tree, "GeometryNodeObjectInfo", inputs={"Object": table}).outputs["Geometry"]
+    row, inner = attribute(tree, ROW, "INT"), _sums(f"{name} of one side")
     angles = [entry.outputs[joint] for joint in joints]
-    moved = _looked_up(tree, points, _summed(tree, inner, _chosen(tree, angles)), row)
+    moved = sample_index(tree, "FLOAT_VECTOR", points, _summed(tree, inner, _chosen(tree, angles)), row)
     if opposite:
-        mirrored = _vector_math(tree, "MULTIPLY", _chosen(tree, [angles[k] for k in opposite]))
-        mirrored.inputs[1].default_value = (1.0, -1.0, -1.0)
-        across = tree.nodes.new("ShaderNodeMath")
-        across.operation = "SUBTRACT"
-        across.inputs[0].default_value = MIRRORED
-        _link(tree, row, across.inputs[1])
-        there = _looked_up(tree, points, _summed(tree, inner, mirrored.outputs[0]), across.outputs[0])
-        back = _vector_math(tree, "MULTIPLY_ADD", there)
-        back.inputs[1].default_value = (-1.0, 1.0, 1.0)
-        _link(tree, moved, back.inputs[2])
-        moved = back.outputs[0]
-    skin = tree.nodes.new("GeometryNodeSetPosition")
-    leave = tree.nodes.new("NodeGroupOutput")
-    _link(tree, entry.outputs["Geometry"], skin.inputs["Geometry"])
-    _link(tree, moved, skin.inputs["Offset"])
-    _link(tree, skin.outputs["Geometry"], leave.inputs["Geometry"])
+        turned = _chosen(tree, [angles[k] for k in opposite])
+        mirrored = math(tree, "MULTIPLY", turned, (1.0, -1.0, -1.0), kind="Vector")
+        across = math(tree, "SUBTRACT", float(MIRRORED), row)
+        there = sample_index(tree, "FLOAT_VECTOR", points, _summed(tree, inner, mirrored), across)
+        moved = math(tree, "MULTIPLY_ADD", there, (-1.0, 1.0, 1.0), moved, kind="Vector")
+    inputs = {"Geometry": entry.outputs["Geometry"], "Offset": moved}
+    skin = add_node(tree, "GeometryNodeSetPosition", inputs=inputs).outputs["Geometry"]
+    add_node(tree, "NodeGroupOutput", inputs={"Geometry": skin})
     _lay_out(tree)
     return tree
 
 
-def drive_input(modifier: bpy.types.NodesModifier, name: str, axis: int) -> bpy.types.Driver:
-    """Return a new driver of one axis of a vector input of a nodes modifier."""
-    owner, path = node_input(modifier, name)
-    return add_driver(owner, path, axis)
-
-
-def _chosen(tree: bpy.types.GeometryNodeTree, angles: Sequence[bpy.types.NodeSocket]) -> bpy.types.NodeSocket:
-    """Return the angles of the joint that each row of the table belongs to."""
-    chosen = tree.nodes.new("GeometryNodeIndexSwitch")
-    chosen.data_type = "VECTOR"
+def _chosen(tree: bpy.types.NodeTree, angles: Sequence[bpy.types.NodeSocket]) -> Any:
+    """Return the angles of the joint of each row of the table."""
+    chosen = add_node(tree, "GeometryNodeIndexSwitch", data_type="VECTOR")
     for _ in range(len(angles) - len(chosen.index_switch_items)):
         chosen.index_switch_items.new()
-    _link(tree, _attribute(tree, JOINT, "INT"), chosen.inputs["Index"])
-    for k, angle in enumerate(angles):
-        _link(tree, angle, chosen.inputs[1 + k])
+    for source, socket in zip((attribute(tree, JOINT, "INT"), *angles), chosen.inputs, strict=False):
+        tree.links.new(source, socket)
     return chosen.outputs[0]
 
 
-def _sums(name: str) -> bpy.types.GeometryNodeTree:
-    """Return nodes that turn each row's angles into what all rows of its vertex move the skin by."""
-    tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
-    tree.interface.new_socket("Angles", in_out="INPUT", socket_type="NodeSocketVector")
-    tree.interface.new_socket("Sum", in_out="OUTPUT", socket_type="NodeSocketVector")
-    rotation = tree.nodes.new("FunctionNodeEulerToRotation")
-    _link(tree, tree.nodes.new("NodeGroupInput").outputs[0], rotation.inputs[0])
-    total = tree.nodes.new("GeometryNodeAccumulateField")
-    total.data_type, total.domain = "FLOAT_VECTOR", "POINT"
-    _link(tree, _displacement(tree, rotation.outputs[0]), _enabled(total.inputs, "Value"))
-    _link(tree, _attribute(tree, VERTEX, "INT"), _enabled(total.inputs, "Group ID"))
-    _link(tree, _enabled(total.outputs, "Total"), tree.nodes.new("NodeGroupOutput").inputs[0])
+def _sums(name: str) -> bpy.types.NodeTree:
+    """Return nodes that turn each row's angles into the offset by all rows of its vertex."""
+    tree = new_tree(name, ("Angles", "IN", "Vector"), ("Sum", "OUT", "Vector"))
+    rotation = add_node(tree, "FunctionNodeEulerToRotation", tree.nodes.new("NodeGroupInput").outputs[0]).outputs[0]
+    inputs = {"Value": _displacement(tree, rotation), "Group ID": attribute(tree, VERTEX, "INT")}
+    settings = {"data_type": "FLOAT_VECTOR", "domain": "POINT"}
+    total = add_node(tree, "GeometryNodeAccumulateField", inputs=inputs, **settings)
+    add_node(tree, "NodeGroupOutput", enabled(total.outputs, "Total"))
     _lay_out(tree)
     return tree
 
 
-def _summed(
-    tree: bpy.types.GeometryNodeTree, inner: bpy.types.GeometryNodeTree, angles: bpy.types.NodeSocket
-) -> bpy.types.NodeSocket:
-    group = tree.nodes.new("GeometryNodeGroup")
-    group.node_tree = inner
-    _link(tree, angles, group.inputs[0])
+def _summed(tree: bpy.types.NodeTree, inner: bpy.types.NodeTree, angles: Any) -> Any:
+    group = add_node(tree, "GeometryNodeGroup", node_tree=inner)
+    tree.links.new(angles, group.inputs[0])
     return group.outputs[0]
 
 
-def _displacement(tree: bpy.types.GeometryNodeTree, rotation: bpy.types.NodeSocket) -> bpy.types.NodeSocket:
+def _displacement(tree: bpy.types.NodeTree, rotation: Any) -> Any:
     """Return the sum over rows a and columns b of the vector ``r_ab`` times ``R_ab - I_ab``."""
-    total = None
+    total: tuple[Any, ...] = ()
     for column in range(3):
         axis = [float(column == k) for k in range(3)]
-        turned = tree.nodes.new("FunctionNodeRotateVector")
-        turned.inputs["Vector"].default_value = axis
-        _link(tree, rotation, turned.inputs["Rotation"])
-        change = _vector_math(tree, "SUBTRACT", turned.outputs[0])
-        change.inputs[1].default_value = axis
-        parts = tree.nodes.new("ShaderNodeSeparateXYZ")
-        _link(tree, change.outputs[0], parts.inputs[0])
+        turned = add_node(tree, "FunctionNodeRotateVector", inputs={"Vector": axis, "Rotation": rotation}).outputs[0]
+        change = math(tree, "SUBTRACT", turned, axis, kind="Vector")
+        parts = add_node(tree, "ShaderNodeSeparateXYZ", change).outputs
         for row in range(3):
             if (row, column) == IN_POSITION:
                 direction = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
             else:
-                direction = _attribute(tree, column_attribute(row, column), "FLOAT_VECTOR")
-            added = (direction, parts.outputs[row]) + (() if total is None else (total,))
-            total = _vector_math(tree, "MULTIPLY_ADD", *added).outputs[0]
-    return total
+                direction = attribute(tree, column_attribute(row, column), "FLOAT_VECTOR")
+            total = (math(tree, "MULTIPLY_ADD", direction, parts[row], *total, kind="Vector"),)
+    return total[0]
 
 
-def _looked_up(
-    tree: bpy.types.GeometryNodeTree,
-    points: bpy.types.NodeSocket,
-    value: bpy.types.NodeSocket,
-    row: bpy.types.NodeSocket,
-) -> bpy.types.NodeSocket:
-    """Return a value of the table's points by row; zero where there is no such row."""
-    sample = tree.nodes.new("GeometryNodeSampleIndex")
-    sample.data_type, sample.domain, sample.clamp = "FLOAT_VECTOR", "POINT", False
-    _link(tree, points, sample.inputs["Geometry"])
-    _link(tree, value, _enabled(sample.inputs, "Value"))
-    _link(tree, row, sample.inputs["Index"])
-    return _enabled(sample.outputs, "Value")
-
-
-def _enabled(sockets: bpy.types.bpy_prop_collection, name: str) -> bpy.types.NodeSocket:
-    """Return the socket of the data type that a node is set to, among those of its other types."""
-    return next(socket for socket in sockets if socket.name == name and socket.enabled)
-
-
-def _lay_out(tree: bpy.types.GeometryNodeTree) -> None:
+def _lay_out(tree: bpy.types.NodeTree) -> None:
     for k, node in enumerate(tree.nodes):
         node.location = (220.0 * (k // 8), -180.0 * (k % 8))
-
-
-def _attribute(tree: bpy.types.GeometryNodeTree, name: str, kind: str) -> bpy.types.NodeSocket:
-    node = tree.nodes.new("GeometryNodeInputNamedAttribute")
-    node.data_type = kind
-    node.inputs["Name"].default_value = name
-    return node.outputs["Attribute"]
-
-
-def _vector_math(
-    tree: bpy.types.GeometryNodeTree, operation: str, *sources: bpy.types.NodeSocket
-) -> bpy.types.ShaderNodeVectorMath:
-    node = tree.nodes.new("ShaderNodeVectorMath")
-    node.operation = operation
-    for source, target in zip(sources, node.inputs, strict=False):
-        _link(tree, source, target)
-    return node
-
-
-def _link(tree: bpy.types.GeometryNodeTree, source: bpy.types.NodeSocket, target: bpy.types.NodeSocket) -> None:
-    tree.links.new(source, target)
 
 
 CORRECTIVES = "Pose Correctives"
 """Name of the modifier."""
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
-"""Displacements that no rotation makes this large are left out."""
+"""Displacements that no rotation makes larger are left out."""
 _SAME_PLACE_M, _SAME_DIRECTION_M = 2e-6, 2e-6
 _FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
-"""S, and what a mirror does to the Euler angles of a bone in the axes of its mirror image."""
+"""S, and the effect of the mirror on the Euler angles of a bone in the axes of its mirror image."""
 
 
 @dataclass(frozen=True)
 class CorrectiveTable:
-    """The pose correctives that are not zero: a row for each vertex and joint that moves it, by vertex."""
+    """The pose correctives that are not zero, a row per vertex and joint that moves it, by vertex."""
 
     vertex: np.ndarray
     """(N,) index of the vertex, rising."""
@@ -232,13 +159,13 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
 def add_correctives(
     armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
 ) -> int:
-    """Add the body's pose correctives to a mesh and return how many of its joints have some.
+    """Add the body's pose correctives to a mesh, if it has any, and return the number of their joints.
 
     Args:
         armature: from ``create_armature``.
         mesh: its mesh, deformed by an armature modifier.
-        body: the body; without correctives nothing is added.
-        hidden: collection that the table's points go into.
+        body: the body.
+        hidden: collection of the table's points.
     """
     if body.posedirs is None:
         return 0
@@ -255,14 +182,15 @@ def add_correctives(
     modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
     mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
     for name in names:
+        owner, path = node_input(modifier, name)
         for axis in range(3):
-            _drive(drive_input(modifier, name, axis), armature, name, "XYZ"[axis])
+            _drive(add_driver(owner, path, axis), armature, name, "XYZ"[axis])
     return len(joints)
 
 
 @once_a_body
 def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
-    """Return what is kept of a body's table: its left half where the right one mirrors it.
+    """Return a body's table, without the right half if it mirrors the left one.
 
     Args:
         body: with correctives.
@@ -292,7 +220,7 @@ def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.nda
 
 
 def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
-    """Return (V,) the index of each vertex's mirror image, None where one has none."""
+    """Return (V,) the index of each vertex's mirror image, None if one has none."""
     keys = np.round(vertices / _SAME_PLACE_M).astype(np.int64)
     order, other = np.lexsort(keys.T), np.lexsort((keys * [-1, 1, 1]).T)
     if np.abs(vertices[order] - vertices[other] * _FLIP).max() > _SAME_PLACE_M:
@@ -303,7 +231,7 @@ def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
-    """Return whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
+    """Return whether every row equals the mirrored row of the mirrored vertex and joint, in the axes of the bones."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)
@@ -321,7 +249,7 @@ def _in_bone_axes(table: CorrectiveTable, C: np.ndarray) -> np.ndarray:
 
 
 def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints: list[int]) -> bpy.types.Object:
-    """Return the table as points that count ``joints``; they stay hidden wherever the body is appended to."""
+    """Return the table as hidden points that count ``joints``."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(table.joint))
     data.vertices.foreach_set("co", turned[:, :, IN_POSITION[0], IN_POSITION[1]].astype(np.float32).ravel())

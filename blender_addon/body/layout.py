@@ -1,6 +1,6 @@
-"""Where bones lie: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
+"""Layout of the bones: heads at the joints, tails at the next joint or the surface, rolls that flex about local X.
 
-Everything is in the armature's frame (Z up, facing -Y, left = +X); the body stands on the origin, below its pelvis.
+Everything is in the armature's frame (Z up, facing -Y, left = +X). The body stands on the origin, below its pelvis.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from .body_file import BodyFile
 
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}
-"""Where bones without a next joint point; hands go on as the forearm does."""
+"""Directions of bones without a next joint. Hands go on like the forearm."""
 _FINGER_ROLL, _THUMB_ROLL = -_UP, (_FORWARD + _UP) * -np.sqrt(0.5)
-"""The palm looks down; a thumb's nail looks half forward, half up."""
+"""The palm looks down, and a thumb's nail looks half forward, half up."""
 _ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_UP}
-"""Direction of a bone's local Z, forward where none is named.
+"""Direction of a bone's local Z, by default forward.
 
-A positive turn about local X then bends every limb the way it bends: thigh, arm and trunk forward, shin back, palm in,
-toes up. Left and right mirror each other.
+A positive turn about local X then flexes every limb: thigh, arm and trunk forward, shin back, palm in, toes up. Left
+and right mirror each other.
 """
 _SHORTEST_M = 0.02
-"""Length of a bone that would be shorter, metres: Blender deletes bones of no length; chosen by hand."""
+"""Minimum length of a bone in metres, as Blender deletes bones of no length, chosen by hand."""
 _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 
@@ -38,16 +38,11 @@ class BoneLayout:
     tails: np.ndarray
     """(J, 3) metres."""
     roll_axes: np.ndarray
-    """(J, 3) unit vectors that local Z is turned towards."""
+    """(J, 3) unit vectors in the direction of local Z."""
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
-    """Lay out the bones of a shaped body.
-
-    Args:
-        body: the body.
-        betas: (10,) shape.
-    """
+    """Lay out the bones of a body in a (10,) shape."""
     vertices, heads = standing(body, betas)
     roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
     return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)
@@ -61,7 +56,7 @@ def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]
 
 
 def around_pelvis(body: BodyFile, betas: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
-    """Return the (V, 3) vertices of a shape whose pelvis is at a place, (3,) metres."""
+    """Return the (V, 3) vertices of a shape with its pelvis at a position, (3,) metres."""
     return _pelvis_centred(body, betas)[0] + pelvis
 
 
@@ -71,7 +66,7 @@ def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
-    """Return (V, 3, 10) and (J, 3, 10): how vertices and joints move with each beta while the pelvis stays."""
+    """Return (V, 3, 10) and (J, 3, 10): the effect of each beta on vertices and joints if the pelvis stays."""
     joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
     vertices = body.shapedirs - joints[:1]
     return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])
@@ -102,12 +97,12 @@ def _roll(joint: str) -> np.ndarray:
 
 
 def is_finger(joint: str) -> bool:
-    """Return whether a joint is one of a finger."""
+    """Return whether a joint is part of a finger."""
     return joint in _FINGER_JOINTS
 
 
 def body_part(joint: str) -> str:
-    """Return what a joint belongs to on either side: left_knee and right_knee are "knee"."""
+    """Return the part of a joint on either side, such as "knee" for left_knee and right_knee."""
     return joint.split("_")[-1]
 
 

@@ -1,7 +1,7 @@
-"""Two looks of a body: a person, or a mannequin of one colour whose head has no face.
+"""Two looks of a body: a person, or a mannequin of one colour without a face.
 
-The face goes by a shape key; the colour stands in the object's material slots, the person's in those of its mesh. So
-switching back and forth keeps what a user made of either.
+A shape key removes the face. The colour is in the object's material slots, and the person's materials are in those of
+its mesh, so switching keeps the user's changes of both.
 """
 
 from __future__ import annotations
@@ -19,12 +19,7 @@ _MATERIAL = "Mannequin"
 
 
 def add_looks(mesh: bpy.types.Object, body: BodyFile) -> None:
-    """Add the shape key that takes the face away, where the body file has one; the mesh looks like a person.
-
-    Args:
-        mesh: with its shape sliders.
-        body: the body.
-    """
+    """Add the shape key that removes the face to a mesh with sliders, if the body file has one."""
     if body.blank_face is None:
         return
     vertices, offsets = body.blank_face
@@ -34,27 +29,23 @@ def add_looks(mesh: bpy.types.Object, body: BodyFile) -> None:
 
 
 def show_look(mesh: bpy.types.Object, look: str) -> None:
-    """Let a body look like a person or like a mannequin.
-
-    Args:
-        mesh: the body's mesh object; it is editable.
-        look: one of ``LOOKS``.
-    """
+    """Show an editable body mesh as a person or a mannequin."""
     blank = look == MANNEQUIN
     if (key := look_key(mesh)) is not None:
         key.value = float(blank)
     slots = list(mesh.material_slots)
     for slot in slots:
         slot.link = "OBJECT" if blank else "DATA"
-    plain = next((slot.material for slot in slots if blank and slot.material is not None), None)
-    for slot in slots if blank else ():
-        if slot.material is None:
-            plain = plain or create_material(_MATERIAL, MANNEQUIN_COLOUR)
-            slot.material = plain
+    empty = [slot for slot in slots if blank and slot.material is None]
+    if empty:
+        own = next((slot.material for slot in slots if slot.material is not None), None)
+        own = own or create_material(_MATERIAL, MANNEQUIN_COLOUR)
+        for slot in empty:
+            slot.material = own
 
 
 def look_of(mesh: bpy.types.Object) -> str:
-    """Return which of ``LOOKS`` a body has."""
+    """Return the look of a body, one of ``LOOKS``."""
     key = look_key(mesh)
     if key is not None:
         return MANNEQUIN if key.value > 0.5 else PERSON_LOOK
@@ -62,5 +53,5 @@ def look_of(mesh: bpy.types.Object) -> str:
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the bodies' meshes of a scene that can be edited."""
+    """Return the editable body meshes of a scene."""
     return [obj for obj in scene.objects if obj.type == "MESH" and obj.is_editable and sliders(obj)]

@@ -12,7 +12,7 @@ from .body_file import BodyFile, once_a_body
 from .layout import around_pelvis
 
 _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
-"""How far two triangles may be from one plane, and a corner from a right angle."""
+"""Limits of the angle between two triangles, and of the difference of a corner from a right angle."""
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
@@ -34,7 +34,7 @@ def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray
 
 
 def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
-    """Return which pairs are taken, first ones first; then two lone triangles with a pair between make two pairs."""
+    """Return the chosen pairs, greedily in order. Then two lone triangles next to a pair make two pairs of it."""
     pair_of = [-1] * count
     edges: list[list[int]] = [[] for _ in range(count)]
     for pair, (a, b) in enumerate(zip(first, second, strict=True)):
@@ -57,7 +57,7 @@ def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
 
 
 def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return for each inner edge the two triangles on it and the (E, 4) quadrilateral around both."""
+    """Return for each inner edge its two triangles and the (E, 4) quadrilateral around both."""
     start, end = faces.ravel(order="F"), np.roll(faces, -1, axis=1).ravel(order="F")
     apex = np.roll(faces, -2, axis=1).ravel(order="F")
     owner = np.tile(np.arange(len(faces)), 3)
@@ -72,7 +72,7 @@ def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _cost(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Return (E,) how far each quadrilateral is from flat and rectangular: 1 at the limit of either."""
+    """Return (E,) the deviation of each quadrilateral from flat and rectangular, 1 at the limit of either."""
     corners = vertices[quads]
     ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     cosine = (ahead * back).sum(-1) / np.maximum(np.linalg.norm(ahead, axis=-1) * np.linalg.norm(back, axis=-1), 1e-15)
@@ -85,18 +85,13 @@ def _cost(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
 
 
 _LEAST_WEIGHT = 1e-4
-"""Weight of a vertex that is kept, a share of 1; chosen by hand."""
+"""Smallest weight of a vertex that is kept, chosen by hand."""
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
     """Create the body's mesh as a child of its armature, in the armature's collections.
 
-    Blender's deformation is linear blend skinning; what the model adds to it are shape keys.
-
-    Args:
-        name: name of the object.
-        body: the body.
-        armature: from ``create_armature``.
+    Blender's deformation is linear blend skinning. Shape keys and correctives add the rest of the model.
     """
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
@@ -131,10 +126,9 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
 
 
 def drop_defaults(mesh: bpy.types.Mesh) -> None:
-    """Take away attributes that hold what is so without them: nothing sharp, nothing deselected."""
+    """Remove attributes that only have default values: nothing is sharp or deselected."""
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
-        attribute = mesh.attributes.get(name)
-        if attribute is not None:
+        if (attribute := mesh.attributes.get(name)) is not None:
             mesh.attributes.remove(attribute)
 
 

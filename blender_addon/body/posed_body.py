@@ -1,4 +1,4 @@
-"""The body posed in NumPy: joints and vertices to compare Blender's result with, and to frame pictures."""
+"""The body posed in NumPy: joints and vertices to compare with Blender's result, and to frame renders."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tup
 
 
 def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
-    """Return a motion whose fingers turn from the body's rest, where they turned from a flat hand."""
+    """Return a motion with fingers that turn from the body's rest instead of a flat hand."""
     if not motion.flat_hands:
         return motion
     rotvec = motion.rotvec
@@ -46,7 +46,7 @@ def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
 
 
 def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
-    """Return (F, J, 3) rotations on the joints of a layout; joints that the motion lacks rest, others are left out."""
+    """Return (F, J, 3) rotations on the joints of a layout. Joints that the motion lacks rest, others are left out."""
     if motion.body_layout.joints == layout.joints:
         return motion.rotvec
     rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
@@ -57,7 +57,7 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
 
 
 def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) rotations on a layout of ours, of (F, 24 or 52, 3) ones; fingers that they lack rest."""
+    """Return (F, J, 3) rotations on a layout of ours from (F, 24 or 52, 3) ones. Missing fingers rest."""
     if rotvec.shape[1] == layout.num_joints:
         return rotvec
     turned = np.zeros((len(rotvec), layout.num_joints, 3))
@@ -66,15 +66,9 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
 
 
 def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
-    """Skin the body, ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)``, shape and pose in v_rest (Loper et al. 2015, eq. 9).
+    """Return the (N, V, 3) skin of N frames of a motion in world metres.
 
-    Args:
-        body: the body.
-        motion: its motion.
-        frames: N frame indices.
-
-    Returns:
-        (N, V, 3) world metres.
+    ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)``, with shape and pose in v_rest (Loper et al. 2015, eq. 9).
     """
     rest = body.rest_joints(motion.betas)
     rotvec = rotvec_on(motion, body.layout)[frames]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..conventions.datablocks import add_driver
+from ..conventions.nodes import add_scripted_driver
 from ..conventions.skeleton import JOINTS, BodyLayout
 from .armature import create_armature, deform_bone
 from .body_file import BodyFile, once_a_body
@@ -21,15 +21,15 @@ from .mesh import create_mesh
 from .shape import add_shape_keys, all_sliders, get_betas
 
 _LEAST_M, _SAME_M = 5e-7, 5e-7
-"""Metres per beta: a smaller effect is none, and two that differ by less are the same."""
+"""Metres per beta: smaller effects are ignored, and two that differ by less are equal."""
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
-"""Of combinations: larger factors would magnify what Blender rounds."""
+"""Largest factor of a combination, as larger ones would magnify Blender's rounding."""
 
 
 @dataclass(frozen=True)
 class _Driven:
-    """One axis of a bone's location and how the betas move it."""
+    """One axis of a bone's location and the effect of the betas on it."""
 
     bone: str
     axis: int
@@ -37,30 +37,36 @@ class _Driven:
 
 
 def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
-    """Let the sliders move the joints, and the bones that IK poses in their places.
+    """Let the sliders move the joints, and the bones of IK.
 
     In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
-    bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is how far a shape moves joint j.
+    bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j in a shape.
 
     Args:
         armature: from ``create_armature``, laid out for ``rest_betas``.
         mesh: its mesh, with sliders.
         body: the body.
-        rest_betas: (10,) the shape at which nothing is moved.
+        rest_betas: (10,) the shape without offsets.
     """
     names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
     axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
     for driven, parts in _sources(body, tuple(names), np.stack(axes).tobytes()):
         bone = armature.pose.bones[driven.bone]
         if parts:
-            _drive_by_bones(bone, driven.axis, armature, parts)
+            # Driven by other bones' locations.
+            variables = {
+                f"a{k}": (armature, f'pose.bones["{source.bone}"].location[{source.axis}]')
+                for k, (_, source) in enumerate(parts)
+            }
+            sums = "".join(f"{factor:+.7f}*a{k}" for k, (factor, _) in enumerate(parts)).lstrip("+")
+            add_scripted_driver(bone, "location", driven.axis, sums, variables)
         else:
             drive_by_betas(bone, "location", driven.axis, driven.row, float(-driven.row @ rest_betas), mesh)
 
 
 @once_a_body
 def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
-    """Return every location that betas move, each with the earlier ones that drive it, none where betas do.
+    """Return every location that betas move, each with the earlier ones that drive it, none if betas drive it.
 
     Args:
         body: the body.
@@ -83,9 +89,9 @@ def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return the few driven locations that together move as this one does, nothing where they are as many as its betas.
+    """Return a few driven locations whose combination moves like this one, nothing if they are as many as its betas.
 
-    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993): the likest of what is left, one at a time.
+    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993) adds the most similar one at a time.
     """
     if not driven:
         return []
@@ -108,7 +114,7 @@ def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float,
 
 
 def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
-    """Return related locations that together move as this one does, nothing where they do not or save nothing."""
+    """Return related locations whose combination moves like this one, nothing if they do not or save nothing."""
     if not related:
         return []
     rows = np.stack([d.row for d in related])
@@ -120,59 +126,34 @@ def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Drive
     return parts if fits and len(parts) < np.sum(np.abs(row) > _LEAST_M) else []
 
 
-def _drive_by_bones(
-    bone: bpy.types.PoseBone, axis: int, armature: bpy.types.Object, parts: list[tuple[float, _Driven]]
-) -> None:
-    """Drive a bone's location by others'."""
-    driver = add_driver(bone, "location", axis)
-    driver.type = "SCRIPTED"
-    for k, (_, source) in enumerate(parts):
-        variable = driver.variables.new()
-        variable.name, variable.type = f"a{k}", "SINGLE_PROP"
-        target = variable.targets[0]
-        target.id_type, target.id = "OBJECT", armature
-        target.data_path = f'pose.bones["{source.bone}"].location[{source.axis}]'
-    driver.expression = "".join(f"{factor:+.7f}*a{k}" for k, (factor, _) in enumerate(parts)).lstrip("+")
-
-
 def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
-    """Return names of bones that move against their parents as a joint does against its own, and that joint's index."""
-    named = [(joint, j) for j, joint in enumerate(layout.joints)]
-    for limb in LIMBS:
-        named += [
-            (name, layout.joints.index(joint))
-            for name, joint in zip((*limb.solved, limb.reach), limb.joints, strict=True)
-        ]
-    return named
+    """Return the bones that move against their parents like a joint against its own, and that joint's index."""
+    index = {joint: j for j, joint in enumerate(layout.joints)}
+    solved = (pair for limb in LIMBS for pair in zip((*limb.solved, limb.reach), limb.joints, strict=True))
+    return [*index.items(), *((name, index[joint]) for name, joint in solved)]
 
 
 def drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
 ) -> bool:
-    """Drive one element of a property by ``constant + row @ betas``; False where no beta has an effect.
+    """Drive one element of an array property by ``constant + row @ betas``, and return False if no beta has an effect.
 
     Args:
-        owner: what the property belongs to.
-        path: the property, an array.
+        owner: owner of the property.
+        path: the property.
         axis: its element.
         row: (10,) metres per beta.
         constant: metres.
-        mesh: the mesh that has the sliders.
+        mesh: the mesh with the sliders.
     """
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return False
-    keys = all_sliders(mesh)
-    driver = add_driver(owner, path, axis)
-    driver.type = "SCRIPTED"
-    for k in used:
-        variable = driver.variables.new()
-        variable.name, variable.type = f"b{k}", "SINGLE_PROP"
-        target = variable.targets[0]
-        target.id_type, target.id = "KEY", mesh.data.shape_keys
-        target.data_path = f'key_blocks["{keys[k].name}"].value'
-    # Blender keeps 256 characters of an expression; a tenth of a micrometre is exact enough.
-    driver.expression = f"{constant:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)
+    keys, data = all_sliders(mesh), mesh.data.shape_keys
+    variables = {f"b{k}": (data, f'key_blocks["{keys[k].name}"].value') for k in used}
+    # Blender keeps 256 characters of an expression, so metres have seven decimals.
+    terms = "".join(f"{row[k]:+.7f}*b{k}" for k in used)
+    add_scripted_driver(owner, path, axis, f"{constant:.7f}{terms}", variables)
     return True
 
 
@@ -181,21 +162,15 @@ class Rig:
     """The objects of one body."""
 
     armature: bpy.types.Object
-    """A bone a joint to pose, a hidden one each that deforms, a root, and hands and feet to place."""
+    """A posed bone per joint with a hidden deform bone, a root, and hands and feet to place."""
     mesh: bpy.types.Object
     """The skin, with ten shape sliders and pose correctives."""
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at rest that stands on the world's origin; the sliders stand at ``betas``.
+    """Create a posable body at rest on the world's origin, with sliders at ``betas`` (10,).
 
-    Blender must be in object mode.
-
-    Args:
-        name: name of the armature.
-        body: the body.
-        betas: (10,) shape.
-        collection: where the objects are linked; it must be part of the current view layer.
+    Blender must be in object mode, and the collection in the current view layer.
     """
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, body.layout, layout, collection)
@@ -209,7 +184,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Let the soles of the resting body stay at the height of the armature's origin, whatever the sliders are set to.
+    """Keep the soles of the resting body at the height of the armature's origin for all slider values.
 
     The lowest vertex of the present shape drives the armature's delta location, so that its location stays free.
     """

@@ -1,4 +1,4 @@
-"""The ten shape sliders: shape keys of the mesh, whose values also drive the joints (``shape_drivers.py``)."""
+"""The ten shape sliders: shape keys of the mesh, whose values also drive the joints (``rig.py``)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .mesh import positions
 
 _UNNAMED = "detail"
 _LEAST_SHARE = 0.02
-"""Of a measure's variance, below which a direction is not named by it."""
+"""Share of a measure's variance below which a direction is not named by it."""
 _NAMES = {
     "stature": ("stature", "short stature"),
     "build": ("build", "slenderness"),
@@ -28,16 +28,13 @@ _NAMES = {
     "thigh_girth": ("thigh girth", "slim thighs"),
     "arm_girth": ("arm girth", "slim arms"),
     "foot": ("foot length", "short feet"),
-}  # fmt: skip
-"""What a measure's growth is called, and its decline."""
+}
+"""Names of a measure's growth and decline."""
 
 
 @once_a_body
 def shape_names(body: BodyFile) -> tuple[str, ...]:
-    """Return what each of the ten shape directions does, in two or three words.
-
-    A body whose skin cannot be measured (a stand-in of a few vertices) gets "detail" where nothing is found.
-    """
+    """Return a name of two or three words for each of the ten shape directions, "detail" for unknown effects."""
     directions = np.eye(NUM_BETAS)
     changes = [_relative(_measures(body, e), _measures(body, -e)) for e in directions]
     table = np.array([[change[name] for name in _NAMES] for change in changes])
@@ -51,13 +48,13 @@ def shape_names(body: BodyFile) -> tuple[str, ...]:
 
 
 def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float]:
-    """Return by what share each measure differs, 0 where it cannot be measured."""
+    """Return the relative difference of each measure, 0 if it cannot be measured."""
     both = {name: (more[name] + less[name]) / 2 for name in more}
     return {name: (more[name] - less[name]) / mean if mean > 1e-6 else 0.0 for name, mean in both.items()}
 
 
 def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
-    """Return lengths against the stature, and the build: volume over the square of the stature."""
+    """Return lengths by the stature, and the build: volume by the square of the stature."""
     vertices, joints = body.shaped(betas), dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     stature = float(np.ptp(vertices[:, 1]))
     corners = vertices[body.faces]
@@ -69,18 +66,19 @@ def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
     thigh, shin = apart("left_hip", "left_knee"), apart("left_knee", "left_ankle")
     upper, forearm = apart("left_shoulder", "left_elbow"), apart("left_elbow", "left_wrist")
     shares = {
-        "leg": thigh + shin, "arm": upper + forearm, "shoulders": apart("left_shoulder", "right_shoulder"),
-        "hips": apart("left_hip", "right_hip"), "head": apart("neck", "head"),
+        "leg": thigh + shin,
+        "arm": upper + forearm,
+        "shoulders": apart("left_shoulder", "right_shoulder"),
+        "hips": apart("left_hip", "right_hip"),
+        "head": apart("neck", "head"),
         "foot": _reach(body, vertices, ("left_ankle", "left_foot"), 2),
         "trunk_depth": _reach(body, vertices, ("spine3",), 2),
         "thigh_girth": _radius(body, vertices, joints, "left_hip", "left_knee"),
         "arm_girth": _radius(body, vertices, joints, "left_shoulder", "left_elbow"),
-    }  # fmt: skip
-    return {
-        "stature": stature, "build": volume / stature**2,
-        "thigh": thigh / max(thigh + shin, 1e-9), "upper_arm": upper / max(upper + forearm, 1e-9),
-        **{name: value / stature for name, value in shares.items()},
-    }  # fmt: skip
+    }
+    found = {name: value / stature for name, value in shares.items()}
+    found |= {"stature": stature, "build": volume / stature**2, "thigh": thigh / max(thigh + shin, 1e-9)}
+    return found | {"upper_arm": upper / max(upper + forearm, 1e-9)}
 
 
 def _skin_of(body: BodyFile, vertices: np.ndarray, joints: tuple[str, ...]) -> np.ndarray:
@@ -104,16 +102,16 @@ def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray],
 
 _PREFIX = "Shape"
 LOOK_KEY = "Mannequin"
-"""Name of the shape key that takes the face away."""
+"""Name of the shape key that removes the face."""
 
 
 def slider_name(index: int, effect: str = "") -> str:
-    """Return the name of the shape key of one beta, "Shape 0 stature"; earlier versions left the effect out."""
+    """Return the name of the shape key of one beta with its effect, such as "Shape 0 stature"."""
     return f"{_PREFIX} {index} {effect}".rstrip()
 
 
 def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders in the order of the betas, fewer where the object lacks some."""
+    """Return the ten sliders in the order of the betas, without missing ones."""
     keys = getattr(mesh.data, "shape_keys", None)
     found: dict[int, bpy.types.ShapeKey] = {}
     for key in keys.key_blocks if keys is not None else ():
@@ -124,13 +122,13 @@ def sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
 
 
 def effect_of(key: bpy.types.ShapeKey) -> str:
-    """Return what a slider does, "Stature"; its whole name in files of earlier versions."""
+    """Return the effect of a slider, such as "Stature", or its whole name if the user has changed it."""
     words = key.name.split(maxsplit=2)
     return words[2].capitalize() if len(words) > 2 else key.name
 
 
 def look_key(mesh: bpy.types.Object) -> bpy.types.ShapeKey | None:
-    """Return the shape key that takes the face away, None where the body has none."""
+    """Return the shape key that removes the face, None if the body has none."""
     keys = getattr(mesh.data, "shape_keys", None)
     return None if keys is None else keys.key_blocks.get(LOOK_KEY)
 
@@ -141,7 +139,7 @@ def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
 
 
 LARGEST_BETA = 5.0
-"""Sliders reach this many standard deviations either way."""
+"""Range of the sliders in standard deviations."""
 
 
 def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:
@@ -155,14 +153,7 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
 
 
 def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
-    """Add a relative shape key that moves the vertices from rest to these positions at a value of 1.
-
-    Args:
-        mesh: a mesh object with a basis.
-        name: name of the key.
-        shaped: (V, 3) metres.
-        limit: values reach from -limit to limit.
-    """
+    """Add a relative shape key from -limit to limit that moves the vertices to (V, 3) metres at 1."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
     key.points.foreach_set("co", np.ascontiguousarray(shaped, dtype=np.float32).ravel())
@@ -170,24 +161,12 @@ def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float)
 
 
 def get_betas(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (10,) shape a body's sliders show.
-
-    Raises:
-        BodyInvalid: the object is no body of ours.
-    """
+    """Return the (10,) shape of a body's sliders."""
     return np.array([key.value for key in all_sliders(mesh)])
 
 
 def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
-    """Set the sliders; skin and joints follow.
-
-    Args:
-        mesh: the body's mesh object.
-        betas: (10,) shape; the sliders widen where a value lies beyond their ends.
-
-    Raises:
-        BodyInvalid: the object is no body of ours.
-    """
+    """Set the sliders of a body's mesh to a (10,) shape. Their limits widen if needed. Skin and joints follow."""
     for key, beta in zip(all_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
         key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
         key.value = beta
@@ -202,11 +181,7 @@ def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
-    """Return the ten sliders.
-
-    Raises:
-        BodyInvalid: the object is no body of ours.
-    """
+    """Return the ten sliders. A mesh without them is a ``BodyInvalid``."""
     found = sliders(mesh)
     if len(found) < NUM_BETAS:
         names = f"{slider_name(0)} to {slider_name(NUM_BETAS - 1)}"

@@ -11,8 +11,7 @@ import bpy
 import numpy as np
 
 from .._exchange.diagnostics import Diagnostic
-from ..animation.curves import current_action, is_take
-from ..animation.retiming import laid_rate, same_rate
+from ..animation.curves import current_action, is_take, laid_rate, same_rate
 from ..animation.takes import warnings_of_take
 from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport

@@ -9,11 +9,10 @@ import bpy
 import numpy as np
 
 from .._exchange.job_file import JobPin, JobRange
-from ..animation.curves import current_action
+from ..animation.action import read_pose
+from ..animation.curves import current_action, laid_rate
 from ..animation.lanes import read_lane
 from ..animation.layers import without_layers
-from ..animation.pose import read_pose
-from ..animation.retiming import laid_rate
 from ..animation.takes import BETAS, take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body

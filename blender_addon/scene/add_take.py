@@ -1,4 +1,4 @@
-"""A take added to a scene: each solve is a new action of one body, and earlier ones stay."""
+"""A take added to a scene: each solve is a new action of a body, and earlier ones stay."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ import numpy as np
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
-from ..animation.curves import current_action, curve_target
+from ..animation.curves import current_action, curve_target, laid_rate, relay_take, same_rate
 from ..animation.layers import PLACE, without_layers
 from ..animation.range_merge import RangeTimes, carry_curves, merge_range
-from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
@@ -24,7 +23,7 @@ from .hand_edits import played_channels, take_times
 from .props import create_props
 
 FEW = " few keys"
-"""How names of thinned takes end."""
+"""Suffix of the names of takes with few keys."""
 
 
 def add_take(
@@ -37,21 +36,21 @@ def add_take(
     frame_start: int,
     suffix: str = "",
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
-    """Add a solved motion as a new action, to the body that is there or with a new one.
+    """Add a solved motion as a new action, to the existing body or with a new one.
 
     Args:
-        scene: the scene; its frame rate stays.
+        scene: the scene, which keeps its frame rate.
         name: name of the take.
         motion: the motion.
         body: the body it was solved for.
-        armature: the body of earlier takes, whose sliders go to the motion's shape; None if there is none. A motion
-            of another body gets an armature of its own.
-        parent: collection a new body goes into, None for the scene's.
+        armature: the body of earlier takes, which gets the motion's shape, None if there is none. A motion of another
+            body gets its own armature.
+        parent: collection of a new body, None for the scene's.
         frame_start: scene frame of the first frame.
-        suffix: of a new body's name, beside that of the collection: whose it is, where there are several.
+        suffix: suffix of a new body's name, such as the person.
 
     Returns:
-        The armature and the action, which is now its current one.
+        The armature and the action, which it plays.
 
     Raises:
         BodyMismatch: the motion belongs to another body.
@@ -83,12 +82,9 @@ def thinned_take(
     keys_per_second: float | None,
     tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take of smooth curves through about so many keys a second, or as few as a tolerance asks for, and play it.
+    """Add a take of smooth curves with few keys, made of the take as it plays with all hand edits, and play it.
 
-    What is thinned is the take as it plays, hand edits included.
-
-    Raises:
-        MocapError: the take's motion or body can no longer be read.
+    See ``bake_action`` for the limits. A motion or body that cannot be read is a ``MocapError``.
     """
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
@@ -106,19 +102,16 @@ def add_edited_take(
     keys_per_second: float | None = None,
     tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take that was made of another one, with its files and its person, and play it.
+    """Add a take made of another one, with its files and its person, and play it.
 
     Args:
         scene: the scene.
-        take: what it was made of.
+        take: the other take.
         armature: the body.
-        name: of the new take.
+        name: name of the new take.
         edited: (F, 3 + 4 J) channels, see ``pose_channels``.
         keys_per_second: see ``bake_action``.
         tolerance_mm: see ``bake_action``.
-
-    Raises:
-        MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
@@ -141,12 +134,12 @@ def add_edited_take(
 def keep_edits(
     armature: bpy.types.Object, former: bpy.types.Action, solved: bpy.types.Action, first: int, last: int
 ) -> bpy.types.Action:
-    """Return a take of which frames first to last, from 0, are as solved and all others as edited, and play it.
+    """Return a take with frames first to last (from 0) as solved and all others as edited, and play it.
 
     Args:
         armature: the body.
-        former: the take whose range was solved again; it stays.
-        solved: the solved motion, laid over all frames; it goes.
+        former: the edited take, which stays.
+        solved: the solved motion over all frames, which is removed.
         first: first frame of the range.
         last: last frame of the range.
     """
@@ -162,14 +155,14 @@ def keep_edits(
         if key != PLACE:
             merged[key] = value
     name = solved.name
-    show_take(armature, merged)  # before the solved one goes, whose place below layers it takes
+    show_take(armature, merged)  # before the solved one is removed, which it replaces below layers
     bpy.data.actions.remove(solved)
     merged.name, merged.use_fake_user = name, True
     return merged
 
 
 def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
-    """Return whether an armature can play a motion: its action is of the same body, and fingers that move are there."""
+    """Return whether an armature can play a motion: it plays the same body, and has fingers if they move."""
     action, layout = current_action(armature), layout_of(armature.data.bones)
     is_same = action is None or str(action.get("body", "")) in ("", motion.body)
     return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

@@ -1,4 +1,4 @@
-"""The bake as a pipeline of verbs: body, action, cameras, detections, floor."""
+"""Bake a motion and its capture: body, action, cameras, detections, floor."""
 
 from __future__ import annotations
 
@@ -24,29 +24,29 @@ from .overlay import PointLook, create_point_overlay
 from .props import create_props
 
 _KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))
-"""Radius in metres, and colour; chosen by hand."""
+"""Radius in metres, and colour, chosen by hand."""
 
 
 @dataclass(frozen=True)
 class BakeSettings:
-    """What a bake makes."""
+    """Settings of a bake."""
 
     frame_start: int = 1
     """Scene frame of the take's first frame."""
     set_scene: bool = True
-    """Set the scene's frame rate, range and camera; otherwise keys are placed by time at the scene's own rate."""
+    """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's own rate."""
     scene_fps: float | None = None
-    """Frame rate that ``set_scene`` sets, by which the motion is laid; None for the motion's own."""
+    """Frame rate for ``set_scene``, None for the motion's own."""
     keys_per_second: float | None = None
-    """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
+    """Average number of the solver's keys to keep, joined by smooth curves. None writes a key on every frame."""
     tolerance_mm: float | None = None
-    """As few keys as keep every joint within the tolerance; None for no thinning by it."""
+    """Keep as few keys as possible with every joint within this tolerance."""
     asset: bool = False
     """Mark the action as an asset."""
     floor: bool = True
     """Add a floor."""
     backgrounds: bool = True
-    """Show footage behind the cameras where there is any."""
+    """Show footage behind the cameras."""
 
 
 @dataclass(frozen=True)
@@ -54,9 +54,8 @@ class BakedTake:
     """The objects of one take."""
 
     collection: bpy.types.Collection
-    """Holds everything of the take."""
     body: bpy.types.Collection
-    """Holds the armature and the mesh."""
+    """Collection of the armature and the mesh."""
     armature: bpy.types.Object
     mesh: bpy.types.Object
     action: bpy.types.Action
@@ -67,7 +66,7 @@ class BakedTake:
     floor: bpy.types.Object | None
     timing: TakeTiming
     notes: tuple[str, ...]
-    """What was missing or assumed, one sentence each."""
+    """Findings, one sentence each."""
 
 
 def bake_take(
@@ -78,9 +77,7 @@ def bake_take(
     settings: BakeSettings | None = None,
     parent: bpy.types.Collection | None = None,
 ) -> BakedTake:
-    """Bake a motion, and the capture it was solved from, into a scene; nothing that is there is changed.
-
-    Everything goes into a collection of its own inside ``parent`` or, without one, the scene's.
+    """Bake a motion and its capture into a new collection of a scene, in ``parent`` if given. Nothing else changes.
 
     Blender must be in object mode, and the scene the window's current one.
 
@@ -100,25 +97,30 @@ def bake_take(
     rest = body.rest_joints(motion.betas)
     figure = child_collection("Body", take)
     rig = create_rig(motion.name, body, motion.betas, figure)
-    action = bake_action(
-        motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second, settings.tolerance_mm
-    )
+    limits = settings.keys_per_second, settings.tolerance_mm
+    action = bake_action(motion.name, motion, rig.armature, rest[0], timing, *limits)
     action[BETAS] = motion.betas.tolist()
     action[DIAGNOSTICS] = json.dumps(found_in(motion.provenance))
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)
-    cameras, detections = _bake_capture(scene, capture, motion, timing, take, settings, notes)
-    overlays = (*_bake_keypoints(motion, timing, take), *detections)
+    cameras, overlays = (), ()
+    if capture is not None:
+        cameras, missing = create_cameras(capture, take, timing, backgrounds=settings.backgrounds)
+        notes += missing
+        if settings.set_scene and cameras:
+            look_through(scene, cameras[0])
+        overlays = create_detections(capture, cameras, timing, child_collection("Detections", take), motion)
+    if motion.keypoints3d is not None and motion.keypoints3d.size:
+        folder, points = child_collection("Keypoints", take), motion.keypoints3d
+        cloud = create_point_overlay("Triangulated keypoints", points, fps, timing, folder, _KEYPOINT_LOOK)
+        overlays = (cloud, *overlays)
     props = create_props(scene, motion.props, fps, timing, take)
-    floor = None
-    if settings.floor:
-        floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
+    floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take)) if settings.floor else None
     fit_units(scene, (rig.armature, *cameras, *overlays, *((floor,) if floor is not None else ())))
     show_frame(scene, settings.frame_start if settings.set_scene else None)
-    return BakedTake(
-        take, figure, rig.armature, rig.mesh, action, cameras, overlays, props, floor, timing, tuple(notes)
-    )
+    objects = rig.armature, rig.mesh, action, cameras, overlays, props, floor
+    return BakedTake(take, figure, *objects, timing, tuple(notes))
 
 
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
@@ -132,29 +134,3 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
         if abs(capture.fps - motion.fps) > 1e-3:
             notes.append(f"The capture runs at {capture.fps:g} fps and the motion at {motion.fps:g}; aligned by time.")
     return notes
-
-
-def _bake_capture(
-    scene: bpy.types.Scene,
-    capture: CaptureFile | None,
-    motion: MotionFile,
-    timing: TakeTiming,
-    take: bpy.types.Collection,
-    settings: BakeSettings,
-    notes: list[str],
-) -> tuple[tuple[bpy.types.Object, ...], tuple[bpy.types.Object, ...]]:
-    if capture is None:
-        return (), ()
-    cameras, missing = create_cameras(capture, take, timing, backgrounds=settings.backgrounds)
-    notes += missing
-    if settings.set_scene and cameras:
-        look_through(scene, cameras[0])
-    return cameras, create_detections(capture, cameras, timing, child_collection("Detections", take), motion)
-
-
-def _bake_keypoints(motion: MotionFile, timing: TakeTiming, take: bpy.types.Collection) -> tuple[bpy.types.Object, ...]:
-    points = motion.keypoints3d
-    if points is None or not points.size:
-        return ()
-    folder = child_collection("Keypoints", take)
-    return (create_point_overlay("Triangulated keypoints", points, motion.fps, timing, folder, _KEYPOINT_LOOK),)

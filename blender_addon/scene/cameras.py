@@ -1,7 +1,7 @@
 """Blender cameras at the capture's cameras, with their footage behind the view.
 
-A Blender camera is a pinhole: it shows the undistorted image. Footage behind it is the recording as it stands, so
-with a strongly bent lens the picture's corners lie off by the distortion; the detections and the body do not.
+A Blender camera is a pinhole and shows the undistorted image. Footage behind it is distorted, so with a strongly
+distorting lens the corners of the image are off, but the detections and the body are not.
 """
 
 from __future__ import annotations
@@ -18,19 +18,16 @@ from ..conventions.timing import TakeTiming
 from .footage import Footage, find_footage, lay_footage, remember_footage
 
 CAMERA_NAME = "capture_camera"
-"""Custom property of a camera's data: what the capture calls it."""
+"""Custom property of a camera's data: its name in the capture."""
 
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Create one camera, named as the capture's; its image size is kept in the camera's custom properties."""
+    """Create a camera with the capture's name, and store its image size in custom properties."""
     data = bpy.data.cameras.new(source.name)
     lens = lens_from_intrinsics(source.K, source.image_size)
-    data.sensor_fit = "HORIZONTAL"
-    data.sensor_width = SENSOR_WIDTH_MM
-    data.lens = lens.focal_mm
+    data.sensor_fit, data.sensor_width, data.lens = "HORIZONTAL", SENSOR_WIDTH_MM, lens.focal_mm
     data.shift_x, data.shift_y = lens.shift_x, lens.shift_y
-    data.clip_start, data.clip_end = 0.05, 500.0
-    data.display_size = 0.25
+    data.clip_start, data.clip_end, data.display_size = 0.05, 500.0, 0.25
     data[CAMERA_NAME] = source.name
     data["image_size"] = list(source.image_size)
     data["pixel_aspect"] = list(lens.pixel_aspect)
@@ -41,13 +38,7 @@ def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.t
 
 
 def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: float = 1.0) -> None:
-    """Make a camera from ``create_camera`` the scene's, with its image size and pixel aspect.
-
-    Args:
-        scene: the scene to change.
-        camera: the camera.
-        scale: share of the image size to render.
-    """
+    """Make a camera from ``create_camera`` the scene's, with its pixel aspect and its image size times ``scale``."""
     width, height = camera.data["image_size"]
     scene.camera = camera
     scene.render.resolution_x, scene.render.resolution_y = int(width), int(height)
@@ -56,16 +47,16 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show the footage behind the camera's view, by time, the picture that belongs to it on the take's first frame.
+    """Show the footage behind the camera's view, synchronised by time.
 
     Args:
         camera: from ``create_camera``.
-        source: its calibrated camera, which knows the footage.
-        fps: pictures per second.
-        timing: where the take lies in the scene.
+        source: its calibrated camera with the footage.
+        fps: images per second.
+        timing: position of the take in the scene.
 
     Returns:
-        A sentence on what is missing, "" if nothing is.
+        A sentence about missing footage, or "".
     """
     footage = find_footage(source.footage)
     if footage is None:
@@ -74,10 +65,8 @@ def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, tim
     if image is None:
         return f"Camera {source.name}: Blender cannot read {footage.files[0].name}."
     background = camera.data.background_images.new()
-    background.image = image
-    background.alpha = 1.0
-    background.display_depth = "BACK"
-    background.frame_method = "STRETCH"
+    background.image, background.alpha = image, 1.0
+    background.display_depth, background.frame_method = "BACK", "STRETCH"
     user = background.image_user
     user.frame_start = int(timing.start)
     pictures = image.frame_duration if footage.is_video else len(footage.files)

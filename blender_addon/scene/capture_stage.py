@@ -1,4 +1,4 @@
-"""The stage of a capture: its cameras, what they detected, and the floor; there before anything is solved."""
+"""The stage of a capture, there before anything is solved: cameras, detections and floor."""
 
 from __future__ import annotations
 
@@ -19,19 +19,13 @@ from .overlay import Players, create_view_overlay
 from .point_player import MODIFIER, RADIUS, player_of
 
 _LINE_M = 0.015
-"""Width of a line of the grid, metres; chosen by hand."""
+"""Width of a grid line in metres, chosen by hand."""
 _MOST_TILES = 200
-"""Along a side; chosen by hand. Of longer ways a tile is more metres wide, for 20 km of metres take 3 GB."""
+"""Maximum number of tiles along a side, chosen by hand. Longer floors get larger tiles: 20 km of metres take 3 GB."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
-    """Create a floor of whole metres under everything that is given; of a long way, of tiles of more metres.
-
-    Args:
-        points: (..., 3) world metres, such as the pelvis's path; NaN is ignored.
-        collection: where the object is linked.
-        margin_m: metres beyond the outermost points.
-    """
+    """Create a floor of whole metres under points (..., 3) in metres, with a margin. NaN is ignored."""
     flat = points.reshape(-1, 3)[:, :2]
     flat = flat[np.isfinite(flat).all(axis=1)]
     low = np.floor(flat.min(axis=0) - margin_m) if len(flat) else np.array([-2.0, -2.0])
@@ -50,7 +44,7 @@ def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin
 
 
 def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return vertices (N, 3), quads (M, 4) and which quads are lines (M,), with no two quads overlapping."""
+    """Return vertices (N, 3), quads (M, 4) and a mask (M,) of quads that are lines, with no two quads overlapping."""
     tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
     steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
     x, y = np.meshgrid(*steps, indexing="ij")
@@ -73,26 +67,20 @@ class CaptureStage:
     """The objects of one capture."""
 
     collection: bpy.types.Collection
-    """Holds everything of the capture."""
     cameras: tuple[bpy.types.Object, ...]
     overlays: tuple[bpy.types.Object, ...]
     floor: bpy.types.Object
     timing: TakeTiming
     notes: tuple[str, ...]
-    """What was missing, one sentence each."""
+    """Findings, one sentence each."""
 
 
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture in a scene.
+    """Set up a capture in a scene, whose other contents stay.
 
-    Args:
-        scene: the scene to add to; nothing that is there is changed.
-        capture: the capture.
-        frame_start: scene frame of the capture's first frame.
-        take_over: the scene takes over frame rate, length and first camera; without, they and the frame shown stay,
-            and the capture is laid by time.
+    With ``take_over`` the scene gets its frame rate, length and first camera. Otherwise the capture is placed by time.
     """
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
@@ -110,7 +98,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras, with their footage behind the view, and report what is missing."""
+    """Create a capture's cameras with their footage, and return them and sentences about missing footage."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)
@@ -130,7 +118,7 @@ def create_detections(
     folder: bpy.types.Collection,
     motion: MotionFile | None = None,
 ) -> tuple[bpy.types.Object, ...]:
-    """Create the points each camera detected, as it sees them, and the markers, coloured by a motion's residuals."""
+    """Create the detections of each camera, and the markers, coloured by a motion's residuals."""
     overlays = []
     if capture.markers is not None and capture.markers.size:
         cloud = create_marker_cloud(capture.markers, capture.marker_labels, capture.fps, timing, folder)
@@ -149,7 +137,7 @@ def _lens_notes(source: CameraFile) -> list[str]:
 
 
 def _ground_points(capture: CaptureFile) -> np.ndarray:
-    """Return (N, 3) world metres that the floor lies under: where the cameras and the markers are."""
+    """Return the (N, 3) positions of the cameras and the markers in metres."""
     centres = np.array([-source.R.T @ source.t for source in capture.cameras]).reshape(-1, 3)
     markers = np.zeros((0, 3)) if capture.markers is None else capture.markers.reshape(-1, 3)
     return np.concatenate([centres, markers])
@@ -158,14 +146,14 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Return the stage of objects that were there, which show what a new stage shows; the new ones go.
+    """Return the former stage with the contents of a new one, whose objects are removed.
 
-    Names, parents, visibility and whatever else the user did to an object stay; what was deleted comes anew.
+    Names, parents, visibility and other changes of the user stay. Deleted objects come back.
 
     Args:
         scene: the scene.
-        stage: the new stage, in a collection of its own, which goes.
-        former: what was there, in the order of the stage's cameras, overlays and floor; None for what was not.
+        stage: the new stage in its own collection.
+        former: the former objects in the order of the stage's cameras, overlays and floor, None for a deleted one.
         collection: of the former stage.
     """
     new = [*stage.cameras, *stage.overlays, stage.floor]
@@ -173,16 +161,15 @@ def replace_stage(
     for child in stage.collection.children:
         bpy.data.collections.remove(child)
     bpy.data.collections.remove(stage.collection)
-    count = len(stage.cameras)
-    return replace(
-        stage, collection=collection, cameras=tuple(kept[:count]), overlays=tuple(kept[count:-1]), floor=kept[-1]
-    )
+    count, camera_count = len(kept), len(stage.cameras)
+    objects = {"cameras": tuple(kept[:camera_count]), "overlays": tuple(kept[camera_count : count - 1])}
+    return replace(stage, collection=collection, floor=kept[-1], **objects)
 
 
 def _kept(
     scene: bpy.types.Scene, old: bpy.types.Object | None, new: bpy.types.Object, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Return the object that stays: the old one with the new one's contents, or the new one moved to its place."""
+    """Return the object that stays: the old one with the new contents, or the new one moved to the old collection."""
     if old is None:
         for home in tuple(new.users_collection):
             home.objects.unlink(new)
@@ -197,7 +184,7 @@ def _kept(
             old[key] = value
         old.modifiers[MODIFIER].node_group = player_of(new)
         set_input(old.modifiers[MODIFIER], RADIUS, get_input(new.modifiers[MODIFIER], RADIUS))
-        old.parent = old.parent or new.parent  # a camera that was deleted left its detections behind
+        old.parent = old.parent or new.parent  # a deleted camera has left its detections
     for child in new.children:
         child.parent = old
     if scene.camera == new:
@@ -209,7 +196,7 @@ def _kept(
 
 
 def _take_view(camera: bpy.types.Object, former: bpy.types.Camera) -> None:
-    """Keep how the user saw through a camera: its footage's opacity and its size."""
+    """Keep the user's footage opacity and display size of a camera."""
     camera.data.display_size = former.display_size
     if FOOTAGE_RATE in camera.data and former.background_images:
         camera.data.background_images[0].alpha = former.background_images[0].alpha

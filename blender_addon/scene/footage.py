@@ -1,4 +1,4 @@
-"""Footage on disk: a video file or a numbered sequence of images; and which of it a capture may name."""
+"""Footage on disk: a video file or a numbered sequence of images, and which of it a capture may use."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".tga", "
 
 @dataclass(frozen=True)
 class Footage:
-    """What one camera saw."""
+    """Footage of one camera."""
 
     files: tuple[Path, ...]
     """The video, or the images in order."""
@@ -33,11 +33,7 @@ class Footage:
 
 
 def find_footage(path: Path | None) -> Footage | None:
-    """Return the footage at a path, or None where there is no video and no image.
-
-    Args:
-        path: a video, a folder of images, or None.
-    """
+    """Return the footage at a path to a video or a folder of images, None if there is none."""
     if path is None:
         return None
     if os.path.isfile(path) and path.suffix.lower() in _VIDEOS | _IMAGES:
@@ -49,30 +45,30 @@ def find_footage(path: Path | None) -> Footage | None:
 
 
 def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[CaptureFile, tuple[str, ...]]:
-    """Return the capture without the footage that lies outside of some folders, and a sentence for each that does.
+    """Return the capture without footage outside some folders, and a sentence for each camera that lost its footage.
 
-    Somebody else's capture may name any file of this machine, or a server that would be asked with the user's name.
-    Paths are compared as text: nothing is looked for before it is allowed.
+    Another person's capture may name any file of this machine, or a server that would be asked with the user's name.
+    Paths are compared as text, so that no file is looked for before it is allowed.
 
     Args:
-        capture: as it was read.
-        folders: those that the user has chosen; what lies in them may be shown.
+        capture: the capture.
+        folders: the user's folders, whose contents may be shown.
     """
     cameras, refused = [], []
     for camera in capture.cameras:
         outside = camera.footage is not None and not any(_lies_in(camera.footage, folder) for folder in folders)
         if outside:
+            name, path = plain(camera.name), plain(str(camera.footage))
             refused.append(
-                f"Camera {plain(camera.name)}: its footage lies outside of the capture's folder and was not looked "
-                f"for: {plain(str(camera.footage))}. If you trust the capture, name its folder with "
-                "--footage-from, or tick Footage Anywhere."
+                f"Camera {name}: its footage lies outside of the capture's folder and was not looked for: {path}. "
+                "If you trust the capture, name its folder with --footage-from, or tick Footage Anywhere."
             )
         cameras.append(replace(camera, footage=None) if outside else camera)
     return replace(capture, cameras=tuple(cameras)), tuple(refused)
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    """Return whether a path lies in a folder, by their names alone."""
+    """Return whether a path is in a folder, by their names alone."""
     full, base = (os.path.normcase(os.path.abspath(p)) for p in (path, folder))
     if any(text.startswith(("\\\\", "//")) for text in (str(path), full)) and not base.startswith(("\\\\", "//")):
         return False
@@ -87,25 +83,25 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 FOOTAGE_RATE = "footage_fps"
-"""Custom property of a camera: pictures per second of its footage."""
+"""Custom property of a camera: images per second of its footage."""
 _LAID, _START, _OFFSET, _COUNT = "footage_scene_fps", "footage_start", "footage_offset", "footage_count"
 _PATH = "background_images[0].image_user.frame_offset"
 
 
 def remember_footage(camera: bpy.types.Camera, fps: float) -> None:
-    """Keep what the footage behind a camera is as it was set in Blender: one picture a frame."""
+    """Store the settings of the footage behind a camera with one image per frame."""
     user = camera.background_images[0].image_user
     camera[FOOTAGE_RATE], camera[_START] = fps, float(user.frame_start)
     camera[_OFFSET], camera[_COUNT] = user.frame_offset, user.frame_duration
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene rate that the footage is laid by."""
+    """Return the scene frame rate for which the footage is placed."""
     return float(camera[_LAID])
 
 
 def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
-    """Show on every scene frame the picture that was taken then; none but a driver of its number is added."""
+    """Show on each scene frame the image of its time, by a driver of the image number if the rates differ."""
     user, count = camera.background_images[0].image_user, int(camera[_COUNT])
     rate = camera[FOOTAGE_RATE] / timing.scene_fps
     camera[_LAID] = timing.scene_fps

@@ -1,4 +1,4 @@
-"""Everything of ours in a scene follows the scene's frame rate: takes, detections and footage are laid by time."""
+"""Takes, detections and footage follow the scene's frame rate."""
 
 from __future__ import annotations
 
@@ -7,22 +7,17 @@ from math import ceil
 
 import bpy
 
-from ..animation.retiming import RATE, laid_rate, played_takes, relay_take, same_rate
+from ..animation.curves import RATE, laid_rate, played_takes, relay_take, same_rate
 from ..conventions.timing import TakeTiming, scene_frame_rate
 from .footage import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0
-"""Scene frames by which the scene's range may end beside what it shows: last frames are rounded up."""
+"""Scene frames between the end of the scene's range and of its contents that are ignored, as ends are rounded up."""
 
 
 def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> bool:
-    """Return whether anything in a scene lies by another frame rate than the scene's.
-
-    Args:
-        scene: the scene.
-        takes: actions beside those that its objects play.
-    """
+    """Return whether anything in a scene, or a further take, is placed for another frame rate than the scene's."""
     rate = scene_frame_rate(scene)
     laid = [
         *(laid_rate(action) for action in (*played_takes(scene), *takes)),
@@ -33,10 +28,10 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Lay everything of ours by time at the scene's frame rate; a range that ends with it ends with it again.
+    """Move everything in a scene to the scene's frame rate, and its end if it ends with the contents.
 
     Returns:
-        How many times as many scene frames takes or detections are long now as before; 1 where nothing is laid anew.
+        The ratio of the new to the old duration in scene frames, 1 if nothing changes.
     """
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())

@@ -1,4 +1,4 @@
-"""What was changed by hand in a take: where the body stands otherwise than its motion file states."""
+"""Hand edits of a take: differences of the body's pose from its motion file."""
 
 from __future__ import annotations
 
@@ -10,10 +10,9 @@ import numpy as np
 from .._exchange.motion_file import MotionFile, read_motion
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_channels, pose_columns
-from ..animation.curves import action_curves, is_take
+from ..animation.curves import action_curves, is_take, laid_rate
 from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
 from ..animation.layers import without_layers
-from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
@@ -24,20 +23,17 @@ from ..conventions.timing import TakeTiming
 from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
-"""Frobenius norm between two rotations that is an edit: 0.1 degrees; single precision and IK stay below a tenth."""
+"""Frobenius norm of an edit between two rotations, 0.1 degrees. Rounding and IK stay below a tenth of it."""
 _MOVE_M = 5e-4
-"""Distance of the pelvis that is an edit."""
+"""Distance of an edit of the pelvis."""
 
 
 def edited_frames(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, first: int, last: int
 ) -> np.ndarray:
-    """Return which of a take's frames, first to last from 0, show another pose than was solved.
+    """Return the frames of a take, between first and last from 0, with another pose than was solved.
 
-    Curves, controls of limbs and constraints count alike: what is compared is what is seen.
-
-    Raises:
-        MocapError: the take's motion or body can no longer be read.
+    The evaluated pose is compared, so curves, controls and constraints all count.
     """
     motion = read_motion(take_file(take, "motion_file"))
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
@@ -60,14 +56,8 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
 
 
 def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels of ``pose_channels`` with which joints alone stand as the body does.
-
-    Args:
-        scene: the scene.
-        armature: the body, which plays an action.
-        times: (F,) scene frames.
-    """
-    own = armature.animation_data.action  # a take on the NLA has none and is sampled: its strip may be moved
+    """Return the (F, 3 + 4 J) channels of ``pose_channels`` of the pose that a body plays at (F,) scene frames."""
+    own = armature.animation_data.action  # a take on the NLA is sampled, as its strip may be moved
     curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
     if not _poses_from_ends(armature, curves):
         places = pose_columns(layout_of(armature.data.bones))
@@ -77,7 +67,7 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels that the solved motion has at the frames, through the keys that the take has."""
+    """Return the (F, 3 + 4 J) channels of the solved motion, interpolated like the take between its keys."""
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     channels = pose_channels(with_own_hands(motion, body), armature, body.rest_joints(motion.betas)[0])
     path, _, _ = next(pose_columns())
@@ -93,7 +83,7 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether any limb or finger is posed by its control in any frame, or a joint has no curve to be read."""
+    """Return whether a control poses any limb or finger in any frame, or a joint has no curve."""
     if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
         return True
     if _turns_finger_controls(armature, curves):
@@ -111,12 +101,9 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
     """Return whether a control of fingers is turned in any frame."""
     for path, name in control_paths(armature):
         for axis in (0, 2):
-            curve = curves.get((path, axis))
-            values = (
-                [armature.pose.bones[name].rotation_euler[axis]]
-                if curve is None
-                else [p.co.y for p in curve.keyframe_points]
-            )
+            values = [armature.pose.bones[name].rotation_euler[axis]]
+            if (curve := curves.get((path, axis))) is not None:
+                values = [point.co.y for point in curve.keyframe_points]
             if any(abs(value) > 1e-6 for value in values):
                 return True
     return False

@@ -1,4 +1,4 @@
-"""A limb's motion from FK to IK and back: what is seen stays, what is keyed changes."""
+"""Switch a limb's motion between FK and IK: the keys change, and the motion stays."""
 
 from __future__ import annotations
 
@@ -10,44 +10,37 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from .._exchange.so3 import quat_from_matrix, sign_continuous
-from ..animation.curves import (
-    CurveTarget,
-    current_action,
-    is_take,
-    key_type_values,
-    played_target,
-    remove_curves,
-    write_curves,
-)
-from ..animation.retiming import laid_rate
+from ..animation.curves import CurveTarget, current_action, is_take, key_type_values, laid_rate, played_target
+from ..animation.curves import remove_curves as remove_curves
+from ..animation.curves import write_curves as write_curves
 from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
 from ..conventions.timing import go_to_frame
 from .session import alone
 
 _SAME = 1e-3
-"""Scene frames within which two keys lie on one."""
+"""Scene frames within which two keys are on the same frame."""
 
 
 @dataclass(frozen=True)
 class Channels:
-    """Where the channels of an armature go."""
+    """The channels of an armature."""
 
     armature: bpy.types.Object
     target: CurveTarget | None
-    """The action it plays; None for the pose it stands in."""
+    """The action that it plays, None for its pose."""
     times: np.ndarray | None
-    """(F,) scene frames of the action; None for the pose."""
+    """(F,) scene frames of the action, None for the pose."""
 
     def set_location(self, bone: str, values: np.ndarray) -> None:
         """Key or set a bone's (F, 3) location."""
         self._put(bone, "location", values)
 
     def set_rotation(self, bone: str, R: np.ndarray) -> None:
-        """Key or set a bone's (F, 3, 3) rotation, as quaternions that are continuous in sign."""
+        """Key or set a bone's (F, 3, 3) rotation as quaternions that are continuous in sign."""
         self._put(bone, "rotation_quaternion", sign_continuous(quat_from_matrix(R)[:, None])[:, 0])
 
     def set_switch(self, limb: Limb, value: float) -> None:
-        """Key or set a limb's switch, one value throughout."""
+        """Key or set a limb's switch to one value throughout."""
         self.armature.pose.bones[ROOT][limb.switch] = value
         if self.target is not None and self.times is not None:
             remove_curves(self.target, switch_path(limb))
@@ -68,10 +61,9 @@ class Channels:
 
 
 def channels_of(armature: bpy.types.Object) -> Channels:
-    """Return where an armature's channels go: into the action it plays or, without one, into its pose.
+    """Return the channels of an armature: of the action that it plays, or else of its pose.
 
-    Raises:
-        BodyInvalid: its action is linked from another file.
+    A linked action is a ``BodyInvalid``.
     """
     action = current_action(armature)
     if action is None:
@@ -84,7 +76,7 @@ def channels_of(armature: bpy.types.Object) -> Channels:
 
 
 def frames_of(action: bpy.types.Action) -> np.ndarray:
-    """Return the (F,) scene frames of an action: those of a take as they are laid, otherwise every whole one."""
+    """Return the (F,) scene frames of an action: those of a take, or else every whole one."""
     first, last = action.frame_range
     step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
     step = 1.0 if abs(step - 1) < 1e-6 else step
@@ -92,21 +84,21 @@ def frames_of(action: bpy.types.Action) -> np.ndarray:
 
 
 _STRAIGHT_M = 0.02
-"""A joint this near to the line between its neighbours points where the bone above it is turned, not where it lies."""
+"""A joint closer to the line between its neighbours points as the bone above it is turned."""
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) places of a limb's pole: as far from the middle joint as that is from the first.
+    """Return the (F, 3) positions of a limb's pole, as far from the middle joint as that is from the first.
 
-    The direction is ``o + s a``, with o the middle joint's way off the line between its neighbours, a the forward
-    direction of the bone above it, both across that line, and s a few centimetres: it turns smoothly where a limb is
-    stretched and o vanishes.
+    The direction is ``o + s a``, with o the offset of the middle joint from the line between its neighbours, a the
+    forward direction of the bone above it, both square to that line, and s a few centimetres. It turns smoothly when a
+    limb is stretched and o vanishes.
 
     Args:
         upper: (F, 3) shoulders or hips in metres.
         lower: (F, 3) elbows or knees.
         end: (F, 3) wrists or ankles.
-        ahead: (F, 3) unit vectors where the joint points by the bone above it.
+        ahead: (F, 3) unit vectors in the direction of the joint by the bone above it.
     """
     line = _unit(end - upper)
     way = _across(lower - upper, line) + _STRAIGHT_M * _across(ahead, line)
@@ -127,11 +119,7 @@ def sample_bones(
 ) -> dict[str, np.ndarray]:
     """Return the (F, 4, 4) matrix of each bone in the armature's frame, constraints and hand edits included.
 
-    Args:
-        armature: the armature.
-        scene: the scene it is in.
-        names: of the bones.
-        times: (F,) scene frames; None for the pose it stands in now, which counts as one frame.
+    The times are (F,) scene frames, or None for the current pose, which counts as one frame.
     """
     if times is None:
         bpy.context.view_layer.update()
@@ -152,9 +140,9 @@ def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent
 
     Args:
         armature: the armature.
-        name: the bone; it has a parent.
-        pose: (F, 4, 4) how it is to stand.
-        parent_pose: (F, 4, 4) how its parent stands.
+        name: the bone, which has a parent.
+        pose: (F, 4, 4) its pose.
+        parent_pose: (F, 4, 4) its parent's pose.
     """
     bone = armature.data.bones[name]
     rest, above = (np.array(b.matrix_local, np.float64) for b in (bone, bone.parent))
@@ -162,25 +150,24 @@ def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent
 
 
 _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
-"""Where elbows and knees point along Z of the bone above them (``layout.lay_out_bones``)."""
+"""Direction of elbows and knees along Z of the bone above them (``layout.lay_out_bones``)."""
 
 
 def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key hands or feet, poles and turns so that limbs move as they do now, switch them to IK, show their ends alone.
+    """Key hands or feet, poles and turns so that the motion of limbs stays, switch them to IK, and show their ends.
 
-    What IK finds for the poles is sampled, and the turns make up the difference: joints keep their rotations, and so
-    their places, but for rounding.
+    The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
 
     Args:
         armature: a body with limb controls.
-        scene: the scene it is in.
-        limbs: which.
+        scene: its scene.
+        limbs: the limbs.
 
     Returns:
-        The number of frames keyed; 0 where the body plays nothing and only its pose was set.
+        The number of keyed frames, 0 if the body plays nothing and only its pose was set.
 
     Raises:
-        BodyInvalid: the body was made by a version without these controls, or plays a linked action.
+        BodyInvalid: the body lacks these controls, or plays a linked action.
     """
     channels = _channels(armature)
     joints = [joint for limb in limbs for joint in limb.joints]
@@ -205,10 +192,7 @@ def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
 
 
 def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key joints so that limbs move as they do now, switch them to FK, and show the joints alone.
-
-    Args, return value and errors are those of ``pose_from_ends``.
-    """
+    """Key joints so that the motion of limbs stays, switch them to FK, and show the joints. See ``pose_from_ends``."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}
@@ -224,11 +208,9 @@ def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
 
 def _channels(armature: bpy.types.Object) -> Channels:
     if not has_limbs(armature):
-        raise BodyInvalid(
-            "This body has no controls for hands and feet: a version before them made it, or they were deleted.",
-            where=getattr(armature, "name", ""),
-            hint="Import its motion file again (File > Import): that makes a body with them.",
-        )
+        message = "This body has no controls for hands and feet: they were deleted."
+        hint = "Import its motion file again (File > Import): that makes a body with them."
+        raise BodyInvalid(message, where=getattr(armature, "name", ""), hint=hint)
     return channels_of(armature)
 
 

@@ -1,4 +1,4 @@
-"""The body and the points of a live run: posed anew at every look, without actions, keys or operators."""
+"""The body and the points of a live run, posed without actions, keys or operators."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from .point_player import GRADE, SEEN
 
 NAME = "Live"
 MOST_POINTS = 90
-"""Points that are shown at most, more than the largest layout of markers has; chosen by hand."""
+"""Maximum number of points, more than the largest marker layout has, chosen by hand."""
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
-"""Radii in metres of points and joints, and the colours of their doubt; chosen by hand."""
+"""Radii of points and joints in metres, and the colours of their doubt, chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Metres from the body from which a point has the second, third and fourth colour: near, off, and far off as the solver
-has it, from where a pose is unsure; what is none of the body's has the first."""
+"""Distances from the body in metres from which a point has the second, third and fourth colour: near, off, and far off
+as for the solver, which calls the pose unsure. A point that does not belong to the body has the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
-"""Standard deviation from which a joint has the second, third and fourth colour; two centimetres are what cameras and
-markers leave of a joint that is seen, five what is left of one that is not, after a while."""
+"""Standard deviations in metres from which a joint has the second, third and fourth colour. Cameras and markers leave
+two centimetres for a seen joint, and five for an unseen one after a while."""
 _UNSURE = 2
-"""Colour that joints have at least where the pose as a whole is unsure."""
+"""Lowest colour of joints in an unsure pose."""
 
 
 @dataclass
 class LiveFigure:
-    """Names of the objects, and what posing them needs; the objects are looked up each time, as undo replaces them."""
+    """Names of the objects, which are looked up each time as undo replaces them, and data to pose them."""
 
     armature: str
     mesh: str
@@ -52,7 +52,7 @@ class LiveFigure:
     R_bone_body: np.ndarray
 
     def reshape(self, betas: np.ndarray) -> bool:
-        """Give the body a shape; return whether it is still there."""
+        """Give the body a shape, and return whether it still exists."""
         mesh = bpy.data.objects.get(self.mesh)
         if mesh is None:
             return False
@@ -61,10 +61,7 @@ class LiveFigure:
         return True
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Let the body stand in a pose of (24 or 52, 3) axis-angles, its pelvis moved by (3,) metres.
-
-        Returns whether it can: a body that undo or the user took away is left alone.
-        """
+        """Pose the body by (24 or 52, 3) axis-angles and (3,) metres of the pelvis, and return whether it exists."""
         armature, joints = bpy.data.objects.get(self.armature), self.body.layout.joints
         if armature is None or armature.pose is None or not set(joints) <= set(armature.pose.bones.keys()):
             return False
@@ -78,44 +75,38 @@ class LiveFigure:
         return True
 
     def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
-        """Show points, the first ``MOST_POINTS`` of them; return whether their object is there.
+        """Show (N, 3) points in metres, and return whether their object exists.
 
-        Args:
-            points: (N, 3) metres.
-            off_m: (N,) metres between each of them and the body, which colours them; NaN where it is none of its.
+        They are coloured by their (N,) distances from the body in metres, NaN for a point that is not of the body.
         """
         known = off_m is not None and len(off_m) == len(points)
         off = np.asarray(off_m) if known else np.full(len(points), np.nan)
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
-    def show_doubt(
-        self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool
-    ) -> bool:  # fmt: skip
-        """Show the joints of a pose in the colours of their doubt; return whether their object is there.
+    def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
+        """Show the joints of a pose in the colours of their doubt, and return whether their object exists.
 
         Args:
             rotvec: (24 or 52, 3) axis-angles.
             transl: (3,) metres.
-            sigma_m: (24,) standard deviation of each joint in metres, NaN where nothing is known; None shows none.
-            unsure: whether the pose as a whole is.
+            sigma_m: (24,) standard deviations in metres, NaN if unknown, None to show no joints.
+            unsure: whether the whole pose is unsure.
         """
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
         layout = self.body.layout
         _, joints = pose_joints(self.body.rest_joints(self.betas), turns_on(layout, rotvec[None]), transl[None])
-        grades = _grades(np.nan_to_num(sigma_m, nan=np.inf), _DOUBT_M)
-        return _show(
-            self.joints, joints[0, list(layout.standing_for(SMPL))], np.maximum(grades, _UNSURE) if unsure else grades
-        )
+        grades = np.maximum(_grades(np.nan_to_num(sigma_m, nan=np.inf), _DOUBT_M), _UNSURE if unsure else 0)
+        return _show(self.joints, joints[0, list(layout.standing_for(SMPL))], grades)
 
 
 def _grades(metres: np.ndarray, bounds: tuple[float, ...]) -> np.ndarray:
-    """Return the colour's number of each distance or deviation; 0 where there is none."""
+    """Return the colour index of each distance or deviation, 0 for NaN."""
     return np.digitize(np.where(np.isnan(metres), -1.0, metres), bounds)
 
 
 def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
-    """Show (N, 3) points in their colours by an overlay of ``MOST_POINTS``; return whether it is there."""
+    """Show (N, 3) points in their colours in an overlay of ``MOST_POINTS``, and return whether it exists."""
     cloud = bpy.data.objects.get(name)
     if cloud is None or cloud.type != "MESH" or len(cloud.data.vertices) != MOST_POINTS:
         return False
@@ -129,14 +120,10 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
     return True
 
 
-def create_live_figure(
-    scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True
-) -> LiveFigure:  # fmt: skip
-    """Create the body and the points of a live run in a collection of their own; an earlier run's are replaced.
+def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
+    """Create the body and the points of a live run in their own collection, and remove those of an earlier run.
 
-    A body that is not shown is there all the same, for the person who comes after the wand.
-
-    Blender must be in object mode, and the scene the window's current one.
+    The body is also created if it is hidden. Blender must be in object mode, and the scene the window's current one.
     """
     remove_live_figure()
     collection = child_collection(NAME, scene.collection)
@@ -151,14 +138,12 @@ def create_live_figure(
     points = create_point_overlay(f"{NAME} points", nowhere, 1.0, timing, collection, _LOOK)
     joints = create_point_overlay(f"{NAME} joints", nowhere, 1.0, timing, collection, _JOINT_LOOK)
     fit_units(scene, (rig.armature, points, joints))
-    return LiveFigure(
-        rig.armature.name, rig.mesh.name, points.name, joints.name, body, np.asarray(betas, dtype=np.float64),
-        rotation_from_body_axes(rig.armature),
-    )  # fmt: skip
+    names = rig.armature.name, rig.mesh.name, points.name, joints.name
+    return LiveFigure(*names, body, np.asarray(betas, np.float64), rotation_from_body_axes(rig.armature))
 
 
 def remove_live_figure() -> None:
-    """Take away what earlier runs have shown."""
+    """Remove the objects of earlier runs."""
     for collection in [c for c in bpy.data.collections if c.name.split(".")[0] == NAME and c.get("live_figure")]:
         for obj in list(collection.objects):
             bpy.data.objects.remove(obj, do_unlink=True)
@@ -167,17 +152,17 @@ def remove_live_figure() -> None:
 
 @dataclass
 class LiveFace:
-    """A mesh, looked up each time, as undo replaces it."""
+    """A mesh, looked up each time as undo replaces it."""
 
     mesh: str
     """Name of the object."""
     table: Mapping[str, str] = field(default_factory=dict)
-    """Shape key of each channel, by the channel's name in lower case; others have the names of their channels."""
+    """Shape key of each channel by its name in lower case. The others have the names of their channels."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set the shape keys of channels, within the limits of their sliders; return how many there are.
+        """Set the shape keys of channels within their limits, and return their number.
 
-        Case does not matter. Channels without a shape key change nothing, and neither does a mesh that is gone.
+        Case does not matter. Channels without a shape key, and a missing mesh, change nothing.
         """
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
@@ -197,12 +182,10 @@ def read_face_table(path: Path) -> dict[str, str]:
     """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``.
 
     Raises:
-        FileMissing, FileDamaged: it cannot be read, or is none.
+        FileMissing, FileDamaged: it cannot be read, or is no such table.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
-        raise FileDamaged(
-            "This is not a table of a face.", where=str(path),
-            hint='Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.',
-        )  # fmt: skip
+        hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'
+        raise FileDamaged("This is not a table of a face.", where=str(path), hint=hint)
     return {channel.lower(): key for channel, key in values.items()}

@@ -1,8 +1,7 @@
-"""Optical markers as one object of named points, coloured by how far the solved body is from each.
+"""Optical markers as one object of named points, coloured by their distance from the solved body.
 
-The points are stored and played as every detection is (``point_player``): the mesh holds the whole take, the modifier
-shows one row of it. A colour is a number a point and frame, which the modifier turns into a material, so that a solve
-recolours the take by writing one array.
+Points are stored and played like detections (``point_player``). A colour is a number per point and frame, which the
+modifier turns into a material, so that a solve recolours the take by writing one array.
 """
 
 from __future__ import annotations
@@ -19,25 +18,17 @@ from .overlay import PointLook, create_point_overlay
 from .point_player import GRADE, POINTS, SEEN, played_row
 
 BOUNDS_MM = (10.0, 25.0)
-"""Residuals up to which a marker is near the body, and beyond which it is far off."""
+"""Limits of the residual of a marker near the body, and of one that is not far off."""
 LABELS = "marker_labels"
-"""Custom property of the object: the markers' labels, one a line, in the order of the points."""
+"""Custom property of the object: the markers' labels, one per line, in the order of the points."""
 _LOOK = PointLook(0.008, MARKER_COLOURS)
-"""Radius in metres, about a real marker's, and colours; chosen by hand."""
+"""Radius in metres, about that of a real marker, and colours, chosen by hand."""
 
 
 def create_marker_cloud(
     markers: np.ndarray, labels: Sequence[str], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the object of a take's markers.
-
-    Args:
-        markers: (F, M, 3) world metres, NaN where unseen.
-        labels: M labels, or none.
-        fps: frames per second.
-        timing: where the take lies in the scene.
-        collection: where the object is linked.
-    """
+    """Create the object of (F, M, 3) markers in metres, NaN if unseen, with M labels or none."""
     cloud = create_point_overlay("Markers", markers, fps, timing, collection, _LOOK)
     cloud[LABELS] = "\n".join(labels or (f"*{number}" for number in range(1, markers.shape[1] + 1)))
     return cloud
@@ -49,9 +40,9 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker of every frame by its residual in a motion; without one they are all as recorded.
+    """Colour every marker of every frame by its residual in a motion, which begins with the same frame.
 
-    A motion's frames are the cloud's own, from the first one; markers that were not solved keep their colour.
+    Without a motion, all have their plain colour, as have markers that were not solved.
     """
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
@@ -65,7 +56,7 @@ def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
 
 
 def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
-    """Return where the markers that are seen on a scene frame are, in the object's own frame, by label."""
+    """Return the positions of the seen markers on a scene frame, in the object's own frame, by label."""
     count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
     first = played_row(cloud, frame) * count
     return {

@@ -17,21 +17,20 @@ from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings,
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
 _DOT = 0.0045
-"""Radius of a detection, as a share of the image's longer side: three pixels of a usual viewport."""
+"""Radius of a detection by the image's longer side: three pixels of a usual viewport."""
 
 
 @dataclass(frozen=True)
 class PointLook:
-    """What points look like."""
+    """Radius and colours of points."""
 
     radius_m: float
-    """Radius of a point."""
     colours: tuple[Colour, ...]
-    """Linear RGBA; several where points are graded (see ``point_player.GRADE``)."""
+    """Linear RGBA, several for graded points (see ``point_player.GRADE``)."""
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
-"""Node groups that overlays made together may share, by what they play: each takes 60 kB of a file."""
+"""Node groups that overlays share if they play alike, as each takes 60 kB of a file."""
 
 
 def create_point_overlay(
@@ -43,16 +42,16 @@ def create_point_overlay(
     look: PointLook,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one object that plays points; it is shown in the viewport and left out of renders.
+    """Create one object that plays points in the viewport, not in renders.
 
     Args:
         name: name of the object.
-        points: (F, K, 3) metres in the object's frame, NaN where unseen.
+        points: (F, K, 3) metres in the object's frame, NaN if unseen.
         fps: frames per second of the points.
-        timing: where the take lies in the scene.
-        collection: where the object is linked.
+        timing: position of the take in the scene.
+        collection: the object's collection.
         look: size and colours of a point.
-        players: of overlays made before, shared by what plays alike; a new one is put in.
+        players: node groups of earlier overlays to share, to which a new one is added.
     """
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
@@ -65,34 +64,25 @@ def create_point_overlay(
     overlay = bpy.data.objects.new(name, mesh)
     collection.objects.link(overlay)
     overlay["fps"], overlay[POINTS] = fps, count
-    played = (count, rows, timing.start, fps / timing.scene_fps)
+    key = (count, rows, timing.start, fps / timing.scene_fps, look.colours)
+    players = {} if players is None else players
+    if key not in players:
+        materials = tuple(create_material(name, colour) for colour in look.colours)
+        players[key] = create_player(name, PlayerSettings(*key[:4], materials))
     modifier = overlay.modifiers.new(MODIFIER, "NODES")
-    modifier.node_group = _player(name, played, look, players)
+    modifier.node_group = players[key]
     set_input(modifier, RADIUS, look.radius_m)
-    overlay.hide_render = True
-    overlay.show_in_front = True
-    overlay.hide_select = True
+    overlay.hide_render = overlay.show_in_front = overlay.hide_select = True
     return overlay
 
 
-def _player(
-    name: str, played: tuple[int, int, float, float], look: PointLook, players: Players | None
-) -> bpy.types.NodeTree:
-    """Return nodes that play so many points and rows from a frame on at a rate: such as there are, or new ones."""
-    players = {} if players is None else players
-    key = (*played, look.colours)
-    if key not in players:
-        materials = tuple(create_material(name, colour) for colour in look.colours)
-        players[key] = create_player(name, PlayerSettings(*played, materials))
-    return players[key]
-
-
 def seen_share(overlay: bpy.types.Object) -> float:
-    """Return the share, 0..1, of an overlay's points that are there."""
+    """Return the share, 0..1, of an overlay's points that are seen."""
     seen = np.zeros(len(overlay.data.vertices), np.float32)
-    if len(seen):
-        overlay.data.attributes[SEEN].data.foreach_get("value", seen)
-    return float(seen.mean()) if len(seen) else 0.0
+    if not len(seen):
+        return 0.0
+    overlay.data.attributes[SEEN].data.foreach_get("value", seen)
+    return float(seen.mean())
 
 
 def create_view_overlay(
@@ -106,15 +96,15 @@ def create_view_overlay(
 ) -> bpy.types.Object:
     """Create one view's detections as a child of its camera, half a metre in front of it.
 
-    Seen through the camera they lie where the undistorted image has them.
+    Through the camera they appear at their positions in the undistorted image.
 
     Args:
         camera: the Blender camera.
         source: the calibrated camera.
-        xy: (F, K, 2) distorted pixels, NaN where unseen.
+        xy: (F, K, 2) distorted pixels, NaN if unseen.
         fps: frames per second of the detections.
-        timing: where the take lies in the scene.
-        collection: where the object is linked.
+        timing: position of the take in the scene.
+        collection: the object's collection.
         players: see ``create_point_overlay``.
     """
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]

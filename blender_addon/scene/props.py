@@ -1,4 +1,4 @@
-"""Props of a take: an animated empty each, with a mesh of its markers and the edges between them."""
+"""Props of a take: one animated empty each, with a mesh of its markers and the edges between them."""
 
 from __future__ import annotations
 
@@ -10,37 +10,25 @@ import numpy as np
 
 from .._exchange.props import Prop
 from .._exchange.so3 import quat_from_rotvec, sign_continuous
-from ..animation.curves import create_action, key_type_values, write_curves
-from ..animation.retiming import mark_laid
+from ..animation.curves import create_action, key_type_values, mark_laid, write_curves
 from ..conventions.coordinates import fit_units
 from ..conventions.datablocks import child_collection
 from ..conventions.timing import TakeTiming
 
 MARKERS = "marker_labels"
-"""Custom property of a prop's mesh: the labels of its vertices, one a line."""
+"""Custom property of a prop's mesh: the labels of its vertices, one per line."""
 SIGMA_MM, SIGMA_DEG = "sigma_mm", "sigma_deg"
-"""Animated custom properties of a prop's empty: the standard deviations of its place and of its rotation."""
+"""Animated custom properties of a prop's empty: the standard deviations of its position and rotation."""
 _EMPTY_M = 0.1
 """Length of an empty's arrows."""
 _EDGES = 3
-"""Edges that a marker has at least, to those that are nearest."""
+"""Minimum number of edges of a marker, to the nearest ones."""
 
 
 def create_props(
     scene: bpy.types.Scene, props: Sequence[Prop], fps: float, timing: TakeTiming, collection: bpy.types.Collection
 ) -> tuple[bpy.types.Object, ...]:
-    """Create an empty for each prop, which moves as it does, in a collection of their own.
-
-    Args:
-        scene: whose unit they are scaled to.
-        props: of a take.
-        fps: frames per second of the take.
-        timing: where the take lies in the scene.
-        collection: of the take.
-
-    Returns:
-        The empties; each one's child is the mesh of its markers.
-    """
+    """Create an animated empty for each prop in their own collection, with the mesh of its markers as its child."""
     if not props:
         return ()
     folder = child_collection("Props", collection)

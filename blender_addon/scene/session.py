@@ -14,16 +14,16 @@ from .._exchange.errors import OutputNotWritable
 from ..conventions.timing import scene_frame_rate
 
 _WORLD = (0.24, 0.25, 0.28)
-"""Linear red, green and blue of the light from everywhere; chosen by hand."""
+"""Linear RGB of the ambient light, chosen by hand."""
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
-"""From the viewport's eye to the body, metres; chosen by hand."""
+"""Distance of the viewport from the body in metres, chosen by hand."""
 _CAUSELESS = "Failed to write blendfile"
-"""What Blender 5 reports where its writing fails half-way."""
+"""Report of Blender 5 if its writing fails half-way."""
 
 
 def fresh_scene() -> bpy.types.Scene:
-    """Forget the open file and return an empty scene with a sun and a grey world, so that renders show something."""
+    """Close the open file and return an empty scene with a sun and a grey world, so that renders show something."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.world = bpy.data.worlds.new("World")
@@ -37,11 +37,7 @@ def fresh_scene() -> bpy.types.Scene:
 
 
 def frame_viewports(target: tuple[float, float, float]) -> None:
-    """Turn every 3D viewport of the file to a point, a few metres away, with plain studio light.
-
-    Args:
-        target: world metres.
-    """
+    """Turn every 3D viewport of the file to a point in world metres, a few metres away, with plain studio light."""
     for screen in bpy.data.screens:
         for area in screen.areas:
             if area.type == "VIEW_3D":
@@ -60,17 +56,13 @@ def save_file(path: Path) -> None:
     try:
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
     except RuntimeError as error:
+        message = f"Blender cannot save the file: {why_not_written(error)}."
         hint = "Choose a folder you may write to, with enough free space."
-        raise OutputNotWritable(
-            f"Blender cannot save the file: {why_not_written(error)}.", where=path.name, hint=hint
-        ) from error
+        raise OutputNotWritable(message, where=path.name, hint=hint) from error
 
 
 def why_not_written(error: Exception) -> str:
-    """Return what Blender reports of a file that it cannot write.
-
-    Blender 5 writes no cause behind its own words, but "Success" or a stray byte (5.3).
-    """
+    """Return Blender's reason why it cannot write a file. Blender 5 may report "Success" or a stray byte instead."""
     text = str(error).strip().removeprefix("Error: ").rstrip(".")
     return "Blender stopped in the middle of the file; the disk may be full" if text.startswith(_CAUSELESS) else text
 
@@ -82,7 +74,7 @@ _FACTORY = (24.0, 250, 1920, 1080, 100)
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene is a new one as Blender starts with it, so that no choice of the user's can be lost."""
+    """Return whether a scene is new, as Blender starts, so that no choice of the user can be lost."""
     render = scene.render
     size = render.resolution_x, render.resolution_y, render.resolution_percentage
     return (
@@ -95,7 +87,7 @@ def is_untouched(scene: bpy.types.Scene) -> bool:
 
 @contextmanager
 def undisturbed(context: bpy.types.Context) -> Iterator[None]:
-    """Work in object mode while the block runs; mode, selection and active object then are as they were."""
+    """Work in object mode while the block runs, and restore mode, selection and active object."""
     layer = context.view_layer
     active, selected = layer.objects.active, list(context.selected_objects)
     mode = "OBJECT" if active is None else active.mode
@@ -120,7 +112,7 @@ def _select(layer: bpy.types.ViewLayer, chosen: list[bpy.types.Object], active: 
 
 @contextmanager
 def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """Put an armature alone into a scene of its own, at another's frame rate, while the block runs."""
+    """Put an armature into its own scene at another scene's frame rate while the block runs."""
     stage = bpy.data.scenes.new(armature.name)
     stage.render.fps, stage.render.fps_base = scene.render.fps, scene.render.fps_base
     stage.collection.objects.link(armature)

@@ -1,4 +1,4 @@
-"""The pose a body stands in, sent by the VMC protocol: whatever plays it, fingers, edits and constraints included."""
+"""Send the current pose of a body by the VMC protocol, with fingers, edits and constraints."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .._exchange.vmc.humanoid import Humanoid
 from .._exchange.vmc.osc import FrameBundle
 from .._exchange.vmc.sender import PacketSender, VmcAddress
+from ..animation.action import read_pose
 from ..animation.curves import current_action
-from ..animation.pose import read_pose
 from ..animation.takes import BETAS
 from ..body.armature import rotation_from_body_axes
 from ..body.body_choice import body_path_of
@@ -22,15 +22,10 @@ from ..conventions.skeleton import layout_of
 
 
 class TakeSender:
-    """Sends the poses of one armature of ours; it is looked up each time, as undo replaces it."""
+    """Sends the poses of a body, which is looked up each time as undo replaces it."""
 
     def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
-        """Take the body's proportions as its sliders have them now.
-
-        Raises:
-            CommandLineInvalid: there is no such host.
-            BodyInvalid, FileMissing: the body's file cannot be read.
-        """
+        """Keep the body's present proportions. An unknown host or unreadable body file is a ``MocapError``."""
         action, mesh = current_action(armature), body_mesh(armature)
         kept = action.get(BETAS) if action is not None else None
         betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)
@@ -43,7 +38,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose; return what to report about the receiver, "" if nothing, None where the body is gone."""
+        """Send the pose, and return a message about the receiver, "" for none, or None if the body is gone."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None

@@ -1,1 +1,1 @@
-"""What animators grab: a root, hands and feet with IK, poles, and the wires that show them."""
+"""Controls of animators: a root, hands and feet with IK, poles, and the wires that show them."""

@@ -1,4 +1,4 @@
-"""The four limbs that can be posed from their ends, and the names of the bones and switches that do it."""
+"""The four limbs with IK, the controls of fingers, and the names of their bones and switches."""
 
 from __future__ import annotations
 
@@ -9,12 +9,12 @@ import bpy
 from ..._exchange.hand_points import FINGERS, SIDES
 
 ROOT = "root"
-"""The bone that carries everything; it lies on the floor at the armature's origin."""
+"""The bone that carries everything, on the floor at the armature's origin."""
 
 
 @dataclass(frozen=True)
 class Limb:
-    """One limb: three joints, and the bones that pose it from its end."""
+    """One limb: three joints, and the bones that pose it from its end (IK)."""
 
     side: str
     """``left`` or ``right``."""
@@ -23,7 +23,7 @@ class Limb:
 
     @property
     def joints(self) -> tuple[str, str, str]:
-        """The joints that the limb's end leads: shoulder, elbow, wrist, or hip, knee, ankle."""
+        """Shoulder, elbow and wrist, or hip, knee and ankle."""
         parts = ("shoulder", "elbow", "wrist") if self.kind == "arm" else ("hip", "knee", "ankle")
         upper, lower, end = (f"{self.side}_{part}" for part in parts)
         return upper, lower, end
@@ -35,55 +35,55 @@ class Limb:
 
     @property
     def pole(self) -> str:
-        """Where the elbow or knee points."""
+        """The bone that the elbow or knee points to."""
         return f"{self.joints[1]}_pole"
 
     @property
     def solved(self) -> tuple[str, str]:
-        """The hidden bones that Blender's IK poses: upper and lower."""
+        """The hidden upper and lower bones that Blender's IK poses."""
         return f"{self.joints[0]}_solved", f"{self.joints[1]}_solved"
 
     @property
     def reach(self) -> str:
-        """The hidden bone whose tail is the limb's end at every shape; IK brings it to the control."""
+        """The hidden bone with its tail at the limb's end in every shape, which IK brings to the control."""
         return f"{self.joints[2]}_reach"
 
     @property
     def turns(self) -> tuple[str, str]:
-        """Turned against the solved bones: the twist, and whatever else a hinge cannot show. They lead the joints."""
+        """Bones that lead the joints, turned against the solved bones by the twist and whatever a hinge cannot show."""
         return f"{self.joints[0]}_turn", f"{self.joints[1]}_turn"
 
     @property
     def keyed(self) -> tuple[str, ...]:
-        """The bones that are keyed where the limb is posed from its end."""
+        """The bones with keys in IK."""
         return self.control, self.pole, *self.turns
 
     @property
     def switch(self) -> str:
-        """Custom property of the root bone: 0 poses joint by joint (FK), 1 from the end (IK)."""
+        """Custom property of the root bone: 0 for FK, 1 for IK."""
         return f"{self.side}_{self.kind}_ik"
 
     @property
+    def label(self) -> str:
+        """Name in the panel."""
+        return f"{self.side.title()} {self.kind.title()}"
+
+    @property
     def collection(self) -> str:
-        """The bone collection of its controls, shown while it is posed from its end."""
+        """The bone collection of its controls, shown in IK."""
         return f"IK {self.kind.title()} {self.side.title()}"
 
     @property
     def joint_collection(self) -> str:
-        """The bone collection of the joints that its end leads, shown while it is posed joint by joint."""
+        """The bone collection of its joints, shown in FK."""
         return f"FK {self.kind.title()} {self.side.title()}"
-
-    @property
-    def label(self) -> str:
-        """What the panel calls it."""
-        return f"{self.side.title()} {self.kind.title()}"
 
 
 LIMBS = tuple(Limb(side, kind) for kind in ("arm", "leg") for side in ("left", "right"))
 HELPERS = tuple(name for limb in LIMBS for name in (*limb.solved, limb.reach))
-"""Bones that nobody sees."""
+"""Hidden bones."""
 CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)
-"""Bones that animators see besides the joints and the root."""
+"""Visible bones, besides the joints and the root."""
 
 
 def switch_path(limb: Limb) -> str:
@@ -92,7 +92,7 @@ def switch_path(limb: Limb) -> str:
 
 
 def has_limbs(armature: bpy.types.Object | None) -> bool:
-    """Return whether an armature has the controls of this version; bodies of earlier ones have only joints."""
+    """Return whether an armature has all controls of limbs."""
     if armature is None or armature.type != "ARMATURE":
         return False
     bones = armature.pose.bones
@@ -107,23 +107,23 @@ def limb_of(switch: str) -> Limb:
 
 
 def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show the bones that pose a limb in one of its modes, and hide those of the other."""
+    """Show the bones of a limb in one of its modes, and hide those of the other."""
     for name, shown in ((limb.collection, from_end), (limb.joint_collection, not from_end)):
-        if (collection := armature.data.collections_all.get(name)) is not None:  # not in bodies of earlier versions
+        if (collection := armature.data.collections_all.get(name)) is not None:  # the user may delete it
             collection.is_visible = shown
 
 
 def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
-    """Show a limb's bones as another take poses it; what the user hid stays hidden."""
+    """Show a limb's bones in the mode of another take. Bones hidden by the user stay hidden."""
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)
 
 
 COLLECTION = "Finger Controls"
-"""Bone collection of the controls."""
+"""Bone collection of the finger controls."""
 NAMES = ("Curl", "Spread", "Fist", "Fan")
-"""Of the constraints by which joints follow a finger's control and a hand's."""
+"""Names of the constraints by which joints follow a finger's control and a hand's."""
 
 
 def finger_control(side: str, finger: str) -> str:
@@ -136,23 +136,16 @@ def fist_control(side: str) -> str:
     return f"{side}_fist"
 
 
-FINGER_CONTROLS = tuple(finger_control(side, finger) for side in SIDES for finger in FINGERS) + tuple(
-    fist_control(side) for side in SIDES
-)
-"""All controls of fingers."""
+FINGER_CONTROLS = (*(finger_control(side, f) for side in SIDES for f in FINGERS), *map(fist_control, SIDES))
 
 
 def has_finger_controls(armature: bpy.types.Object | None) -> bool:
-    """Return whether an armature has these controls."""
-    return (
-        armature is not None
-        and armature.type == "ARMATURE"
-        and all(name in armature.pose.bones for name in FINGER_CONTROLS)
-    )
+    """Return whether an armature has the controls of fingers."""
+    is_armature = armature is not None and armature.type == "ARMATURE"
+    return is_armature and all(name in armature.pose.bones for name in FINGER_CONTROLS)
 
 
 def control_paths(armature: bpy.types.Object) -> list[tuple[str, str]]:
-    """Return data path and bone of the channels of the controls that an armature has."""
-    if not has_finger_controls(armature):
-        return []
-    return [(f'pose.bones["{name}"].rotation_euler', name) for name in FINGER_CONTROLS]
+    """Return data path and bone of the channels of an armature's finger controls."""
+    names = FINGER_CONTROLS if has_finger_controls(armature) else ()
+    return [(f'pose.bones["{name}"].rotation_euler', name) for name in names]

@@ -1,4 +1,4 @@
-"""Custom shapes: wire rings, arches and outlines around the skin that show where to grab a bone."""
+"""Custom shapes: wire rings, arches and outlines around the skin that show how to grab a bone."""
 
 from __future__ import annotations
 
@@ -17,21 +17,21 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
-"""Controls stand off the skin by this factor and these metres."""
+"""Factor and metres by which controls stand off the skin."""
 _LEAST_FINGER_M = 0.002
-"""The same of fingers, whose rings stand close to one another."""
+"""The same metres for fingers, whose rings are close to each other."""
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
-"""Shape by part of the body; all others are rings."""
+"""Shape by part of the body. All others are rings."""
 _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 0.9), "wrist": (0.0, 1.0)}
-"""Share of the bone along which the skin is measured; its middle third where none is named."""
+"""Share of the bone along which the skin is measured, by default its middle third."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
-"""Root against the arms' span, a pole's metres, and rings of turns against those of their joints."""
+"""Root by the arms' span, metres of a pole, and rings of turns by those of their joints."""
 _ABOVE_M = 0.022
-"""Controls of fingers lie over the back of the hand."""
+"""Height of the finger controls over the back of the hand."""
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
-"""Bones whose skin the rings around the spine measure together."""
+"""Bones with the skin of the rings around the spine."""
 
 
 def add_control_shapes(
@@ -39,13 +39,13 @@ def add_control_shapes(
 ) -> bpy.types.Collection:
     """Give every posed bone a custom shape that fits the skin, and return the collection of the shapes.
 
-    The shapes' objects lie in a hidden collection beside the armature: they are seen only as controls.
+    The shapes' objects are in a hidden collection next to the armature, so that they are seen only as controls.
 
     Args:
         armature: from ``create_armature``.
         body: its body.
-        betas: (10,) the shape it is laid out for.
-        layout: where its bones lie.
+        betas: (10,) shape of the layout.
+        layout: positions of its bones.
     """
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
@@ -59,28 +59,27 @@ def add_control_shapes(
         part = body_part(joint)
         shape = _SHAPE_OF_PART.get(part, "ring")
         measured = trunk if part.startswith("spine") else owner == j
-        local = (vertices[measured] - layout.heads[j]) @ axes
         section = _SECTION_OF_PART.get(part, _MIDDLE if shape == "ring" else (-1.0, 2.0))
-        centre, half = _extent(local, lengths[j], section, _LEAST_FINGER_M if is_finger(joint) else _LEAST_M)
-        bone = armature.pose.bones[joint]
-        _show(bone, shapes[shape], centre, half)
+        local, least = (vertices[measured] - layout.heads[j]) @ axes, _LEAST_FINGER_M if is_finger(joint) else _LEAST_M
+        _show(armature.pose.bones[joint], shapes[shape], *_extent(local, lengths[j], section, least))
     _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
-    if has_finger_controls(armature):
-        for name in CONTROLS:
-            length = armature.data.bones[name].length
-            at, size = (1.9, 0.006) if name.endswith("_curl") else (0.45, 0.012)
-            _show(
-                armature.pose.bones[name], shapes["diamond"], np.array([0.0, at * length, -_ABOVE_M]), np.full(3, size)
-            )
+    for name in CONTROLS if has_finger_controls(armature) else ():
+        at, size = (1.9, 0.006) if name.endswith("_curl") else (0.45, 0.012)
+        place = np.array([0.0, at * armature.data.bones[name].length, -_ABOVE_M])
+        _show(armature.pose.bones[name], shapes["diamond"], place, np.full(3, size))
     for limb in LIMBS:
         _add_limb_shapes(armature, limb, body.layout, vertices, owner, shapes)
     return folder
 
 
 def _add_limb_shapes(
-    armature: bpy.types.Object, limb: Limb, layout: BodyLayout, vertices: np.ndarray, owner: np.ndarray,
+    armature: bpy.types.Object,
+    limb: Limb,
+    layout: BodyLayout,
+    vertices: np.ndarray,
+    owner: np.ndarray,
     shapes: dict[str, bpy.types.Object],
-) -> None:  # fmt: skip
+) -> None:
     """Show a box around the hand or foot, a diamond at the pole, and a wide ring for each turn."""
     bones, end = armature.pose.bones, layout.joints.index(limb.joints[2])
     rest = np.array(armature.data.bones[limb.control].matrix_local, np.float64)
@@ -147,11 +146,11 @@ _SHAPES: dict[str, tuple[np.ndarray, ...]] = {
         *(np.array([(x, y, -1.0), (x, y, 1.0)]) for x in (-1.0, 1.0) for y in (-1.0, 1.0)),
     ),
 }
-"""Curves of each shape in the cube from -1 to 1; y runs along the bone."""
+"""Curves of each shape in the cube from -1 to 1, with y along the bone."""
 
 
 def _wire(name: str, curves: Sequence[np.ndarray], collection: bpy.types.Collection) -> bpy.types.Object:
-    """Return an object of edges alone, one polyline a curve; it stays hidden wherever it is appended to."""
+    """Return a hidden object of edges alone, one polyline per curve."""
     vertices, edges = [], []
     for points in curves:
         first = len(vertices)

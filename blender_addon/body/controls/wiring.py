@@ -1,4 +1,4 @@
-"""How a limb's end leads its joints: Blender's IK on hidden bones, and a switch that lets the joints follow them."""
+"""IK of limbs and controls of fingers: Blender's IK on hidden bones, which joints follow by a switch."""
 
 from __future__ import annotations
 
@@ -6,24 +6,24 @@ import bpy
 import numpy as np
 
 from ..._exchange.hand_points import FINGERS, SIDES
-from ...conventions.datablocks import add_driver
+from ...conventions.nodes import add_scripted_driver
 from ...conventions.skeleton import JOINTS, PARENTS
 from ..layout import BoneLayout
 from .limbs import FINGER_CONTROLS as CONTROLS
-from .limbs import HELPERS, LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
+from .limbs import LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
 
 ROOT_LENGTH_M = 0.3
 _REACH = 0.15
 """Length of the bone at a limb's end, as a share of the lower bone."""
 _POLE_DISTANCE = 1.0
-"""How far poles are from their joints, in lengths of the upper bone."""
+"""Distance of poles from their joints in lengths of the upper bone."""
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
-"""Where elbows and knees point at rest: backward and forward."""
+"""Directions of elbows and knees at rest: backward and forward."""
 
 
 def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
-    """Add the root: head at the armature's origin, axes those of the armature."""
+    """Add the root at the armature's origin with its axes, in edit mode."""
     root = data.edit_bones.new(ROOT)
     root.head, root.tail = (0.0, 0.0, 0.0), (0.0, ROOT_LENGTH_M, 0.0)
     root.align_roll((0.0, 0.0, 1.0))
@@ -31,41 +31,37 @@ def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
     return root
 
 
-def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
-    """Add the bones of all limbs to an armature that has its joints and root, in edit mode."""
-    for limb in LIMBS:
-        _add_limb(data, layout, limb)
-
-
 def rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
-    """Return the (3,) place of a limb's pole at rest."""
+    """Return the (3,) position of a limb's pole at rest."""
     upper, lower, _ = (layout.heads[JOINTS.index(joint)] for joint in limb.joints)
     return lower + _POLE_DISTANCE * np.linalg.norm(lower - upper) * _AHEAD[limb.kind]
 
 
-def _add_limb(data: bpy.types.Armature, layout: BoneLayout, limb: Limb) -> None:
+def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
+    """Add the bones of all limbs to an armature that has its joints and root, in edit mode."""
     bones, root = data.edit_bones, data.edit_bones[ROOT]
-    upper, lower, end = limb.joints
-    above = bones[JOINTS[PARENTS[JOINTS.index(upper)]]]
-    for joint, solved, turn in zip((upper, lower), limb.solved, limb.turns, strict=True):
-        above = _twin(data, solved, joint, above)
-        _twin(data, turn, joint, above)
-    knee, ankle = (layout.heads[JOINTS.index(joint)] for joint in (lower, end))
-    reach = bones.new(limb.reach)
-    reach.head, reach.tail = (ankle + _REACH * (knee - ankle)).tolist(), ankle.tolist()
-    reach.roll, reach.parent = bones[lower].roll, above
-    _twin(data, limb.control, end, root)
-    pole, place = bones.new(limb.pole), rest_pole(layout, limb)
-    pole.head, pole.tail = place.tolist(), (place + [0.0, _POLE_SIZE, 0.0]).tolist()
-    pole.align_roll((0.0, 0.0, 1.0))
-    pole.parent = root
-    for name in (*limb.keyed, *HELPERS):
-        if name in bones:
+    for limb in LIMBS:
+        upper, lower, end = limb.joints
+        above = bones[JOINTS[PARENTS[JOINTS.index(upper)]]]
+        for joint, solved, turn in zip((upper, lower), limb.solved, limb.turns, strict=True):
+            above = _twin(data, solved, joint, above)
+            _twin(data, turn, joint, above)
+        knee, ankle = (layout.heads[JOINTS.index(joint)] for joint in (lower, end))
+        reach = bones.new(limb.reach)
+        reach.head, reach.tail = (ankle + _REACH * (knee - ankle)).tolist(), ankle.tolist()
+        reach.roll, reach.parent = bones[lower].roll, above
+        _twin(data, limb.control, end, root)
+        pole, place = bones.new(limb.pole), rest_pole(layout, limb)
+        pole.head, pole.tail = place.tolist(), (place + [0.0, _POLE_SIZE, 0.0]).tolist()
+        pole.align_roll((0.0, 0.0, 1.0))
+        pole.parent = root
+        for name in (*limb.keyed, *limb.solved, limb.reach):
+            bones[name].use_deform = False
             bones[name].use_deform = False
 
 
 def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.EditBone) -> bpy.types.EditBone:
-    """Add a bone that lies as a joint's does."""
+    """Add a bone in the place of a joint's."""
     bone, like = data.edit_bones.new(name), data.edit_bones[joint]
     bone.head, bone.tail, bone.roll = like.head, like.tail, like.roll
     bone.parent = parent
@@ -75,7 +71,7 @@ def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.Edi
 FOLLOW = "IK"
 """Name of the constraint by which a joint follows."""
 _BENT = 0.15
-"""Radians by which elbows and knees begin bent, so that IK knows which way."""
+"""Initial bend of elbows and knees in radians, which shows IK the direction."""
 
 
 def wire_limbs(armature: bpy.types.Object, layout: BoneLayout) -> None:
@@ -83,10 +79,9 @@ def wire_limbs(armature: bpy.types.Object, layout: BoneLayout) -> None:
     bones = armature.pose.bones
     for limb in LIMBS:
         bones[ROOT][limb.switch] = 0.0
-        bones[ROOT].id_properties_ui(limb.switch).update(
-            min=0.0, max=1.0, soft_min=0.0, soft_max=1.0, default=0.0, precision=1,
-            description=f"{limb.label}: 0 is posed joint by joint (FK), 1 from its end (IK)",
-        )  # fmt: skip
+        text = f"{limb.label}: 0 is posed joint by joint (FK), 1 from its end (IK)"
+        limits = {"min": 0.0, "max": 1.0, "soft_min": 0.0, "soft_max": 1.0, "default": 0.0, "precision": 1}
+        bones[ROOT].id_properties_ui(limb.switch).update(description=text, **limits)
         bones[ROOT].property_overridable_library_set(f'["{limb.switch}"]', True)
         _add_solver(armature, layout, limb)
         for joint, leader in zip(limb.joints, (*limb.turns, limb.control), strict=True):
@@ -108,7 +103,7 @@ def _add_solver(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> N
 
 
 def pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> float:
-    """Return the angle by which the upper bone's X axis stands off its pole at rest, about the bone."""
+    """Return the angle about the upper bone from the direction of its pole at rest to its X axis."""
     bone = armature.data.bones[limb.solved[0]]
     axes = np.array(bone.matrix_local.to_3x3(), np.float64)
     head, end = (layout.heads[JOINTS.index(joint)] for joint in (limb.joints[0], limb.joints[2]))
@@ -118,15 +113,11 @@ def pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> fl
 
 
 def _follow(armature: bpy.types.Object, joint: str, leader: str, limb: Limb) -> None:
-    """Let a joint turn as its leader does as far as the limb's switch is set."""
+    """Let a joint turn like its leader by the value of the limb's switch."""
     copy = armature.pose.bones[joint].constraints.new("COPY_ROTATION")
     copy.name, copy.target, copy.subtarget = FOLLOW, armature, leader
     copy.owner_space = copy.target_space = "POSE"
-    driver = add_driver(copy, "influence")
-    driver.type, driver.expression = "SCRIPTED", "ik"
-    variable = driver.variables.new()
-    variable.name, variable.type = "ik", "SINGLE_PROP"
-    variable.targets[0].id, variable.targets[0].data_path = armature, switch_path(limb)
+    add_scripted_driver(copy, "influence", -1, "ik", {"ik": (armature, switch_path(limb))})
 
 
 def _lock(bones: bpy.types.bpy_prop_collection, limb: Limb) -> None:
@@ -141,25 +132,21 @@ def _lock(bones: bpy.types.bpy_prop_collection, limb: Limb) -> None:
 
 _SHARES = {"thumb": (0.25, 0.45, 0.55)}
 _SHARES_OF_FINGERS = (0.75, 0.85, 0.5)
-"""Of a control's turn that each joint makes: at 90 degrees a relaxed hand is a fist."""
+"""Share of a control's turn for each joint: at 90 degrees a relaxed hand is a fist."""
 _FAN = {"thumb": 1.0, "index": 0.8, "middle": 0.1, "ring": 0.5, "pinky": 1.0}
-"""Of the turn of a hand's control by which each finger spreads."""
+"""Share of the turn of a hand's control by which each finger spreads."""
 _LIMIT = np.pi
 _TOWARDS_THUMB = ("thumb", "index", "middle")
-"""Fingers that spread towards the thumb's side; the others spread away from it."""
+"""Fingers that spread towards the thumb. The others spread away from it."""
 
 
 def add_finger_controls(data: bpy.types.Armature) -> None:
-    """Add the controls to an armature that has its joints, in edit mode; each lies as the joint it turns about does."""
-    bones = data.edit_bones
+    """Add the controls to an armature that has its joints, in edit mode, each in the place of its first joint."""
     for side in SIDES:
         likes = {finger_control(side, finger): f"{side}_{finger}1" for finger in FINGERS}
         likes[fist_control(side)] = f"{side}_middle1"
         for name, joint in likes.items():
-            bone, like = bones.new(name), bones[joint]
-            bone.head, bone.tail, bone.roll = like.head, like.tail, like.roll
-            bone.parent = bones[f"{side}_wrist"]
-            bone.use_deform = False
+            _twin(data, name, joint, data.edit_bones[f"{side}_wrist"]).use_deform = False
 
 
 def wire_finger_controls(armature: bpy.types.Object) -> None:
@@ -198,7 +185,7 @@ def _follow_turn(
 
 
 def _spread_sign(armature: bpy.types.Object, side: str, finger: str) -> float:
-    """Return 1 where a positive turn about Z leads the finger away from its neighbours, -1 where it leads to them."""
+    """Return 1 if a positive turn about Z leads the finger away from its neighbours, -1 if it leads to them."""
     bones = armature.data.bones
     axes = np.array(bones[f"{side}_{finger}1"].matrix_local.to_3x3(), np.float64)
     thumbward = np.array(bones[f"{side}_index1"].head_local) - np.array(bones[f"{side}_pinky1"].head_local)

@@ -10,8 +10,7 @@ from pathlib import Path
 import bpy
 
 from ..._exchange.progress import Progress
-from ...animation.curves import current_action, is_take
-from ...animation.retiming import same_rate
+from ...animation.curves import current_action, is_take, same_rate
 from ...animation.takes import PATHS, take_file
 from ...errors import NothingToExport
 from ...scene.session import why_not_written

@@ -10,8 +10,8 @@ import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
 from blender_addon._exchange.hand_points import FINGERS
+from blender_addon.animation.action import read_pose
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.controls.limbs import FINGER_CONTROLS as CONTROLS
 from blender_addon.body.controls.limbs import finger_control, fist_control, has_finger_controls

@@ -10,10 +10,9 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.animation.curves import action_curves
+from blender_addon.animation.curves import RATE, action_curves, laid_rate
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.lanes import read_lane
-from blender_addon.animation.retiming import RATE, laid_rate
 from blender_addon.animation.takes import push_down
 from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
@@ -95,11 +94,3 @@ def test_takes_on_the_nla_follow(scene: bpy.types.Scene, take: BakedTake) -> Non
     assert needs_relaying(scene)
     relay(scene)
     assert (strip.frame_start, strip.frame_end) == pytest.approx((1, 119), abs=1e-3)
-
-
-def test_takes_of_earlier_files_show_their_rate_by_their_length(scene: bpy.types.Scene, files: Any) -> None:
-    set_scene_frame_rate(scene, 24.0)
-    take = bake_take(scene, replace(files.motion, fps=60.0), files.body, settings=KEPT)
-    del take.action[RATE]
-    assert laid_rate(take.action) == pytest.approx(24.0, rel=1e-5)
-    assert not needs_relaying(scene)

@@ -11,8 +11,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import BodyInvalid
-from blender_addon.animation.curves import action_curves
-from blender_addon.animation.retiming import relay_take
+from blender_addon.animation.curves import action_curves, relay_take
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.controls.limbs import CONTROLS, LIMBS, ROOT, has_limbs, switch_path
 from blender_addon.body.rig import Rig
@@ -141,10 +140,10 @@ def test_poles_turn_smoothly_where_a_limb_is_stretched() -> None:
     assert np.isfinite(pole_places(hip, hip, hip, ahead)).all()
 
 
-def test_a_body_of_an_earlier_version_is_told_so(scene: bpy.types.Scene, rig: Rig) -> None:
+def test_a_body_without_controls_is_named(scene: bpy.types.Scene, rig: Rig) -> None:
     del rig.armature.pose.bones[ROOT][LIMBS[0].switch]
     assert not has_limbs(rig.armature) and not has_limbs(None) and not has_limbs(rig.mesh)
-    with pytest.raises(BodyInvalid, match="a version before them made it"):
+    with pytest.raises(BodyInvalid, match="no controls for hands and feet"):
         pose_from_ends(rig.armature, scene, LIMBS)
 
 
