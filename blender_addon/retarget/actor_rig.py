@@ -7,37 +7,34 @@ import numpy as np
 
 from .._exchange.errors import MocapError
 from .._exchange.motion_file import read_motion
-from ..animation.curves import action_curves, current_action
-from ..animation.retiming import laid_rate
+from ..animation.curves import action_curves, current_action, laid_rate
 from ..animation.takes import take_file
 from ..body.armature import bone_axes
 from ..body.shape import body_mesh, shaped_vertices
 from ..conventions.skeleton import SMPL, layout_of
-from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
+from ..conventions.timing import TakeTiming, scene_frame_rate
 from ..errors import ActorMissing
-from ..scene.session import alone
+from ..scene.limb_modes import sample_bones
 from .motion.figures import Actor, by_part, own_hands, parts_of_joints
 from .rest_stage import heaviest
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
-"""Share of the hips' height by which the sole is below the ball of the foot where no skin shows it."""
+"""Depth of the sole below the ball of the foot, as a share of the hips' height, if no skin shows it."""
 
 
 def is_actor(armature: bpy.types.Object | None) -> bool:
     """Return whether this is an armature that this add-on made."""
-    return (
-        armature is not None
-        and armature.type == "ARMATURE"
-        and set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
-    )
+    if armature is None or armature.type != "ARMATURE":
+        return False
+    return set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return what a body of ours does over the frames of its action, and where that lies in the scene.
+    """Return the motion of a body of ours over the frames of its action, and its position in the scene.
 
     Raises:
-        ActorMissing: it is none of ours, or plays nothing.
+        ActorMissing: it is no body of ours, or plays nothing.
     """
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
@@ -51,12 +48,8 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
     step = (laid_rate(action) if "fps" in action else rate) / fps
     times = first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
     layout = layout_of(armature.data.bones)
-    matrices = np.empty((len(times), layout.num_joints, 4, 4))
-    with alone(armature, scene) as (stage, depsgraph):
-        for f, time in enumerate(times):
-            go_to_frame(stage, float(time))
-            bones = armature.evaluated_get(depsgraph).pose.bones
-            matrices[f] = [bones[joint].matrix for joint in layout.joints]
+    found = sample_bones(armature, scene, layout.joints, times)
+    matrices = np.stack([found[joint] for joint in layout.joints], axis=1)
     rest, skin = _at_rest(armature)
     turns = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2)
     hands, columns = own_hands(layout, rest, turns), list(layout.standing_for(SMPL))
@@ -66,10 +59,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
 
 
 def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return the (J, 3) joints of the shaped body at rest, over the floor, and its skin by part.
-
-    Bones are moved to the joints by drivers.
-    """
+    """Return the (J, 3) joints of the shaped body at rest over the floor, moved there by drivers, and its skin."""
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
     axes = bone_axes(armature)
@@ -85,15 +75,14 @@ def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarr
         return joints - [0.0, 0.0, ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball)], {}
     points = shaped_vertices(mesh)
     sole = [0.0, 0.0, float(points[:, 2].min())]
-    column = {
-        group.index: layout.joints.index(group.name) for group in mesh.vertex_groups if group.name in layout.joints
-    }
+    index = {joint: j for j, joint in enumerate(layout.joints)}
+    column = {group.index: index[group.name] for group in mesh.vertex_groups if group.name in index}
     followed = np.array([column.get(heaviest(vertex), 0) for vertex in mesh.data.vertices])
     return joints - sole, by_part(points - sole, parts_of_joints(layout, followed))
 
 
 def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
-    """Return when the feet stand, from the motion file of a take, if it is still there and as long."""
+    """Return the contacts in the motion file of a take, if it still exists and has as many frames."""
     try:
         motion = read_motion(take_file(action, "motion_file"))
     except (MocapError, OSError):
@@ -102,14 +91,14 @@ def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
 
 
 def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
-    """Return the actions of the file that move bones which the armature has, by name."""
+    """Return the actions of the file that move bones of the armature, by name."""
     bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
     actions = sorted(bpy.data.actions, key=lambda action: action.name)
     return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the one armature of a scene that moves or, of several, the one with a name; bodies of ours come first.
+    """Return the moving armature of a scene with a name, or the only one, preferably a body of ours.
 
     Raises:
         ActorMissing: there is none, or several and no name.
@@ -125,11 +114,7 @@ def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Obj
 
 
 def play_action(armature: bpy.types.Object, name: str) -> None:
-    """Play one action alone, without NLA.
-
-    Raises:
-        ActorMissing: there is no such action.
-    """
+    """Play one action alone, without the NLA. An unknown name is an ``ActorMissing``."""
     action = bpy.data.actions.get(name)
     if action is None:
         names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"

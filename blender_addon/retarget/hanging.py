@@ -1,7 +1,7 @@
-"""How a rig hangs together: which control carries which, found by moving each and looking.
+"""The structure of a rig: which control carries which, found by moving each control once.
 
-Between two controls of a rig there may be any number of helper bones, constraints and drivers. What they amount to is
-measured: each control is turned and shifted once, and whoever goes along as if nailed to it is carried by it.
+Between two controls of a rig there may be any number of helper bones, constraints and drivers. To measure them,
+each control is turned and shifted once, and every control that moves along as if rigidly attached is carried by it.
 """
 
 from __future__ import annotations
@@ -19,41 +19,41 @@ from ..scene.session import alone
 
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
-"""What each control is moved by; shares of the rig's size."""
+"""Motion of each control, as shares of the rig's size."""
 _ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02
-"""Radians, and share of a shift, that make no difference."""
+"""Radians, and share of a shift, that are ignored."""
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 
 @dataclass(frozen=True)
 class Hanging:
-    """N controls in their neutral pose, each after those that carry it; armature's axes and units."""
+    """N controls in their neutral pose, each after those that carry it, in the armature's axes and units."""
 
     names: tuple[str, ...]
     matrices: np.ndarray
     """(N, 4, 4) pose matrices."""
     turns_with: np.ndarray
-    """(N,) index of whose rotation each takes part in, -1 for none."""
+    """(N,) index of the control that turns each one, -1 for none."""
     moves_with: np.ndarray
-    """(N,) index of who carries its place, -1 for none."""
+    """(N,) index of the control that moves each one, -1 for none."""
     held: tuple[str, ...]
     """Controls that their own channels do not turn."""
     unmoved: tuple[str, ...]
     """Controls that their own location does not move."""
     partial: tuple[str, ...]
-    """Controls that go along in part with another, such as through a constraint at half influence."""
+    """Controls that follow another in part, such as by a constraint at half influence."""
 
 
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return which carries which; afterwards the rig is as it was.
+    """Move each control once and return which carries which. Afterwards the rig is as before.
 
     Args:
         armature: the rig.
-        scene: the scene it is in.
+        scene: its scene.
         names: its controls.
-        switches: value of each custom property (bone, key) while the rig is looked at.
+        switches: value of each custom property (bone, key) during the measurement.
 
     Raises:
         TargetUnsuitable: the rig cannot be posed.
@@ -80,7 +80,7 @@ def hanging_of(
 
 @contextmanager
 def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
-    """Keep a rig from playing, its controls at rest and its switches set, while the block runs.
+    """Stop a rig's animation, and keep its controls at rest and its switches set while the block runs.
 
     Raises:
         TargetUnsuitable: the armature shows its rest position and cannot be changed.
@@ -96,10 +96,8 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
             try:
                 data.pose_position = "POSE"
             except (AttributeError, TypeError) as error:
-                hint = "Set it to pose position in the file it is linked from."
-                raise TargetUnsuitable(
-                    "The armature shows its rest position.", where=armature.name, hint=hint
-                ) from error
+                message, hint = "The armature shows its rest position.", "Set it to pose position in its own file."
+                raise TargetUnsuitable(message, where=armature.name, hint=hint) from error
         if animation is not None:
             animation.action, animation.use_nla = None, False
         for bone in bones:
@@ -121,26 +119,24 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
 
 
 def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
-    """Set custom properties (bone, key) of an armature's bones, each of its own kind."""
+    """Set custom properties (bone, key) of an armature's bones, each as its own type."""
     for (bone, key), value in values.items():
-        kind = type(armature.pose.bones[bone][key])
-        armature.pose.bones[bone][key] = kind(value)
+        armature.pose.bones[bone][key] = type(armature.pose.bones[bone][key])(value)
     armature.update_tag()
 
 
 def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return what the moves show: ``after[d, c]`` is control c when d was moved."""
+    """Return the structure shown by the moves: ``after[d, c]`` is control c when d was moved."""
     count = range(len(names))
-    turned = np.einsum("dcij,ckj->dcik", _rotation(after), _rotation(before))
+    turned = np.einsum("dcij,ckj->dcik", bone_rotations(after), bone_rotations(before))
     own = turned[count, count]
     heads = before[:, :3, 3]
     nailed = after[count, count, :3, 3][:, None] + np.einsum("dij,dcj->dci", own, heads[None] - heads[:, None])
     shifted = np.linalg.norm(after[:, :, :3, 3] - heads, axis=-1)
     goes, stays = _angle(np.swapaxes(own, -1, -2)[:, None] @ turned) < _ALIKE_TURN, _angle(turned) < _ALIKE_TURN
     reach = size * _ALIKE_SHIFT * np.linalg.norm(_PROBE_SHIFT)
-    along = (np.linalg.norm(after[:, :, :3, 3] - nailed, axis=-1) < np.maximum(reach, _ALIKE_SHIFT * shifted)) & (
-        shifted > reach
-    )
+    near = np.linalg.norm(after[:, :, :3, 3] - nailed, axis=-1) < np.maximum(reach, _ALIKE_SHIFT * shifted)
+    along = near & (shifted > reach)
     held = _angle(own) < _ALIKE_TURN
     goes[held] = along[held] = False
     np.fill_diagonal(goes, False)
@@ -149,8 +145,8 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
     np.fill_diagonal(partly, False)
     rank = np.lexsort((-goes.sum(1) - along.sum(1), goes.sum(0) + along.sum(0)))
     goes_in, along_in = goes[rank][:, rank], along[rank][:, rank]
-    # Turning a chest moves no shoulder that begins at its head: of two that are carried alike, the one that turns with
-    # more hangs lower.
+    # Turning a chest moves no shoulder that begins at its head: of two that are moved alike, the one that turns with
+    # more controls is lower in the tree.
     depth = along_in.sum(0) + goes_in.sum(0) / (1.0 + len(names))
     turns, moves = _deepest(goes_in, goes_in.sum(0)), _deepest(along_in, depth)
     unmoved = np.linalg.norm(after[count, count, :3, 3] - heads, axis=1) < reach
@@ -159,14 +155,15 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
 
 
 def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
-    """Return for each the carrier of the greatest depth (N,), -1 for none: ``carries[d, c]``."""
+    """Return for each control the carrier of the greatest depth (N,), -1 for none: ``carries[d, c]``."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 
 
-def _rotation(matrices: np.ndarray) -> np.ndarray:
+def bone_rotations(matrices: np.ndarray) -> np.ndarray:
+    """Return the axes (..., 3, 3) of matrices (..., 4, 4), each of length 1."""
     R = matrices[..., :3, :3]
-    return R / np.linalg.norm(R, axis=-2, keepdims=True)
+    return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
 
 
 def _angle(R: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""A character that moves while poses come: the retarget's transfer, one pose at a time, without actions or keys."""
+"""A character that moves with incoming poses: the retarget's transfer, one pose at a time, without actions or keys."""
 
 from __future__ import annotations
 
@@ -23,26 +23,31 @@ from .rig_map import RigMap
 from .target_rig import read_target
 
 _BONES = 3
-"""Bones of a finger of ours."""
+"""Bones of a finger of our body."""
 
 
 class LiveRig:
-    """A rig, read once, that stands as a body of ours does; it is looked up each time, as undo replaces it."""
+    """A rig that follows the poses of a body. It is looked up each time, as undo replaces it."""
 
     def __init__(
-        self, armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, settings: RetargetSettings,
-        body: BodyFile, betas: np.ndarray,
-    ) -> None:  # fmt: skip
-        """Read a rig; what it played waits on a muted NLA track, and its switches are set, as a retarget does.
+        self,
+        armature: bpy.types.Object,
+        scene: bpy.types.Scene,
+        rig_map: RigMap,
+        settings: RetargetSettings,
+        body: BodyFile,
+        betas: np.ndarray,
+    ) -> None:
+        """Read a rig, put its action on a muted NLA track, and set its switches, as a retarget does.
 
-        Feet are not held where they stand, for that needs to know when they will.
+        Planted feet are not held, as their contacts are not known in advance.
 
         Args:
-            armature: the rig; Blender must be in object or pose mode.
-            scene: the scene it is in.
-            rig_map: which of its bones plays which role.
-            settings: how.
-            body: whose poses will come.
+            armature: the rig. Blender must be in object or pose mode.
+            scene: its scene.
+            rig_map: its bones by role.
+            settings: of the retarget.
+            body: the body of the poses.
             betas: (10,) its shape.
 
         Raises:
@@ -51,12 +56,11 @@ class LiveRig:
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
-        """What is unsure about the map, and what of it cannot be played, a sentence each."""
+        """Doubts about the map, and parts of it that cannot be played, one sentence each."""
         self._target, self._given, self._body = rig.target, rig_map.map_pose, body
         self._modes = {name: armature.pose.bones[name].rotation_mode for name in rig.target.names}
-        self._fingers = {
-            name for name, role in zip(rig.target.names, rig.target.roles, strict=True) if is_of_a_finger(role)
-        }
+        roles = zip(rig.target.names, rig.target.roles, strict=True)
+        self._fingers = {name for name, role in roles if is_of_a_finger(role)}
         self._moves_fingers = False
         self._name, self._settings = armature.name, settings.transfer
         self.reshape(betas)
@@ -69,11 +73,7 @@ class LiveRig:
         set_switches(armature, switches)
 
     def reshape(self, betas: np.ndarray) -> None:
-        """Learn the shape (10,) of the body.
-
-        Raises:
-            TargetUnsuitable: see ``scale_of``.
-        """
+        """Use another shape (10,) of the body. An implausible scale is a ``TargetUnsuitable``."""
         self._own = body_at_rest(self._body, betas)
         still = np.zeros((1, self._body.layout.num_joints, 3))
         actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)
@@ -82,9 +82,9 @@ class LiveRig:
         self._A = map_pose(self._target, actor.rest, self._given)
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Let the rig stand as the body in a pose of (24 or 52, 3) axis-angles and (3,) metres; return whether it can.
+        """Pose the rig by (24 or 52, 3) axis-angles and (3,) metres, and return whether it exists.
 
-        Fingers are left alone until one is turned. A rig that undo or the user took away is left alone, too.
+        Fingers stay unchanged until one is turned.
         """
         armature = bpy.data.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
@@ -97,7 +97,7 @@ class LiveRig:
         return True
 
     def _carried(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[Transferred, list[Channel]]:
-        """Return what the controls do in a pose of (J, 3) axis-angles, and their channels."""
+        """Return the motion of the controls in a pose of (J, 3) axis-angles, and their channels."""
         still = self._moves_fingers
         actor = actor_of_poses("", self._own, rotvec[None], transl[None], 1.0, still_fingers=still)
         done = transfer(actor, self._target, self._A, self._way)

@@ -1,4 +1,4 @@
-"""Feet of a take held where they stand, whatever program it comes from and whatever was edited by hand."""
+"""Lock planted feet of a take of any program, with all hand edits."""
 
 from __future__ import annotations
 
@@ -21,40 +21,30 @@ _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))
 """Hip, knee, ankle and ball of each leg among SMPL's joints."""
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
-"""How far a heel lies behind its ankle, by the level distance from the ankle to the ball; as our body's lies."""
+"""Distance of a heel behind its ankle by the level distance from the ankle to the ball, as of our body."""
 _EASE_S = 0.15
-"""Seconds before and after a stand in which the foot comes from its own path and goes back to it."""
+"""Seconds before and after a contact in which the foot leaves its own path and returns to it."""
 LOCKED = " feet locked"
-"""How names of such takes end."""
+"""Suffix of the names of such takes."""
 
 
 @dataclass(frozen=True)
 class LockedFeet:
-    """A take whose feet stay where they stand."""
+    """A take with locked feet."""
 
     action: bpy.types.Action
     stands: int
-    """How many stretches in which a heel or a ball stands were held."""
+    """Number of locked contacts of a heel or ball."""
     slid_mm: float
-    """The farthest that a foot slid in one of them before."""
+    """Largest slide in one of them before."""
 
 
 def lock_feet(
     scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
 ) -> LockedFeet | None:
-    """Add a take as it plays, hand edits included, with its feet held where they stand, and play it.
+    """Add a take as it plays with its planted feet locked, and play it, or return None if no foot is planted.
 
-    Args:
-        scene: the scene.
-        take: the take that the body plays.
-        armature: the body.
-        longest_slide_mm: a foot that goes farther while it seems to stand slides on purpose.
-
-    Returns:
-        What was added; None where no foot stands.
-
-    Raises:
-        MocapError: the take's motion or body can no longer be read.
+    A foot that moves farther than the longest slide during a contact slides on purpose.
     """
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
@@ -69,7 +59,7 @@ def lock_feet(
 
 @dataclass(frozen=True)
 class HeldFeet:
-    """Channels with feet that stay where they stand."""
+    """Channels with locked feet, the number of contacts and the largest slide before."""
 
     channels: np.ndarray
     stands: int
@@ -79,18 +69,17 @@ class HeldFeet:
 def hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> HeldFeet | None:
-    """Return channels whose heels and balls stay at the mean place of each stand; None where none stands.
+    """Return channels with heels and balls at the mean place of each contact, None without contacts.
 
-    Where both stand, the foot turns by the smallest rotation that lays it along its mean; then the ankle goes with
-    what stands. Legs bend and swing to it with the plane of hip, knee and ankle kept, and the pelvis gives way where
-    a leg is too short.
+    If both touch the floor, the foot turns by the smallest rotation to its mean direction, and the ankle follows. Legs
+    bend and swing to it in the plane of hip, knee and ankle, and the pelvis moves if a leg is too short.
 
     Args:
         channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
         heads: (J, 3) metres at rest.
         axes: (J, 3, 3) at rest.
         fps: frames per second.
-        longest_slide_m: a stand in which the foot goes farther is left as it is.
+        longest_slide_m: contacts with a longer slide stay unchanged.
     """
     if len(channels) < 3:
         return None
@@ -111,7 +100,7 @@ def hold_feet(
 
 
 def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pelvis' way (F, 3) and rotations (F, J, 3, 3) with which ankles stand where they belong."""
+    """Return the offset of the pelvis (F, 3) and rotations (F, J, 3, 3) with the ankles in their places."""
     bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle, _ in _LEGS]
     ankles = np.stack([foot.ankle for foot in feet])
     hips, reaches = np.stack([p[:, leg[0]] for leg in _LEGS]), np.stack([longest_reach(*bone) for bone in bones])
@@ -127,9 +116,9 @@ def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]
 @dataclass(frozen=True)
 class _Foot:
     ankle: np.ndarray
-    """(F, 3) where it belongs."""
+    """(F, 3) its place."""
     turn: np.ndarray
-    """(F, 3, 3) by which the foot turns about it."""
+    """(F, 3, 3) rotation of the foot about it."""
     stands: int
     slid_m: float
 
@@ -143,7 +132,7 @@ def _held_foot(
     fps: float,
     longest: float,
 ) -> _Foot:
-    """Return where an ankle goes and how its foot turns for heel and ball to stay where they stand."""
+    """Return the ankle and the turn of a foot whose heel and ball keep their places during contacts."""
     ankle, ball = leg[2:]
     forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
     behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
@@ -168,14 +157,14 @@ def _held_foot(
 
 
 def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
-    """Return rotations (F, 3, 3) that lay a foot along its held direction while it is flat, and fade beside that."""
+    """Return rotations (F, 3, 3) of a foot to its held direction while it is flat, which fade before and after."""
     turn = np.zeros_like(now)
     turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
     return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return channels with each quaternion of the sign that it had before: q and -q are the same rotation."""
+    """Return channels with the sign of each quaternion as before, as q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

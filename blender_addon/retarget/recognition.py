@@ -1,4 +1,4 @@
-"""Recognition of a rig in Blender: the humanoid map that its file carries, else what its bones show."""
+"""Recognition of a rig: a humanoid map in its file, or presets, structure and names of its bones."""
 
 from __future__ import annotations
 
@@ -19,26 +19,21 @@ from .rig_map import RigMap, read_map
 SHIPPED = Path(__file__).parent / "presets"
 GUESSED, STRUCTURE = "By Names", "By Structure"
 _FITS = 0.75
-"""Share of a preset's bones of trunk and limbs that a rig must have."""
+"""Share of a preset's bones of trunk and limbs that a rig needs."""
 _OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" for finger in FINGERS))
 """Roles that many rigs of a kind lack."""
 
 
 def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
-    """Return the presets by name; one of the user's hides one of ours of that name."""
+    """Return the presets by name. One of the user's replaces one of ours with that name."""
     folders = [SHIPPED, *([user_folder] if user_folder is not None and user_folder.is_dir() else [])]
     return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the preset that fits a rig best or, if none does, what its structure or else its names indicate.
+    """Return the preset that fits a rig best, or the map by its structure or by its names.
 
-    A map whose limbs no person can have is passed over, however well its names fit. A preset of the user's whose bones
-    are all there comes before ours.
-
-    Args:
-        skeleton: the rig's bones.
-        user_folder: where the user's presets are.
+    A map with implausible limbs is rejected, even if its names fit. A complete preset of the user comes before ours.
     """
     bones = skeleton.names
     fitting = []
@@ -46,7 +41,7 @@ def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
         try:
             preset = read_map(path)
         except MocapError:
-            continue  # one spoilt file of the user's does not keep the others from being found
+            continue  # a damaged file of the user does not hide the others
         found = fit(preset, bones)
         needed = _needed(preset)
         if needed and len(needed & found.bones.keys()) >= _FITS * len(needed) and is_plausible(found.bones, skeleton):
@@ -58,7 +53,7 @@ def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
 
 
 def _recognised(skeleton: Skeleton) -> RigMap:
-    """Return what the structure indicates; where it does not find a person, what names do as far as it can be so."""
+    """Return the map by structure, or by plausible names if the structure does not show a person."""
     guess = recognise(skeleton)
     if guess.roles or guess.doubts:
         return RigMap(STRUCTURE, guess.roles, doubts=guess.doubts)
@@ -70,11 +65,7 @@ def _recognised(skeleton: Skeleton) -> RigMap:
 
 
 def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:
-    """Return a preset by its name, with the names of a rig's bones.
-
-    Raises:
-        MapInvalid: there is no such preset, or it is damaged.
-    """
+    """Return a preset with the names of a rig's bones. An unknown or damaged preset is a ``MapInvalid``."""
     files = preset_files(user_folder)
     if name not in files:
         raise MapInvalid(f"There is no preset '{name}'.", hint=f"There are: {', '.join(files)}.")
@@ -82,9 +73,9 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
 
 
 def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
-    """Return a map with the names that its bones have in a rig, without the roles that the rig has no bone for.
+    """Return a map with a rig's names of its bones, without the roles that the rig lacks.
 
-    A prefix that all names share, such as ``mixamorig:``, and the case of letters do not count.
+    A prefix of all names, such as ``mixamorig:``, and the case of letters are ignored.
     """
     exact = set(bones)
     lower = {bone.lower(): bone for bone in exact}
@@ -98,7 +89,7 @@ def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
 
 
 def _prefixes(anchor: str, lower: dict[str, str]) -> list[str]:
-    """Return what stands before the pelvis's name in a rig, the shortest first."""
+    """Return the prefixes before the pelvis's name in a rig, the shortest first."""
     ending = anchor.lower()
     return sorted({name[: len(name) - len(ending)] for name in lower if ending and name.endswith(ending)}, key=len)
 
@@ -110,21 +101,24 @@ def _needed(preset: RigMap) -> set[str]:
 _MIDDLE = {"hips": "pelvis", "neck": "neck_1", "head": "head"}
 _SPINE = ("spine", "chest", "upperChest")
 _PARTS = {
-    "Shoulder": "clavicle", "UpperArm": "upper_arm", "LowerArm": "forearm", "Hand": "hand", "UpperLeg": "thigh",
-    "LowerLeg": "shin", "Foot": "foot", "Toes": "toe",
-}  # fmt: skip
+    "Shoulder": "clavicle",
+    "UpperArm": "upper_arm",
+    "LowerArm": "forearm",
+    "Hand": "hand",
+    "UpperLeg": "thigh",
+    "LowerLeg": "shin",
+    "Foot": "foot",
+    "Toes": "toe",
+}
 _FINGER = re.compile(r"(left|right)(Thumb|Index|Middle|Ring|Little)(Metacarpal|Proximal|Intermediate|Distal)")
 _NEEDED = {"pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "upper_arm"))}
 
 
 def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str, str]:
-    """Return the bone by role that a humanoid states; empty unless it states a person whose bones are there.
+    """Return the bone of each role in a humanoid map, nothing unless it has a whole person with existing bones.
 
-    A thumb's bones are called proximal, intermediate, distal in VRM 0.x and metacarpal, proximal, distal in 1.0.
-
-    Args:
-        stated: bone by VRM's name of it, such as ``leftUpperArm``.
-        bones: names of the rig's bones.
+    The map has bones by VRM's name, such as ``leftUpperArm``. A thumb's bones are called proximal, intermediate and
+    distal in VRM 0.x, but metacarpal, proximal and distal in 1.0.
     """
     there = {human: bone for human, bone in stated.items() if bone in bones}
     roles = {_MIDDLE[human]: bone for human, bone in there.items() if human in _MIDDLE}
@@ -147,18 +141,13 @@ def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str,
 
 
 _VRM = "vrm_addon_extension"
-"""Custom property in which the VRM add-on keeps a file's humanoid."""
+"""Custom property of the VRM add-on with a file's humanoid."""
 _STATED = "stated_humanoid"
-"""Custom property in which we keep it: bone by VRM's name, as JSON."""
+"""Custom property of ours with bones by VRM's name, as JSON."""
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
-    """Return the map of a rig: a VRM's own, a preset that fits, or what structure and names indicate.
-
-    Args:
-        armature: the rig.
-        user_folder: where the user's presets are.
-    """
+    """Return the map of a rig: a VRM's own, a preset that fits, or by structure or names."""
     bones = armature.data.bones
     if stated := roles_of_vrm(_stated_bones(armature), bones.keys()):
         return RigMap("VRM humanoid of the file", stated)
@@ -168,13 +157,13 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
 
 
 def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
-    """Keep with an armature the bone by VRM's name of it that its file states."""
+    """Store the bones by VRM's name of an armature's file on it."""
     if any(bone in armature.data.bones for bone in bones.values()):
         armature.data[_STATED] = json.dumps(dict(bones))
 
 
 def _stated_bones(armature: bpy.types.Object) -> dict[str, str]:
-    """Return the bone by name of VRM's humanoid, from the file or what the VRM add-on keeps; it need not be enabled."""
+    """Return the bones by VRM's name, from the file or from the VRM add-on, which need not be enabled."""
     kept = armature.data.get(_STATED)
     if isinstance(kept, str):
         return json.loads(kept)
@@ -207,6 +196,6 @@ _FOLDER = "presets/manifold_mocap_rigs"
 
 
 def user_presets_folder(*, make: bool = False) -> Path | None:
-    """Return the folder of the user's presets, None where Blender has no folder for a user's files."""
+    """Return the folder of the user's presets, None if Blender has no folder for a user's files."""
     folder = bpy.utils.user_resource("SCRIPTS", path=_FOLDER, create=make)
     return Path(folder) if folder else None

@@ -1,4 +1,4 @@
-"""The rig at rest on its stage: which way is up, what faces forward, where the soles stand."""
+"""The rig at rest on its stage: up, forward and the height of the soles."""
 
 from __future__ import annotations
 
@@ -12,27 +12,19 @@ from mathutils import Matrix
 
 from .._exchange.rigs.rest_frames import stage_axes
 from .._exchange.rigs.skeleton import FINGERS, LIMBS, SIDES, chain_roles
+from ..body.mesh import positions
 from ..errors import MapInvalid
-from .hanging import Hanging
+from .hanging import Hanging, bone_rotations
 from .motion.figures import Target, by_part, part_of_role
 
 
 def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return the (V, 3) vertices of all meshes on an armature that follow some bones most, near a place.
+    """Return the (V, 3) vertices on an armature that mainly follow some bones, within a radius of a place.
 
-    Places are those of the meshes without shape keys and modifiers, in the armature's space and rest pose.
-
-    Args:
-        armature: the rig.
-        bones: names of bones that deform.
-        centre: (3,) a place in the armature's space.
-        radius: how far from there vertices are looked at.
+    Positions are those without shape keys and modifiers, in the armature's space and rest pose.
     """
     found = [np.zeros((0, 3))]
-    for mesh, to_armature, holder in _meshes(armature):
-        points = np.empty(3 * len(mesh.data.vertices), np.float32)
-        mesh.data.vertices.foreach_get("co", points)
-        placed = points.reshape(-1, 3) @ np.array(to_armature)[:3, :3].T + np.array(to_armature)[:3, 3]
+    for mesh, placed, holder in _meshes(armature):
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
         if not holder:
             chosen = {group.index for group in mesh.vertex_groups if group.name in bones}
@@ -44,58 +36,53 @@ def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray,
 
 
 def skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """Yield the vertices (V, 3) of each mesh on an armature, places as in ``skin_points``, and the bone of each.
-
-    Args:
-        armature: the rig.
-        most: vertices of a mesh that are looked at, evenly chosen of more.
-    """
-    for mesh, to_armature, holder in _meshes(armature):
+    """Yield up to ``most`` vertices (V, 3) of each mesh, positions as in ``skin_points``, and the bone of each."""
+    for mesh, placed, holder in _meshes(armature):
         vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
-        points = np.empty(3 * len(vertices), np.float32)
-        vertices.foreach_get("co", points)
         chosen = range(0, len(vertices), 1 + len(vertices) // most)
-        M = np.array(to_armature)
-        bones = [holder or names.get(heaviest(vertices[v]), "") for v in chosen]
-        yield points.reshape(-1, 3)[list(chosen)] @ M[:3, :3].T + M[:3, 3], bones
+        yield placed[list(chosen)], [holder or names.get(heaviest(vertices[v]), "") for v in chosen]
 
 
-def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, Matrix, str]]:
-    """Yield the meshes on an armature, their way into its space at rest, and the bone that a rigid one hangs on."""
+def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, np.ndarray, str]]:
+    """Yield the meshes on an armature, their vertices (V, 3) in its space at rest, and the bone of a rigid mesh."""
     for obj in bpy.data.objects:
         if obj.type != "MESH":
             continue
         if obj.parent == armature and obj.parent_type == "BONE" and obj.parent_bone in armature.data.bones:
             bone = armature.data.bones[obj.parent_bone]
-            # Blender counts a bone's children from its tail.
+            # Blender measures a bone's children from its tail.
             tail = bone.matrix_local @ Matrix.Translation((0.0, bone.length, 0.0))
-            yield obj, tail @ obj.matrix_parent_inverse @ obj.matrix_basis, bone.name
+            place, holder = tail @ obj.matrix_parent_inverse @ obj.matrix_basis, bone.name
         elif any(m.type == "ARMATURE" and m.object == armature for m in obj.modifiers) or (
             obj.parent == armature and obj.parent_type == "ARMATURE"
         ):
-            yield obj, armature.matrix_world.inverted() @ obj.matrix_world, ""
+            place, holder = armature.matrix_world.inverted() @ obj.matrix_world, ""
+        else:
+            continue
+        M = np.array(place)
+        yield obj, positions(obj.data.vertices) @ M[:3, :3].T + M[:3, 3], holder
 
 
 def heaviest(vertex: bpy.types.MeshVertex) -> int:
-    """Return the index of the group that a vertex follows most, -1 for none."""
+    """Return the index of the group with a vertex's largest weight, -1 for none."""
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
 _NEAR = 0.05
-"""Share of a shin within which a bone that begins at the ankle is the foot's, as control and skinned bone are."""
+"""Share of a shin within which a bone that begins at the ankle belongs to the foot."""
 _SOLE_SHARE = 0.095
-"""Height of the ankle over the sole by the leg's length where no skin shows it (ANSUR II: 0.08 of it for the malleolus
+"""Height of the ankle over the sole by the leg's length if no skin shows it (ANSUR II: 0.08 for the malleolus
 barefoot, and the sole of a shoe)."""
 _BELOW_BALL = 0.02
-"""The same of the ball of the foot: by so much of the leg at least the sole lies below the toe's joint."""
+"""Smallest height of the toe's joint over the sole by the leg's length."""
 _LIKELY_SOLE = (0.01, 0.45)
-"""Heights of the ankle over the sole by the leg's length that a foot can have; 0.45 is a platform with a high heel."""
+"""Plausible heights of the ankle over the sole by the leg's length. 0.45 is a platform with a high heel."""
 _LIKELY_END = (0.08, 0.9)
-"""Distance of ball and knuckles from ankle and wrist by the shin or forearm."""
+"""Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm."""
 
 
 def measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
-    """Return the height along ``up`` of a foot's lowest skin, None where no skin is plausible.
+    """Return the height along ``up`` (3,) of a foot's lowest skin, None if no skin is plausible.
 
     Args:
         armature: the rig.
@@ -121,15 +108,10 @@ def estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> 
 
 
 def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
-    """Return the (3,) place where a hand or foot goes on: toe, knuckles, or whatever hangs on it; NaN without any.
+    """Return the (3,) end of a hand or foot: toe, knuckles, or the middle of its children, NaN without any.
 
-    A hand points to the middle finger's knuckle, as our body's does; without one, to the middle of those it has.
-
-    Args:
-        armature: the rig.
-        bones: by role, fingers included.
-        role: of the hand or foot.
-        before: length of the forearm or shin.
+    A hand points to the middle finger's knuckle, as our body's does, or else to the middle of all knuckles. ``bones``
+    by role include fingers, and ``before`` is the length of the forearm or shin.
     """
     side, _, part = role.partition("_")
     knuckle = f"{side}_middle_1"
@@ -154,7 +136,7 @@ def legs_of(bones: dict[str, str]) -> list[dict[str, str]]:
 
 
 def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float) -> set[str]:
-    """Return foot and toe, whatever begins where one of them does, and all that hangs on these."""
+    """Return foot and toe, all bones that begin at one of them, and their children."""
     data = armature.data.bones
     starts = [data[leg[part]].head_local for part in ("foot", "toe") if part in leg]
     seeds = {leg["foot"], leg.get("toe", leg["foot"])}
@@ -163,24 +145,20 @@ def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float)
 
 
 _MOST = 6000
-"""Vertices of a mesh that are looked at: a cell of a part's table of radii then has some ten."""
+"""Largest number of vertices of a mesh: a cell of a part's table of radii then has about ten."""
 _ON_ROD = 0.01
-"""Share of the figure's height within which a bone that has no role begins on another's way to its child."""
+"""Share of the figure's height within which a bone without a role begins on the way between two joints."""
 _BEFORE_END = 0.95
-"""Share of that way up to which it does: what begins at its end is the next part's."""
+"""Largest share of that way, as bones at its end belong to the next part."""
 _ENDS = ("hand", "foot", "toe")
-"""Parts that hands are not kept on but that bones begin at."""
+"""Parts that hands are not kept on, but at which bones begin."""
 
 
 def skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
     """Return the (V, 3) vertices at rest by part of the body, in the armature's space.
 
-    A vertex belongs to the part of the bone that it follows most: by that bone's role, else by the limb on which it
-    begins (helpers of twist, bones of a rig of controls that deform), else by its parent.
-
-    Args:
-        armature: the rig.
-        bones: by role.
+    A vertex belongs to the part of the bone that it mainly follows: by that bone's role, or by the limb on which it
+    begins (twist helpers, deform bones of a control rig), or by its parent. ``bones`` are by role.
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}
@@ -207,7 +185,7 @@ def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[s
 
 
 def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
-    """Return part, beginning and end of each limb and of the trunk's line; of hands and feet where they begin."""
+    """Return part, beginning and end of each limb and of the trunk's line, and points for hands and feet."""
     trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
     lines = [("trunk", a, b) for a, b in pairwise(trunk)]
     for side in ("left", "right"):
@@ -218,7 +196,7 @@ def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarra
 
 
 def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], within: float) -> str | None:
-    """Return the part of the nearest rod that a place lies on, None where it lies on none."""
+    """Return the part of the nearest rod within a distance, None if there is none."""
     found, least = None, within
     for part, start, end in rods:
         way = end - start
@@ -232,22 +210,22 @@ def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], w
 
 
 _NEAR_FLOOR = 0.035
-"""Share of the figure's height within which the armature's origin is its floor, where no skin shows the soles."""
+"""Share of the figure's height within which the armature's origin is its floor, if no skin shows the soles."""
 
 
 def stand_on_stage(
     armature: bpy.types.Object, hanging: Hanging, roles: tuple[str, ...], bones: dict[str, str], unit_m: float
 ) -> tuple[Target, str]:
-    """Return the rig with its soles at z = 0, facing -Y, and what shows the soles: ``mesh`` or ``joints``.
+    """Return the rig with its soles at z = 0, facing -Y, and the source of their height: ``mesh`` or ``joints``.
 
-    An armature that the world shows mirrored stands on the stage as the world shows it: its right limbs play left.
+    A mirrored armature is mirrored on the stage, too: its right limbs play left.
 
     Args:
         armature: the rig.
         hanging: its controls.
         roles: of each control.
-        bones: by role, fingers included.
-        unit_m: metres of one unit of the armature's space.
+        bones: by role, with fingers.
+        unit_m: metres per unit of the armature's space.
 
     Raises:
         MapInvalid: the map does not show left and right.
@@ -261,12 +239,10 @@ def stand_on_stage(
     if mirrored:
         R, roles = np.diag([-1.0, 1.0, 1.0]) @ R, tuple(_other_side(role) for role in roles)
     ends = np.array([_end(armature, heads, bones, hanging.names, c) for c in range(len(roles))])
-    axes = hanging.matrices[:, :3, :3] / np.linalg.norm(hanging.matrices[:, :3, :3], axis=-2, keepdims=True)
+    axes = R @ bone_rotations(hanging.matrices)
     own = np.array([armature.data.bones[name].use_local_location for name in hanging.names])[:, None, None]
-    target = Target(
-        hanging.names, roles, unit_m * heads @ R.T, unit_m * ends @ R.T, R @ axes,
-        np.where(own, R @ axes, R), hanging.turns_with, hanging.moves_with, R, unit_m, np.zeros(3),
-    )  # fmt: skip
+    rest = unit_m * heads @ R.T, unit_m * ends @ R.T, axes, np.where(own, axes, R)
+    target = Target(hanging.names, roles, *rest, hanging.turns_with, hanging.moves_with, R, unit_m, np.zeros(3))
     sole, shown_by = _sole(armature, bones, R[2])
     ground = np.array([0.0, 0.0, unit_m * sole])
     skin = {
@@ -278,7 +254,7 @@ def stand_on_stage(
 
 
 def _sole(armature: bpy.types.Object, bones: dict[str, str], up: np.ndarray) -> tuple[float, str]:
-    """Return how high the soles are along ``up`` in the armature's units."""
+    """Return the height of the soles along ``up`` in the armature's units, and its source."""
     data, legs = armature.data.bones, legs_of(bones)
     if not legs:
         return 0.0, "joints"

@@ -1,4 +1,4 @@
-"""The retarget as one verb: an actor's motion on another rig, checked in Blender."""
+"""Retarget an actor's motion to another rig, checked in Blender."""
 
 from __future__ import annotations
 
@@ -36,15 +36,10 @@ class Channel:
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
-    """Return what is keyed: rotations of all controls, and the location of those that have a way of their own.
+    """Return the keyed channels: rotations of all controls, and the location of those with their own path.
 
-    With r the axes at rest and D the rotations of a control and of the one it turns with,
-    ``basis = r^T D_with^T D r``; its location is ``l^T D_with^T (p - p_carried)`` with l the axes that it counts along.
-
-    Args:
-        done: from ``transfer``.
-        target: the rig.
-        modes: rotation mode of each bone.
+    With r the axes at rest and D the rotations of a control and of the one it turns with, ``basis = r^T D_with^T D r``.
+    Its location is ``l^T D_with^T (p - p_carried)`` with l the axes of its channel. ``modes`` are the rotation modes.
     """
     channels, r = [], target.axes[:, None]
     undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
@@ -54,11 +49,9 @@ def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> lis
     for c, (name, role) in enumerate(zip(target.names, target.roles, strict=True)):
         part = role.partition("_")[2]
         if (part in HELPER_OF and part != "toe_ik") or c == done.carrier or role == "root":
-            m = target.moves_with[c]
+            m, carried = target.moves_with[c], target.heads[c]
             if m >= 0:
                 carried = done.places[m] + (done.turns[m] @ (target.heads[c] - target.heads[m]))
-            else:
-                carried = target.heads[c]
             way = target.place_axes[c].T @ undone[c] @ (done.places[c] - carried)[..., None]
             channels.append(Channel(name, "location", way[..., 0] / target.unit_m))
         if not part.endswith("pole"):
@@ -79,17 +72,10 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
 
 
 def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
-    """Return continuous Euler angles: ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as Blender counts them.
+    """Return continuous Euler angles about x, y and z in radians (F, 3) of rotations (F, 3, 3).
 
-    Of the two triples for a rotation, (a, b, c) and (a + π, π - b, c + π), each frame has the one nearer to the
-    frame's before.
-
-    Args:
-        R: (F, 3, 3) rotations.
-        order: such as ``XYZ``.
-
-    Returns:
-        (F, 3) radians about x, y and z.
+    ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. Of the two triples for a rotation, (a, b, c) and
+    (a + π, π - b, c + π), each frame has the one nearer to the frame before.
     """
     i, j, k = ("XYZ".index(letter) for letter in order)
     sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
@@ -111,9 +97,9 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
-"""Deviation of hands and feet, at the actor's size, from which a rig is refused."""
+"""Deviation of hands and feet at the actor's size from which a rig is rejected."""
 _SAME_PLACE = 0.002
-"""Share of the rig's size within which a skinned bone stands where a control does."""
+"""Share of the rig's size within which a skinned bone has the place of a control."""
 
 
 def deviation_m(
@@ -123,17 +109,14 @@ def deviation_m(
     channels: list[Channel],
     switches: dict[tuple[str, str], float],
 ) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames; afterwards the rig is as it was.
+    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before.
 
     Args:
         rig: the rig.
-        scene: the scene it is in.
-        done: the motion, with the goals.
-        channels: what would be keyed.
+        scene: its scene.
+        done: the motion with the goals.
+        channels: the channels to check.
         switches: value of each custom property (bone, key).
-
-    Raises:
-        TargetUnsuitable: the rig cannot be posed.
     """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     if not ends:
@@ -154,16 +137,11 @@ def deviation_m(
 
 
 def require_near(deviation_mm: float, scale: float, name: str) -> None:
-    """Check that hands and feet of a rig come near where they belong.
-
-    Raises:
-        TargetUnsuitable: they do not.
-    """
+    """Raise ``TargetUnsuitable`` if hands and feet of a rig are far from their places."""
     if deviation_mm > _REFUSED_MM * scale:
-        raise TargetUnsuitable(
-            f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong.", where=name,
-            hint="Mute constraints and drivers that move the limbs, or correct the map of the bones.",
-        )  # fmt: skip
+        message = f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong."
+        hint = "Mute constraints and drivers that move the limbs, or correct the map of the bones."
+        raise TargetUnsuitable(message, where=name, hint=hint)
 
 
 def on_stage(target: Target, points: np.ndarray) -> np.ndarray:
@@ -172,7 +150,7 @@ def on_stage(target: Target, points: np.ndarray) -> np.ndarray:
 
 
 def _shown_bone(rig: TargetRig, control: int) -> str:
-    """Return the bone that carries the skin where a control stands at rest, else the control itself."""
+    """Return the skinned bone in the place of a control at rest, or else the control."""
     name, bones = rig.target.names[control], rig.armature.data.bones
     if bones[name].use_deform:
         return name
@@ -182,17 +160,17 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
 
 
 _TOLERATED_MM = 10.0
-"""Deviation of hands and feet, at the actor's size, from which the result carries a note."""
+"""Deviation of hands and feet at the actor's size from which the result has a note."""
 MAP = "retarget_map"
-"""Custom property of a retargeted action: the map that was used, as text."""
+"""Custom property of a retargeted action: the map as text."""
 
 
 @dataclass(frozen=True)
 class RetargetSettings:
-    """How to retarget."""
+    """Settings of a retarget."""
 
     limbs: str = "fk"
-    """``fk`` or ``ik``: which controls the rig's switches are set to; both are keyed."""
+    """``fk`` or ``ik``, for the rig's switches. The controls of both are keyed."""
     transfer: TransferSettings = field(default_factory=TransferSettings)
 
 
@@ -202,15 +180,15 @@ class Retargeted:
 
     action: bpy.types.Action
     rig_map: RigMap
-    """The map that was used, its map pose filled in."""
+    """The map with its map pose."""
     scale: float
-    """Size of the rig's way by the actor's: the ratio of the legs between their joints, unless it was given."""
+    """Size of the rig's path by the actor's: the ratio of the legs between their joints, unless it was given."""
     proportions: Proportions
-    """What the scale comes from."""
+    """Source of the scale."""
     soles: str
-    """What shows the height of the rig's soles: ``mesh`` or ``joints``."""
+    """Source of the height of the rig's soles: ``mesh`` or ``joints``."""
     deviation_mm: float
-    """Largest distance of a hand or foot in Blender from where it belongs, on a few frames."""
+    """Largest distance of a hand or foot in Blender from its place on a few frames."""
     notes: tuple[str, ...]
 
 
@@ -222,18 +200,18 @@ def retarget(
     timing: TakeTiming,
     settings: RetargetSettings = RetargetSettings(),
 ) -> Retargeted:
-    """Lay an actor's motion on a rig as a new action; what the rig played waits on a muted NLA track.
+    """Transfer an actor's motion to a rig as a new action, and put the rig's action on a muted NLA track.
 
     Args:
         actor: the motion.
-        armature: the rig; Blender must be in object or pose mode.
-        scene: the scene it is in.
-        rig_map: which of its bones plays which role.
-        timing: where the motion lies in the scene.
-        settings: how.
+        armature: the rig. Blender must be in object or pose mode.
+        scene: its scene.
+        rig_map: its bones by role.
+        timing: position of the motion in the scene.
+        settings: of the retarget.
 
     Raises:
-        TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not come near where they belong.
+        TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not reach their places.
         MapInvalid: see ``read_target``. Nothing is changed then.
     """
     fingers = {role for hand in actor.hands for role in hand.roles}
@@ -253,10 +231,8 @@ def retarget(
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
         notes.append("The rig has no root bone of its own: the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
-        notes.append(
-            f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong: "
-            "constraints, drivers or limits of the rig move them."
-        )
+        off = f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong"
+        notes.append(f"{off}: constraints, drivers or limits of the rig move them.")
     proportions = measure_proportions(actor, rig.target)
     return Retargeted(action, used, scale, proportions, rig.soles, deviation_mm, tuple(notes))
 
@@ -269,18 +245,9 @@ def bake_channels(
     timing: TakeTiming,
     fps: float,
 ) -> bpy.types.Action:
-    """Write channels as a new action and play it; the action that the rig had waits on a muted NLA track.
+    """Write channels, and switches (bone, key) with their values, as a new action and play it.
 
-    Args:
-        name: name of the action.
-        armature: the rig.
-        channels: what is keyed on every frame.
-        switches: value of each custom property (bone, key), keyed once.
-        timing: where the motion lies in the scene.
-        fps: frames per second of the motion.
-
-    Raises:
-        TargetUnsuitable: the rig's animation cannot be changed.
+    The rig's action goes to a muted NLA track. An animation that cannot be changed is a ``TargetUnsuitable``.
     """
     try:
         push_down(armature)

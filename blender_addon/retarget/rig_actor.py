@@ -1,4 +1,4 @@
-"""The actor read from any rig as it plays: ours by its joints, others by the map of their bones."""
+"""The actor read from any rig as it plays: our body by its joints, others by the map of their bones."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.session import alone
-from .hanging import Hanging
+from .hanging import Hanging, bone_rotations
 from .motion.figures import Actor, Target
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
@@ -26,11 +26,11 @@ from .rest_stage import stand_on_stage
 from .rig_map import RigMap
 
 _EVEN = 1e-3
-"""Relative difference of scales that is none."""
+"""Relative difference of scales that is ignored."""
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
-    """Return the name of the action that an armature plays and the (F,) scene frames that it covers.
+    """Return the name of the action that an armature plays and its (F,) scene frames.
 
     Raises:
         ActorMissing: it plays none, or one without keys.
@@ -50,14 +50,8 @@ def played_bones(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included.
 
-    Args:
-        armature: the rig.
-        scene: the scene it is in.
-        times: (F,) scene frames.
-        names: of B bones.
-
     Raises:
-        ActorMissing: the armature is stretched, or bones are no numbers.
+        ActorMissing: the armature is stretched, or bones have values that are not numbers.
     """
     worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(names), len(times), 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
@@ -67,10 +61,9 @@ def played_bones(
             worlds[f] = shown.matrix_world
             poses[:, f] = [shown.pose.bones[name].matrix for name in names]
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
+        message = "The actor's bones have values that are not numbers on some frames."
         hint = "Look for keys that are not numbers in the Graph Editor."
-        raise ActorMissing(
-            "The actor's bones have values that are not numbers on some frames.", where=armature.name, hint=hint
-        )
+        raise ActorMissing(message, where=armature.name, hint=hint)
     scale = np.linalg.norm(worlds[:, :3, :3], axis=1).mean(1)[:, None, None]
     axes = worlds[:, :3, :3] / np.maximum(scale, 1e-12)
     if np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() > _EVEN:
@@ -79,34 +72,23 @@ def played_bones(
     return worlds, poses
 
 
-def bone_rotations(matrices: np.ndarray) -> np.ndarray:
-    """Return the axes (..., 3, 3) of matrices (..., 4, 4), each of length 1."""
-    R = matrices[..., :3, :3]
-    return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
-
-
 _UPRIGHT = np.cos(np.radians(30.0))
-"""Cosine of how far the rest pose may lean in the scene and still stand on its own floor."""
+"""Cosine of the largest lean of a rest pose with its own floor."""
 _ON_FLOOR = 0.06
-"""Height by the leg's length at which soles are on the floor."""
+"""Largest height of soles on the floor by the leg's length."""
 _LOWEST_SHARE = 2.0
-"""Percentile of the frames' lowest balls of the feet that is the floor."""
+"""Percentile of the frames' lowest balls of the feet for the floor."""
 
 
 def read_rig_actor(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap
 ) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
-    """Return what a rig does over the frames of its action, where that lies in the scene, and notes.
+    """Return the motion of a rig over the frames of its action, its position in the scene, and notes.
 
-    Motion of the object counts, too. A figure that stands on no floor of its own is put on one.
-
-    Args:
-        armature: the rig.
-        scene: the scene it is in.
-        rig_map: its bones by role.
+    The motion of the object counts, too. A figure without its own floor is put on one.
 
     Raises:
-        ActorMissing: it plays nothing, has no pelvis, is stretched, or its bones are no numbers.
+        ActorMissing: it plays nothing, has no pelvis, is stretched, or its bones have values that are not numbers.
         MapInvalid: the map does not show left and right.
     """
     name, times = played_frames(armature)
@@ -127,9 +109,9 @@ def read_rig_actor(
 
 
 def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations since rest and heads on the stage, which stands where the object begins and faces its way.
+    """Return rotations since rest and heads on the stage, which begins at the object's place and faces its way.
 
-    Up is the world's, whatever the rest pose stands like.
+    Up is the world's, however the rest pose leans.
     """
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     S = rest.R_stage_armature
@@ -139,9 +121,8 @@ def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float
     B = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
     turns = B.T @ object_turns @ pose_turns @ np.swapaxes(rest.axes, -1, -2)[:, None]
     heads = (worlds @ poses)[..., :3, 3] - worlds[0, :3, 3]
-    upright = stands[2, 2] > _UPRIGHT
-    places = metres * heads @ B - (rest.ground if upright else 0.0)
-    return turns, places
+    ground = rest.ground if stands[2, 2] > _UPRIGHT else 0.0
+    return turns, metres * heads @ B - ground
 
 
 def _own_rest() -> np.ndarray:
@@ -163,12 +144,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
 
 
 def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the bones of a map at rest, feet on the stage's floor.
-
-    Args:
-        armature: the rig.
-        rig_map: its bones by role; those that it lacks are left out.
-        unit_m: metres of one unit of the armature's space.
+    """Return the bones of a map at rest with the feet on the stage's floor, without those that the rig lacks.
 
     Raises:
         ActorMissing: the map has no pelvis.
@@ -188,16 +164,12 @@ def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) ->
 
 
 def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
-    """Return what all bones of an armature do over the frames of its action, in the world.
+    """Return the motion of all bones of an armature over the frames of its action, in the world.
 
-    An armature that the world shows mirrored is a figure that is mirrored at rest.
-
-    Args:
-        armature: the rig.
-        scene: the scene it is in.
+    A mirrored armature is a figure that is mirrored at rest.
 
     Raises:
-        ActorMissing: it plays nothing, is stretched, or bones are no numbers.
+        ActorMissing: it plays nothing, is stretched, or its bones have values that are not numbers.
     """
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]

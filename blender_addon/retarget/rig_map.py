@@ -1,4 +1,4 @@
-"""A rig's map: which bone plays which role, the switches of its limbs, and its map pose; as a file, too."""
+"""A rig's map: the bone of each role, the switches of its limbs, and its map pose, also as a file."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _KEYS = {"format", "version", "label", "bones", "sides", "switches", "map_pose"}
 
 @dataclass(frozen=True)
 class Switch:
-    """A custom property of a bone that must have one value for FK limbs and another for IK limbs."""
+    """A custom property of a bone with one value for FK limbs and another for IK limbs."""
 
     bone: str
     key: str
@@ -30,20 +30,20 @@ class Switch:
 
 @dataclass(frozen=True)
 class RigMap:
-    """How a rig plays a person."""
+    """The map of a rig."""
 
     label: str
     bones: dict[str, str]
-    """Bone by role, see ``roles``."""
+    """Bones by role."""
     switches: tuple[Switch, ...] = ()
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
-    """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that our body's rest (arms to
-    the sides, legs straight) is matched with; worked out from the limbs' directions for bones that are not there."""
+    """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that matches our body's rest
+    (arms sideways, legs straight). For other bones it is computed from the limbs' directions."""
     doubts: tuple[str, ...] = ()
-    """What recognition was not sure of and left out, one sentence each; not kept in files."""
+    """Doubts of the recognition about parts that it left out, one sentence each, not kept in files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of the roles whose bones have an entry, by their names in a rig."""
+        """Return the map of the roles whose bones have an entry in ``names``, with these names."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}
@@ -54,18 +54,13 @@ def read_map(path: Path) -> RigMap:
     """Read a map or preset.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it is not JSON.
-        MapInvalid: it is no map, or names what is no role.
+        FileMissing, FileDamaged, MapInvalid: the file does not exist, or is no JSON, or no map.
     """
     return map_of(read_json_file(path), str(path))
 
 
 def map_of(values: Any, where: str) -> RigMap:
-    """Return the map that a file's values describe.
-
-    Raises:
-        MapInvalid: they describe none.
-    """
+    """Return the map that a file's values describe. Other values are a ``MapInvalid``."""
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
         raise MapInvalid("This is not a map of a rig.", where=where, hint=hint)
@@ -92,18 +87,13 @@ def map_of(values: Any, where: str) -> RigMap:
 def map_values(rig_map: RigMap) -> dict[str, object]:
     """Return the values that ``map_of`` reads."""
     switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
-    return {
-        "format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones,
-        "switches": switches, "map_pose": {bone: list(turn) for bone, turn in rig_map.map_pose.items()},
-    }  # fmt: skip
+    pose = {bone: list(turn) for bone, turn in rig_map.map_pose.items()}
+    values = {"format": FORMAT, "version": VERSION, "label": rig_map.label, "bones": rig_map.bones}
+    return values | {"switches": switches, "map_pose": pose}
 
 
 def write_map(path: Path, rig_map: RigMap, *, overwrite: bool = False) -> None:
-    """Write a map that ``read_map`` reads.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
+    """Write a map that ``read_map`` reads, see ``atomic_output``."""
     with atomic_output(path, overwrite=overwrite) as temporary:
         temporary.write_text(json.dumps(map_values(rig_map), indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
 

@@ -1,4 +1,4 @@
-"""Files with characters and clips, opened as a scene: Blender's own, FBX, glTF, VRM and BVH."""
+"""Files with characters and clips, opened as a scene: .blend, FBX, glTF, VRM and BVH."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from .recognition import state_humanoid
 
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
-"""Length of a header from which it is taken for damaged: those of large characters have some megabytes."""
+"""Largest length of a header. Those of large characters have some megabytes."""
 _RATES = (1.0, 480.0)
-"""Frame rates that a file can mean, frames a second; chosen by hand."""
+"""Plausible frame rates in frames per second, chosen by hand."""
 
 
 def read_header(path: Path) -> dict[str, Any]:
     """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4).
 
     Raises:
-        FileDamaged: it is none.
+        FileDamaged: it is no such file.
     """
     try:
         with path.open("rb") as stream:
@@ -45,7 +45,7 @@ def read_header(path: Path) -> dict[str, Any]:
 
 
 def frame_rate(header: dict[str, Any]) -> float | None:
-    """Return the rate of the keys of a file's animations, the highest of them; None where it has none."""
+    """Return the median rate of the keys of a file's animations, None without keys."""
     rates = []
     accessors = _list(header.get("accessors"))
     for animation in _list(header.get("animations")):
@@ -61,7 +61,7 @@ def frame_rate(header: dict[str, Any]) -> float | None:
 
 
 def humanoid(header: dict[str, Any]) -> dict[str, str]:
-    """Return the name of the node by VRM's name of the bone (VRM 0.x and 1.0); empty for other files."""
+    """Return the nodes' names by VRM's name of the bone (VRM 0.x and 1.0), empty for other files."""
     extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
     newer = _dict(_dict(_dict(extensions.get("VRMC_vrm")).get("humanoid")).get("humanBones"))
     pairs = [(human, _dict(entry).get("node")) for human, entry in newer.items()]
@@ -84,16 +84,16 @@ def _list(value: Any) -> list[Any]:
 
 
 SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")
-"""What is read."""
+"""Supported files."""
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
-    """Open a file and return its scene, in place of what was open; other formats than Blender's come into an empty one.
+    """Open a file and return its scene. Files of other programs are imported into an empty scene.
 
     The scene has the frame rate of the file's clips.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, its format is not read, or Blender cannot open it.
+        FileMissing, FileDamaged: it does not exist, its format is not supported, or Blender cannot open it.
     """
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
@@ -109,7 +109,7 @@ def open_scene(path: Path) -> bpy.types.Scene:
     try:
         _open(path, suffix, rate)
     except (RuntimeError, AttributeError, TypeError, ValueError, KeyError, IndexError, AssertionError) as error:
-        # Importers are Python add-ons: on damaged files they break in ways of their own.
+        # Importers are Python add-ons, which raise various errors on damaged files.
         first = next((line for line in reversed(str(error).strip().splitlines()) if line.strip()), "it is damaged")
         raise FileDamaged(f"Blender cannot open the file: {first.strip()}", where=str(path)) from error
     for rig in (o for o in bpy.data.objects if o.type == "ARMATURE" and stated):

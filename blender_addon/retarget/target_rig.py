@@ -1,4 +1,4 @@
-"""The target read from Blender: what of its map it can play, named where it cannot, and its stage."""
+"""The target: the parts of its map that it can play, and its stage."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from .rig_map import RigMap, Switch
 
 
 def constraint_ring(armature: bpy.types.Object) -> list[str]:
-    """Return the bones of a ring in which each waits for the next, through parents and constraints; empty for none."""
+    """Return the bones of a ring in which each waits for the next by parents and constraints, empty for none."""
     waits: dict[str, set[str]] = defaultdict(set)
     for bone in armature.pose.bones:
         if bone.parent is not None:
@@ -34,7 +34,7 @@ def constraint_ring(armature: bpy.types.Object) -> list[str]:
 
 
 def object_ring(obj: bpy.types.Object) -> list[str]:
-    """Return the objects of a ring of parents and constraints that an object is part of; empty for none."""
+    """Return the objects of a ring of parents and constraints with an object, empty for none."""
     waits: dict[str, set[str]] = {}
     todo = [obj]
     while todo:
@@ -49,7 +49,7 @@ def object_ring(obj: bpy.types.Object) -> list[str]:
 
 
 def _ring_in(waits: Mapping[str, set[str]]) -> list[str]:
-    """Return names of which each waits for the next; empty where no names do."""
+    """Return names of which each waits for the next, empty for none."""
     try:
         TopologicalSorter(waits).prepare()
     except CycleError as ring:
@@ -58,7 +58,7 @@ def _ring_in(waits: Mapping[str, set[str]]) -> list[str]:
 
 
 def _targets(constraint: bpy.types.Constraint, armature: bpy.types.Object) -> set[str]:
-    """Return the bones of this armature that a constraint looks at."""
+    """Return the bones of this armature that a constraint uses."""
     found = set()
     for holder, name in (("target", "subtarget"), ("pole_target", "pole_subtarget")):
         if getattr(constraint, holder, None) == armature:
@@ -77,37 +77,37 @@ def _chain(bone: bpy.types.PoseBone, count: int) -> list[str]:
 
 
 _EVEN = 1e-3
-"""Relative difference of scales that is none."""
+"""Relative difference of scales that is ignored."""
 
 
 @dataclass(frozen=True)
 class TargetRig:
-    """A rig, ready to be retargeted to."""
+    """A rig as a target."""
 
     armature: bpy.types.Object
     target: Target
     switches: tuple[Switch, ...]
     soles: str
-    """What shows the height of its soles: ``mesh`` or ``joints``."""
+    """Source of the height of its soles: ``mesh`` or ``joints``."""
     notes: tuple[str, ...]
-    """What of the map cannot be played, one sentence each."""
+    """Parts of the map that cannot be played, one sentence each."""
 
 
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig by its map; the rig stays as it is.
+    """Read a rig by its map. The rig stays unchanged.
 
     Args:
         armature: the rig.
-        scene: the scene it is in.
+        scene: its scene.
         rig_map: with the names of its bones.
-        limbs: ``fk`` or ``ik``, what its switches are set to.
-        fingers: roles of the bones of fingers that the motion has; others are left as they are.
+        limbs: ``fk`` or ``ik``, for its switches.
+        fingers: roles of finger bones in the motion. Other fingers are ignored.
 
     Raises:
-        TargetUnsuitable: it is no armature, is stretched or flat, goes in a ring, or a control that matters is locked.
-        MapInvalid: the map lacks the pelvis or every limb, or names bones that are not there.
+        TargetUnsuitable: it is no armature, is stretched, goes in a ring, or an important control is locked.
+        MapInvalid: the map lacks the pelvis or every limb, or names missing bones.
     """
     _check_object(armature)
     notes: list[str] = []
@@ -143,7 +143,7 @@ def _check_object(armature: bpy.types.Object) -> None:
 
 
 def _scale(armature: bpy.types.Object) -> float:
-    """Return how many times as large the world shows the armature."""
+    """Return the scale of the armature in the world."""
     matrix = np.array(armature.matrix_world)[:3, :3]
     lengths = np.linalg.norm(matrix, axis=0)
     scale = float(lengths.mean())
@@ -154,26 +154,22 @@ def _scale(armature: bpy.types.Object) -> float:
 
 
 def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str]) -> dict[str, str]:
-    """Return the bones of the map that the rig has, and that are not locked."""
+    """Return the bones of the map that the rig has and that are not locked."""
     there = armature.pose.bones
     absent = [f"{bone} ({role})" for role, bone in rig_map.bones.items() if bone not in there]
     if absent:
         hint = "Choose the rig's own preset, or correct the table."
         raise MapInvalid(f"The rig has no bones {', '.join(absent)}.", where=armature.name, hint=hint)
-    bones: dict[str, str] = {}
-    for role, bone in rig_map.bones.items():
-        if bone in bones.values():
-            hint = "Give every role a bone of its own."
-            raise MapInvalid(f"The bone {bone} has two roles.", where=armature.name, hint=hint)
-        bones[role] = bone
+    bones = dict(rig_map.bones)
+    if doubled := [bone for bone in bones.values() if list(bones.values()).count(bone) > 1]:
+        hint = "Give every role a bone of its own."
+        raise MapInvalid(f"The bone {doubled[0]} has two roles.", where=armature.name, hint=hint)
+    missing = [role for role in JOINT_OF if role not in bones]
     if "pelvis" not in bones or not any(set(roles) <= bones.keys() for roles in LIMBS.values()):
-        missing = [role for role in JOINT_OF if role not in bones]
-        hint = " ".join(
-            [*rig_map.doubts, "The pelvis and one whole limb are the least; choose a preset or fill the table."]
-        )
+        needed = "The pelvis and one whole limb are the least; choose a preset or fill the table."
         what = f"The map has no bones for {', '.join(missing)}" if bones else "No bones of a person are recognised"
-        raise MapInvalid(f"{what}.", where=armature.name, hint=hint)
-    if missing := [role for role in JOINT_OF if role not in bones]:
+        raise MapInvalid(f"{what}.", where=armature.name, hint=" ".join([*rig_map.doubts, needed]))
+    if missing:
         notes.append(f"The rig has no bones for {', '.join(missing)}: what they do is left out.")
     locked = {role: bone for role, bone in bones.items() if _is_locked(there[bone], role)}
     hinges = {role for roles in LIMBS.values() for role in roles[:2]} | {"pelvis", "carrier"}
@@ -186,7 +182,7 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
 
 
 def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
-    """Return the bones with a carrier where the pelvis is connected to its parent and has no location of its own."""
+    """Return the bones with a carrier if the pelvis is connected to its parent and has no location of its own."""
     pelvis = armature.data.bones[bones["pelvis"]]
     if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
         return bones
@@ -205,15 +201,15 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
-    """Refuse controls that do not answer; name those that only go along in part."""
+    """Reject controls that do not react, and note those that follow others in part."""
     carrier = next(name for name in hanging.names if role_of[name] in ("carrier", "pelvis"))
     carrier = next((name for name in hanging.names if role_of[name] == "carrier"), carrier)
-    stuck = [name for name in hanging.held if not role_of[name].endswith("_pole")]
-    if stuck:
-        hint = "Mute what holds them, or map the controls that do turn."
-        raise TargetUnsuitable(
-            f"Constraints or drivers keep {', '.join(stuck)} from turning.", where=armature.name, hint=hint
+    if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:
+        message, hint = (
+            f"Constraints or drivers keep {', '.join(stuck)} from turning.",
+            "Mute what holds them, or map the controls that do turn.",
         )
+        raise TargetUnsuitable(message, where=armature.name, hint=hint)
     if carrier in hanging.unmoved:
         hint = "Disconnect it from its parent, or choose another bone as carrier."
         raise TargetUnsuitable(f"Its location does not move {carrier}.", where=armature.name, hint=hint)

@@ -1,4 +1,4 @@
-"""The two who meet: an actor's motion, and a rig as what its controls carry; both on a stage of their own.
+"""An actor's motion, and a rig as a tree of controls, both on their own stage.
 
 A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at rest faces -Y with its left at +X.
 """
@@ -22,12 +22,7 @@ _SPINE = (3, 6, 9)
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
-    """Return the part of the body (V,) of each vertex of ours, "" for none.
-
-    Args:
-        layout: names of the joints.
-        joints: (V,) joint that each vertex follows most.
-    """
+    """Return the part of the body (V,) of each vertex of ours by its (V,) dominant joint, "" for none."""
     columns, role_at = layout.standing_for(SMPL), {joint: role for role, joint in JOINT_OF.items()}
     parts = [""] * layout.num_joints
     for joint, column in enumerate(columns):
@@ -36,12 +31,12 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Return points (V, 3) by the part (V,) of the body that they belong to; those of no part are left out."""
+    """Return points (V, 3) by their part (V,) of the body, without those of no part."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
 def part_of_role(role: str) -> str:
-    """Return the part of the body around a role's bone, "" for those that hands are not kept on."""
+    """Return the part of the body around a role's bone, "" for parts that hands are not kept on."""
     side, _, part = role.partition("_")
     if role in ("pelvis", "head"):
         return "head" if role == "head" else "trunk"
@@ -52,12 +47,12 @@ def part_of_role(role: str) -> str:
 
 _BONES_OF_A_FINGER = 3
 _AT_REST = 0.005
-"""Radians below which the fingers of a whole take are at rest: the motion has none."""
+"""Radians below which the fingers of a whole take are at rest, so that the motion has none."""
 
 
 @dataclass(frozen=True)
 class Trunk:
-    """K bones of a trunk, pelvis and chest included, from below up."""
+    """K bones of a trunk from pelvis to chest."""
 
     heights: np.ndarray
     """(K,) heights of their middles at rest: 0 at the hips, 1 at the neck."""
@@ -67,16 +62,15 @@ class Trunk:
 
 @dataclass(frozen=True)
 class Hand:
-    """B bones of the fingers of a hand."""
+    """B finger bones of a hand."""
 
     roles: tuple[str, ...]
-    """Role of each bone."""
     directions: np.ndarray
-    """(B, 3) where each points at rest, in the axes of our body's rest."""
+    """(B, 3) directions at rest, in the axes of our body's rest."""
     bends: np.ndarray
-    """(B, F, 3, 3) rotation of each from rest, within the hand's axes: ``D_hand^T D``."""
+    """(B, F, 3, 3) rotation of each from rest, in the hand's axes: ``D_hand^T D``."""
     starts: np.ndarray
-    """(B, 3) metres from the wrist to where each begins at rest, in the axes of our body's rest."""
+    """(B, 3) metres from the wrist to the head of each at rest, in the axes of our body's rest."""
 
 
 @dataclass(frozen=True)
@@ -87,18 +81,18 @@ class Actor:
     rest: np.ndarray
     """(24, 3) joints at rest."""
     turns: np.ndarray
-    """(F, 24, 3, 3) each joint's rotation from rest."""
+    """(F, 24, 3, 3) rotation of each joint from rest."""
     joints: np.ndarray
-    """(F, 24, 3) positions; the floor is at z = 0."""
+    """(F, 24, 3) positions, with the floor at z = 0."""
     fps: float
     contacts: np.ndarray | None = None
-    """(F, 2) bool: left and right foot stand."""
+    """(F, 2) bool: contacts of the left and right foot."""
     trunk: Trunk | None = None
-    """The trunk of a figure that has other bones there than our body; None for our body's."""
+    """The trunk of a figure with other bones than our body, None for our body's."""
     hands: tuple[Hand, ...] = ()
     """The fingers, of the hands whose fingers the motion has."""
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) points of the skin at rest by part of the body, see ``parts``; none where no skin is known."""
+    """(V, 3) points of the skin at rest by part of the body, empty if unknown."""
 
     @property
     def num_frames(self) -> int:
@@ -108,30 +102,30 @@ class Actor:
 
 @dataclass(frozen=True)
 class Target:
-    """The N controls of a rig that have a role, each after those that carry it."""
+    """The N controls of a rig with a role, each after those that carry it."""
 
     names: tuple[str, ...]
     roles: tuple[str, ...]
     heads: np.ndarray
     """(N, 3) heads in the rest pose."""
     ends: np.ndarray
-    """(N, 3) where hands and feet go on in the rest pose: knuckles, balls of the feet; NaN where nothing shows it."""
+    """(N, 3) knuckles and balls of the feet in the rest pose for hands and feet, NaN if unknown."""
     axes: np.ndarray
-    """(N, 3, 3) axes in the rest pose, one a column."""
+    """(N, 3, 3) axes in the rest pose, one per column."""
     place_axes: np.ndarray
-    """(N, 3, 3) axes that each one's location channel counts along, in the rest pose."""
+    """(N, 3, 3) axes of each one's location channel in the rest pose."""
     turns_with: np.ndarray
-    """(N,) index of the control whose rotation each one takes part in, -1 for none."""
+    """(N,) index of the control that turns each one, -1 for none."""
     moves_with: np.ndarray
-    """(N,) index of the control that carries each one's place, -1 for none."""
+    """(N,) index of the control that moves each one, -1 for none."""
     R_stage_armature: np.ndarray
     """(3, 3) rotation of the armature's axes to the stage's."""
     unit_m: float
-    """Metres of one unit of the armature's space."""
+    """Metres per unit of the armature's space."""
     ground: np.ndarray
-    """(3,) metres from the armature's origin, in the stage's axes, to the stage's."""
+    """(3,) metres from the armature's origin to the stage's, in the stage's axes."""
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
-    """(V, 3) points of the skin in the rest pose by part of the body; none where no skin is known."""
+    """(V, 3) points of the skin in the rest pose by part of the body, empty if unknown."""
 
     def index(self, role: str) -> int:
         """Return the control of a role, -1 for none."""
@@ -159,12 +153,7 @@ def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:
 
 
 def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
-    """Return the actor of a motion file.
-
-    Args:
-        motion: the motion.
-        body: the body it was solved for.
-    """
+    """Return the actor of a motion file on its body."""
     rotvec = rotvec_on(with_own_hands(motion, body), body.layout)
     own = body_at_rest(body, motion.betas)
     actor = actor_of_poses(motion.name, own, rotvec, motion.transl, motion.fps, motion.contacts)
@@ -172,9 +161,15 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
 
 
 def actor_of_poses(
-    name: str, own: BodyAtRest, rotvec: np.ndarray, transl: np.ndarray, fps: float,
-    contacts: np.ndarray | None = None, *, still_fingers: bool = False,
-) -> Actor:  # fmt: skip
+    name: str,
+    own: BodyAtRest,
+    rotvec: np.ndarray,
+    transl: np.ndarray,
+    fps: float,
+    contacts: np.ndarray | None = None,
+    *,
+    still_fingers: bool = False,
+) -> Actor:
     """Return the actor of a body's poses.
 
     Args:
@@ -183,8 +178,8 @@ def actor_of_poses(
         rotvec: (F, J, 3) axis-angles.
         transl: (F, 3) metres.
         fps: frames per second.
-        contacts: (F, 2) bool, left and right foot stand.
-        still_fingers: whether fingers count that stay at rest.
+        contacts: (F, 2) bool, contacts of the left and right foot.
+        still_fingers: include fingers that stay at rest.
     """
     G, joints = pose_joints(own.joints, rotvec, transl)
     turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
@@ -193,13 +188,13 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return the hands of our own body; none where it has no fingers, or they stay at rest.
+    """Return the hands of our own body that have fingers which leave their rest.
 
     Args:
         layout: names of its J joints.
         rest: (J, 3) joints at rest on the stage.
         turns: (F, J, 3, 3) rotations of the joints from rest.
-        still: also fingers that stay at rest.
+        still: also return fingers that stay at rest.
     """
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
@@ -220,16 +215,13 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:
-    """Return where the heads of all controls are: ``p_c = p_m + D_m (r_c - r_m)`` with m what carries c.
+    """Return the (N, F, 3) heads of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where m moves c.
 
     Args:
         target: the rig.
         turns: (N, F, 3, 3) rotations from rest.
-        carrier: the control that has a path of its own.
+        carrier: the control with its own path.
         path: (F, 3) that path.
-
-    Returns:
-        (N, F, 3).
     """
     places = np.empty((len(target.names), len(path), 3))
     for c, m in enumerate(target.moves_with):

@@ -1,4 +1,4 @@
-"""An actor of any rig: what its bones do as what the joints of our tree would do on a person of its proportions."""
+"""An actor of any rig: the motion of its bones as that of our joints on a person of its proportions."""
 
 from __future__ import annotations
 
@@ -23,15 +23,16 @@ _BONES = tuple(
 )
 """Bones of legs and arms, which every figure has."""
 _STANDING, _STILL = 0.05, 0.37
-"""Height of a standing ball of the foot over its height at rest, and its speed a second, by the length of the leg."""
+"""Height of a planted ball of the foot over its height at rest, and its speed per second, by the leg's length."""
 
 
-def actor_of_bones(name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray,
-                   own_rest: np.ndarray, fps: float) -> Actor:  # fmt: skip
+def actor_of_bones(
+    name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
+) -> Actor:
     """Return the motion of a rig's bones as that of an actor.
 
-    With D_c the rotation of a bone since its rest and A_c its map pose, the joint's is ``D_c A_c^T``: what a rig of
-    the same rest pose plays is then D_c again. Joints that the rig lacks lie as our body's do, by the leg's length.
+    With D_c the rotation of a bone since its rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``, so that
+    a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.
 
     Args:
         name: of the motion.
@@ -48,7 +49,7 @@ def actor_of_bones(name: str, rest: Target, A: np.ndarray, turns: np.ndarray, pl
     known = {JOINT_OF[role]: places[c] for role, c in index.items() if role in JOINT_OF and role != "pelvis"}
     joints, standing = _joints(known, G, own_rest)
     if _HIPS[0] in known and _HIPS[1] in known:
-        # The figure stands on the stage as its rest pose does, knees bent or not.
+        # The figure has the height of its rest pose, knees bent or not.
         feet = [index[f"{side}_foot"] for side in SIDES if f"{side}_foot" in index]
         at = [JOINT_OF[rest.roles[c]] for c in feet]
         if feet:
@@ -58,7 +59,7 @@ def actor_of_bones(name: str, rest: Target, A: np.ndarray, turns: np.ndarray, pl
 
 
 def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the skin by part as it lies when the figure stands as our body at rest: ``J_j + A_c (v - r_c)``."""
+    """Return the skin by part in the pose of our body at rest: ``J_j + A_c (v - r_c)``."""
     index = {role: c for c, role in enumerate(rest.roles)}
     carried_by = {part: "pelvis" if part == "trunk" else part for part in rest.skin}
     return {
@@ -69,7 +70,7 @@ def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.nda
 
 
 def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 24, 3, 3): what the rig has, and between neighbours what it lacks."""
+    """Return the (F, 24, 3, 3) rotations of the joints, interpolated for missing ones."""
     G = np.empty((frames, len(PARENTS), 3, 3))
     line = [own["pelvis"], *(own[role] for role in chain_roles(dict.fromkeys(own, ""), "spine"))]
     for k, joint in enumerate((0, *_SPINE)):
@@ -85,7 +86,7 @@ def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _along(line: list[np.ndarray], share: float) -> np.ndarray:
-    """Return the rotation at a share of a chain of them, by the geodesic between neighbours."""
+    """Return the rotation at a share of a chain, by the geodesic between neighbours."""
     at = share * (len(line) - 1)
     low = min(int(at + 1e-9), len(line) - 1)
     if at - low < 1e-9 or low + 1 >= len(line):
@@ -95,7 +96,7 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 
 def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the joints (F, 24, 3), and where they are (24, 3) when nothing is turned."""
+    """Return the joints (F, 24, 3), and their (24, 3) positions without any rotation."""
     size = _size(known, own_rest)
     start = next(joint for joint in (1, 2, 16, 17, 15, *known) if joint in known)
     hips = [joint for joint in _HIPS if joint in known] or [start]
@@ -118,7 +119,7 @@ def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -
 
 
 def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
-    """Return the size of the figure by our body's: of the bones that both have, all lengths together."""
+    """Return the size of the figure by our body's: the ratio of all lengths of common bones."""
     theirs = own = 0.0
     for a, b in _BONES:
         if a in known and b in known:
@@ -128,7 +129,7 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 
 
 def _contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) bool: left and right ball of the foot are down and still."""
+    """Return (F, 2) bool: the left and right ball of the foot are low and still."""
     balls, leg = [10, 11], float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
     down = joints[:, balls, 2] < rest[balls, 2] + _STANDING * leg
     if len(joints) < 2:

@@ -1,4 +1,4 @@
-"""Limbs: two bones and a hinge brought to where hand and foot belong, for all frames at once."""
+"""Limbs, feet, trunks and fingers: bring hands and feet to their places for all frames at once."""
 
 from __future__ import annotations
 
@@ -16,26 +16,23 @@ from .figures import Actor, Hand, Target, Trunk
 from .map_pose import foot_ball
 
 _STRAIGHTEST = 0.9995
-"""Share of a limb's length that it is stretched to at most, unless the actor's is straighter."""
+"""Largest share of a limb's length, unless the actor's limb is straighter."""
 _CLEAR_BEND = 0.05
-"""Sine of the bend at which the plane of the bones and the anatomical axis count alike."""
+"""Sine of the bend at which the plane of the bones and the anatomical axis have equal weight."""
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how the two bones of a limb turn so that it ends where it should; twist and plane stay the actor's.
+    """Return the rotations (F, 3, 3) that bring a limb of two bones to its end, with the actor's twist and plane.
 
     First the lower bone turns about the hinge n until the distance d is right, with u and v the bones, a bar for the
     part square to n and the law of cosines: ``|ū| |v̄| cos φ = (d² - |u|² - |v|²)/2 - (u·n)(v·n)``. Then the
     whole limb swings by the smallest rotation.
 
     Args:
-        reach: (F, 3) from the limb's beginning to where it should end; shortened if it is longer than the limb.
-        upper: (F, 3) the upper bone as the actor has it, with the rig's length.
+        reach: (F, 3) from the limb's beginning to its end, shortened if it is longer than the limb.
+        upper: (F, 3) the upper bone of the actor with the rig's length.
         lower: (F, 3) the lower bone.
         axis: (F, 3) unit vectors, the anatomical axis of the hinge, about which it bends by positive angles.
-
-    Returns:
-        (F, 3, 3) rotations to apply after those of the upper and of the lower bone.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     distance = np.clip(np.linalg.norm(reach, axis=-1), 1.001 * np.abs(a - b), longest_reach(upper, lower))
@@ -51,20 +48,15 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return how far a limb reaches at most, as long as the actor's bones lie: (..., 3) each, to (...)."""
+    """Return the (...) reach of a limb of bones (..., 3), at least that of the actor."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
 
 def bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the unit vectors (F, 3) about which two bones are bent: square to both, the anatomical axis if straight.
+    """Return the unit vectors (F, 3) of a bend of two bones (F, 3): square to both, or the anatomical axis if straight.
 
-    ``n ∝ u × v / (|u| |v|) + ε a``, so that it neither jumps nor flips as a limb stretches.
-
-    Args:
-        upper: (F, 3) the upper bone.
-        lower: (F, 3) the lower bone.
-        axis: (F, 3) unit vectors, the anatomical axis.
+    ``n ∝ u × v / (|u| |v|) + ε a`` neither jumps nor flips as a limb stretches.
     """
     along = _unit(upper + lower)
     square = _unit(axis - _dot(axis, along)[:, None] * along)
@@ -82,16 +74,16 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def within_reach(hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, rounds: int = 12) -> np.ndarray:
-    """Return the least way (F, 3) by which the body must move for every leg to reach its foot.
+    """Return the smallest offset (F, 3) of the body with which every leg reaches its foot.
 
-    Each leg asks the hips into a ball around its foot; alternating projections onto the balls end in both (Bregman
+    Each leg pulls the hips into a ball around its foot. Alternating projections onto the balls end in both (Bregman
     1965).
 
     Args:
-        hips: (L, F, 3) where the legs begin.
-        ankles: (L, F, 3) where they should end.
-        reaches: (L, F) how far each leg reaches.
-        rounds: how often each leg asks.
+        hips: (L, F, 3) beginnings of the legs.
+        ankles: (L, F, 3) their ends.
+        reaches: (L, F) their reaches.
+        rounds: number of projections per leg.
     """
     way = np.zeros(hips.shape[1:])
     for _ in range(rounds):
@@ -111,33 +103,32 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 _BALL_AFTER_ANKLE = 3
-"""SMPL's foot joint, the ball, stands three after its ankle."""
+"""SMPL's foot joint, the ball, comes three after its ankle."""
 _STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.25, 0.04, 0.008, 0.15
-"""A foot that stands is slower than this; one that goes farther slides; it is held by so much at most, which fades in
-this time once it leaves."""
+"""Largest speed and slide of a planted foot, largest correction, and the time in which it fades after the contact."""
 
 
 @dataclass(frozen=True)
 class FootPath:
-    """What one foot of the target does."""
+    """The path of one foot of the target."""
 
     role: str
     sole: np.ndarray
-    """(F, 3) the point on the floor under the ball of the standing foot."""
+    """(F, 3) the point of the floor under the ball of the planted foot."""
     ankle_from_sole: np.ndarray
     """(F, 3) the vector from there to the ankle."""
 
     @property
     def ankle(self) -> np.ndarray:
-        """(F, 3) where the ankle belongs."""
+        """(F, 3) place of the ankle."""
         return self.sole + self.ankle_from_sole
 
 
 def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
-    """Return the paths of the feet that the target has.
+    """Return the paths of the target's feet.
 
-    The point of the sole under the ball follows the actor's, scaled; heel and ankle stand around it in the target's
-    own size, so that neither a standing foot nor a rolling one slides.
+    The point of the sole under the ball follows the actor's, scaled. Heel and ankle are around it in the target's own
+    size, so that neither a planted foot nor a rolling one slides.
 
     Args:
         actor: the motion.
@@ -160,13 +151,7 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
 
 
 def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
-    """Return a path that is level and still while the foot stands, and eased back to its own between.
-
-    Args:
-        path: the foot.
-        stands: (F,) bool.
-        fps: frames per second.
-    """
+    """Return a path that is still during (F,) bool contacts, and eased back to its own path between them."""
     level = path.sole[:, :2]
     speed = np.linalg.norm(np.gradient(level, axis=0), axis=1) * fps if len(level) > 1 else np.zeros(1)
     held = np.zeros_like(level)
@@ -185,32 +170,27 @@ def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
 
 
 def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return offsets that are as given on the fixed frames and fade between them, those before and after adding up.
-
-    Args:
-        held: (F, n) offsets.
-        fixed: frames on which they hold; the others count as 0 where there are none.
-        frames: in which they fade.
-    """
+    """Return (F, n) offsets that are as given on the fixed frames and fade to 0 in a number of frames around them."""
     if not len(fixed):
         return np.zeros_like(held)
     index = np.arange(len(held))
     after = np.searchsorted(fixed, index, side="left").clip(max=len(fixed) - 1)
     before = (np.searchsorted(fixed, index, side="right") - 1).clip(min=0)
-    share = [_smoothstep(1.0 - np.abs(index - fixed[near]) / (frames + 1)) for near in (before, after)]
+    share = [fade(1.0 - np.abs(index - fixed[near]) / (frames + 1), 0.0, 1.0) for near in (before, after)]
     total = np.maximum(share[0] + share[1], 1.0)
     faded = (share[0] / total)[:, None] * held[fixed[before]] + (share[1] / total)[:, None] * held[fixed[after]]
     faded[fixed] = held[fixed]
     return faded
 
 
-def _smoothstep(t: np.ndarray) -> np.ndarray:
-    t = np.clip(t, 0.0, 1.0)
-    return t * t * (3 - 2 * t)
+def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return 0 below ``low``, 1 above ``high``, and ``3 x^2 - 2 x^3`` of the share x between."""
+    x = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
 
 
 def _runs(mask: np.ndarray) -> np.ndarray:
-    """Return (R, 2) first frames and ends of what is true."""
+    """Return (R, 2) first frames and ends of the true ranges."""
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
@@ -220,7 +200,7 @@ _SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both(
 
 
 def trunk_of(actor: Actor) -> Trunk:
-    """Return the trunk of an actor that has our joints: pelvis and three joints of the spine."""
+    """Return the trunk of an actor with our joints: pelvis and three joints of the spine."""
     hips = actor.rest[list(_HIPS)].mean(0)
     points = actor.rest[[*_SPINE, _NECK]]
     heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
@@ -228,33 +208,28 @@ def trunk_of(actor: Actor) -> Trunk:
 
 
 def rig_trunk(rest: Target, turns: np.ndarray) -> Trunk:
-    """Return the trunk of a rig that plays.
-
-    Args:
-        rest: N bones at rest.
-        turns: (N, F, 3, 3) their rotations from rest.
-    """
+    """Return the trunk of a rig of N bones at rest with (N, F, 3, 3) rotations from rest."""
     line = [rest.index("pelvis"), *_spine(rest)]
     points = np.stack([*rest.heads[line], _top(rest, line[-1])])
-    return Trunk(_heights((points[:-1] + points[1:]) / 2, _base(rest), points[-1]), turns[line])
+    return Trunk(_heights((points[:-1] + points[1:]) / 2, hips_of(rest, rest.heads), points[-1]), turns[line])
 
 
 def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
-    """Yield each bone of a spine and the height of its middle, infinite of the topmost, which turns as the chest."""
+    """Yield each bone of a spine and the height of its middle, infinite for the top one, which turns like the chest."""
     spine = _spine(target)
     if not spine:
         return
     end = _top(target, spine[-1])
     for bone, after in pairwise(spine):
         middle = (target.heads[bone] + target.heads[after]) / 2
-        yield bone, float(_heights(middle[None], _base(target), end)[0])
+        yield bone, float(_heights(middle[None], hips_of(target, target.heads), end)[0])
     yield spine[-1], np.inf
 
 
 def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
-    """Return where a trunk begins and ends at rest (3,), and the control that turns its chest."""
+    """Return the beginning and end of a trunk at rest (3,), and the control that turns its chest."""
     chest = (_spine(target) or [target.index("pelvis")])[-1]
-    return _base(target), _top(target, chest), chest
+    return hips_of(target, target.heads), _top(target, chest), chest
 
 
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:
@@ -282,13 +257,14 @@ def _spine(target: Target) -> list[int]:
     return sorted(spine, key=lambda c: int(target.roles[c].rpartition("_")[2]))
 
 
-def _base(target: Target) -> np.ndarray:
+def hips_of(target: Target, places: np.ndarray) -> np.ndarray:
+    """Return the middle of the hips in the places of all controls."""
     thighs = [target.index(f"{side}_thigh") for side in SIDES]
-    return target.heads[thighs].mean(0) if min(thighs) >= 0 else target.heads[target.index("pelvis")]
+    return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
 
 
 def _top(target: Target, chest: int) -> np.ndarray:
-    """Return the (3,) place where the trunk ends: neck, head or the middle of the shoulders."""
+    """Return the (3,) end of the trunk: neck, head or the middle of the shoulders."""
     for role in ("neck_1", "head"):
         if (top := target.index(role)) >= 0:
             return target.heads[top]
@@ -297,14 +273,13 @@ def _top(target: Target, chest: int) -> np.ndarray:
 
 
 _BONES = 4
-"""Bones of a finger at most: three, and one in the palm or at the tip."""
+"""Largest number of bones of a finger: three, and one in the palm or at the tip."""
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return the hands of a rig that plays, in the axes of our body's rest.
+    """Return the hands of a rig, in the axes of our body's rest.
 
-    With D the rotations of finger and hand since rest and A the hand's map pose, a bend is
-    ``A D_hand^T D A^T``.
+    With D the rotations of finger and hand since rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
 
     Args:
         rest: N bones at rest, hands before their fingers.
@@ -323,15 +298,15 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
 
 
 def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
-    """Turn the fingers of a rig as the actor's bend, in place: ``D = D_hand A^T B S A``.
+    """Bend the fingers of a rig like the actor's, in place: ``D = D_hand A^T B S A``.
 
-    B is the actor's bend and S the smallest rotation that makes the finger at rest point as the actor's does.
+    B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
 
     Args:
         actor: the motion.
         target: the rig.
         A: (N, 3, 3) from ``map_pose``.
-        turns: (N, F, 3, 3) rotations of the controls since their rest; hands are right already.
+        turns: (N, F, 3, 3) rotations of the controls since their rest, with the final hands.
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")
@@ -348,16 +323,13 @@ def _fingers(target: Target, side: str) -> list[int]:
 
 
 def _directions(target: Target, fingers: list[int]) -> np.ndarray:
-    """Return the (B, 3) unit vectors along bones of fingers of a rig at rest."""
+    """Return the (B, 3) unit vectors along finger bones of a rig at rest."""
     places = dict(zip(target.roles, target.heads, strict=True))
     return np.array([_along(places, target.roles[finger]) for finger in fingers])
 
 
 def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:
-    """Return the (3,) unit vector along a bone of a finger: to the next one; of the last, from the one before.
-
-    A finger of one bone points away from the wrist.
-    """
+    """Return the (3,) unit vector along a finger bone: to the next one, or from the one before, or from the wrist."""
     stem, _, number = role.rpartition("_")
     after, before = (f"{stem}_{int(number) + step}" for step in (1, -1))
     hand = f"{stem.partition('_')[0]}_hand"

@@ -1,7 +1,7 @@
-"""The map pose: how each bone of a rig must turn from its rest to stand as our body does at rest.
+"""The map pose: the rotation of each bone of a rig from its rest to the pose of our body at rest.
 
-Bones are compared by what they are on a person, never by their axes: a limb's direction, and the side to which its
-hinge bends. Trunk and head keep their posture, feet stay flat, hands follow their forearm.
+Bones are compared by their anatomy, never by their axes: a limb's direction, and the side to which its hinge bends.
+Trunk and head keep their posture, feet stay flat, hands follow their forearm.
 """
 
 from __future__ import annotations
@@ -14,18 +14,14 @@ from ..._exchange.so3 import matrix_from_quat, quat_from_matrix
 from .figures import Target
 
 _BALL_BEFORE_ANKLE = 1.5
-"""How far the ball of the foot lies before the ankle, by the ankle's height (our body: 1.5)."""
+"""Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body)."""
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[float, ...]]) -> np.ndarray:
     """Return the (N, 3, 3) rotations A of the map pose on the target's stage.
 
-    With anatomical frames M (direction, hinge, and what is square to both), ``A = M_actor M_target^T``.
-
-    Args:
-        target: the rig.
-        actor_rest: (24, 3) joints of the actor at rest.
-        given: rotations wxyz in the armature's axes by bone, which count instead where they are.
+    With anatomical frames M (direction, hinge, and their normal), ``A = M_actor M_target^T``. Rotations wxyz ``given``
+    in the armature's axes by bone replace those.
     """
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     for limb, roles in LIMBS.items():
@@ -42,7 +38,7 @@ def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[floa
 
 
 def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, float, float, float]]:
-    """Return a map pose as it is kept in a map: quaternions wxyz in the armature's axes by bone."""
+    """Return a map pose as stored in a map: quaternions wxyz in the armature's axes by bone."""
     S = target.R_stage_armature
     return {
         name: tuple(np.round(quat_from_matrix(S.T @ turn @ S), 7).tolist())
@@ -51,14 +47,14 @@ def map_pose_values(target: Target, A: np.ndarray) -> dict[str, tuple[float, flo
 
 
 def foot_ball(target: Target, foot: int) -> np.ndarray:
-    """Return the (3,) rest place of the ball of a foot, straight before the ankle where nothing shows it."""
+    """Return the (3,) rest position of the ball of a foot, straight before the ankle if unknown."""
     if np.isfinite(target.ends[foot]).all():
         return target.ends[foot]
     return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD
 
 
 def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
-    """Turn a limb without hand or foot, taken to be straight at rest: tails of bones show nothing."""
+    """Turn a limb without hand or foot as a straight one, as tails of bones show nothing."""
     first, second = target.heads[list(bones)]
     own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
     A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))

@@ -1,4 +1,4 @@
-"""Proportions: how long a rig's legs, arms and trunk are by the actor's, and the scale that they agree on."""
+"""Proportions: lengths of a rig's legs, arms and trunk by the actor's, and the resulting scale."""
 
 from __future__ import annotations
 
@@ -11,16 +11,15 @@ from ...errors import TargetUnsuitable
 from .figures import Actor, Target
 
 _APART = 2.0
-"""Factor by which the legs may differ from what arms and trunk indicate. A toddler's legs are 0.75 of an adult's by the
+"""Largest ratio between the size of the legs and that of arms and trunk. A toddler's legs are 0.75 of an adult's by the
 trunk (Snyder et al. 1977), those of stylised characters 0.5."""
-
 _ANY_UNIT = 2000.0
-"""Factor between figures of metres and of millimetres, both as large as people come."""
+"""Largest ratio of figures in metres and in millimetres."""
 
 
 @dataclass(frozen=True)
 class Proportions:
-    """Lengths between joints at rest by the actor's; NaN for what the rig lacks."""
+    """Lengths between joints at rest by the actor's, NaN for missing ones."""
 
     legs: float
     """Hip to knee to ankle."""
@@ -30,22 +29,20 @@ class Proportions:
     """Middle of the hips to middle of the shoulders."""
 
     def describe(self) -> str:
-        """Return what was measured as one line."""
-        parts = {"legs": self.legs, "arms": self.arms, "trunk": self.trunk}
-        return ", ".join(f"{name} {value:.3f}" for name, value in parts.items() if np.isfinite(value))
+        """Return the lengths as one line."""
+        return ", ".join(f"{name} {value:.3f}" for name, value in vars(self).items() if np.isfinite(value))
 
 
 def measure_proportions(actor: Actor, target: Target) -> Proportions:
-    """Return the lengths of a rig's limbs and trunk by the actor's, both sides together; bone tails do not count."""
+    """Return the lengths of a rig's limbs and trunk by the actor's, both sides together."""
     return Proportions(_limbs(actor, target, "leg"), _limbs(actor, target, "arm"), _trunk(actor, target))
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the ratio of the legs or, without legs, the median of what there is.
+    """Return the ratio of the legs or, without legs, the median of the other lengths.
 
     Raises:
-        TargetUnsuitable: the legs are more than twice or less than half of what arms and trunk agree on, or no unit
-            explains the rig's size.
+        TargetUnsuitable: the legs are more than twice or less than half of arms and trunk, or the size is absurd.
     """
     _require_size(proportions)
     others = [value for value in (proportions.arms, proportions.trunk) if np.isfinite(value)]
@@ -70,7 +67,7 @@ def _require_size(proportions: Proportions) -> None:
 
 
 def length(points: np.ndarray) -> float:
-    """Return the length of a line through points (P, 3)."""
+    """Return the length of a polyline (P, 3)."""
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
 

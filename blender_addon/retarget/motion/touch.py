@@ -1,4 +1,4 @@
-"""Hands that touch each other, by palms or fingertips: kept together on a figure of other proportions."""
+"""Hands that touch each other or the body: kept in touch on a figure of other proportions."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy as np
 from ..._exchange.rigs.rest_frames import FORWARD, UP
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
-from .limbs import trunk_ends
+from .limbs import fade, trunk_ends
 
 PALM = "palm"
 """Name of the place that is no fingertip."""
 _HAND_AFTER_WRIST = 2
-"""Joints of SMPL from a wrist to its hand: both wrists come before both hands."""
+"""Joints of SMPL from a wrist to its hand, as both wrists come before both hands."""
 _BONES = 3
-"""Bones of a finger; what begins after them begins at the tip."""
+"""Bones of a finger. A further bone begins at the tip."""
 _LAST_BONE = 0.9
 """Length of a finger's last bone with its pulp by the bone before: 0.6 to 0.8 of the bones (Buryanov and Kotiuk 2010)
 and 4 mm of pulp."""
@@ -25,17 +25,17 @@ and 4 mm of pulp."""
 
 @dataclass(frozen=True)
 class HandPlace:
-    """A place of a hand, of the actor and of the target, over F frames."""
+    """A place of a hand of the actor and of the target over F frames."""
 
     side: str
     name: str
     """``PALM`` or the finger."""
     place: np.ndarray
-    """(F, 3) of the actor: half-way from its wrist to its knuckles, or the tip of a finger."""
+    """(F, 3) of the actor: the middle between wrist and knuckles, or the tip of a finger."""
     size: float
     """Metres from the actor's wrist to its knuckles."""
     own: np.ndarray
-    """(F, 3) the same place of the target, with its wrist where it belongs so far."""
+    """(F, 3) the same place of the target, with its wrist in its present place."""
     own_size: float
 
     @property
@@ -51,14 +51,14 @@ class HandPlace:
 
 def hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
-) -> Iterator[HandPlace]:  # fmt: skip
-    """Yield the palms of hands that have a goal and a length, each with the fingertips that both figures have.
+) -> Iterator[HandPlace]:
+    """Yield the palms of hands with a goal and a length, each with the fingertips that both figures have.
 
     Args:
         actor: the motion.
         target: the rig.
         turns: (N, F, 3, 3) rotations of its controls.
-        goals: (F, 3) by role: where wrists belong so far.
+        goals: (F, 3) places of wrists by role.
     """
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
@@ -102,11 +102,9 @@ def _tips_of_target(target: Target, hand: int, side: str, turns: np.ndarray) -> 
 
 
 def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) way from a finger's knuckle to its tip, where a fourth bone begins or by ``_LAST_BONE``.
+    """Return the (F, 3) vector from a finger's knuckle to its tip: to a fourth bone or by ``_LAST_BONE``.
 
-    Args:
-        starts: (B, 3) where its bones begin at rest.
-        turns: (B, F, 3, 3) their rotations since.
+    The bones begin at ``starts`` (B, 3) at rest and have turned by ``turns`` (B, F, 3, 3).
     """
     ways = np.diff(starts, axis=0)
     if len(ways) < _BONES:
@@ -115,7 +113,7 @@ def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
-    """Return the bones from the knuckle on of each finger that has at least two."""
+    """Return the bones from the knuckle on of each finger with at least two."""
     found = dict[str, list[int]]()
     for row in sorted(range(len(roles)), key=roles.__getitem__):
         finger = roles[row].rpartition("_")[0].partition("_")[2]
@@ -124,30 +122,23 @@ def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
     return {finger: rows for finger, rows in found.items() if len(rows) > 1}
 
 
-def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
-    """Return 0 below ``low``, 1 above ``high``, and ``3 x^2 - 2 x^3`` of the share x between."""
-    x = np.clip((value - low) / (high - low), 0.0, 1.0)
-    return x * x * (3.0 - 2.0 * x)
-
-
 _TOUCH, _APART = (0.25, 0.45, 0.7), (0.5, 0.8, 1.1)
-"""Distances by the length of the palm up to which two places of the hands touch, and from which they do not: of two
-fingertips, of a fingertip and the middle of a palm, and of two palms, which lie on each other turned and moved."""
+"""Distances of two places of the hands that touch, and of two that do not, by the length of the palm: two fingertips, a
+fingertip and the middle of a palm, and two palms, which may be turned and moved against each other."""
 
 
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return where wrists belong once places that touch are as far from each other as the actor's, by the hands' size.
+    """Return the places of wrists with touching places as far from each other as the actor's, by the hands' size.
 
-    Each hand moves by half of the gap, which is the mean over the pairs of places that touch. Between touching and not,
-    the gap fades.
+    Each hand moves by half of the gap, the mean over the touching pairs. Between touching and not, the gap fades.
 
     Args:
         actor: the motion.
         target: the rig.
         turns: (N, F, 3, 3) rotations of its controls.
-        goals: (F, 3) by role, hands among them.
+        goals: (F, 3) places by role, with hands.
     """
     places = list(hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
@@ -165,7 +156,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far two places touch (F,), and the vector (F, 3) between them that the target lacks."""
+    """Return how much two places touch (F,), and the vector (F, 3) between them that the target lacks."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place
@@ -174,21 +165,20 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 
 CHEST, BASE, TOP = "chest", "base", "top"
-"""Places beside those of roles: the topmost bone of the spine, the middle of the hips, and where the trunk ends."""
+"""Places besides those of roles: the top bone of the spine, the middle of the hips, and the end of the trunk."""
 _SHARES, _ANGLES = 8, 12
 """Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide."""
 _OUTER = 0.75
-"""Quantile of a cell's distances that is its radius: clothing counts, single hairs do not."""
+"""Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not."""
 _LEAST_FILLED = 0.4
-"""Share of the cells with skin from which a part is known."""
+"""Share of cells with skin that a part needs."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a body: the role that turns it, the places its rod joins, and which shares of the rod are its own."""
+    """A part of a body: its skin, the role that turns it, the ends of its rod, and its own shares of the rod."""
 
     skin: str
-    """Name of the skin around it."""
     turned_by: str
     start: str
     end: str
@@ -199,7 +189,7 @@ class Part:
 
 
 _WHOLE_TRUNK = (-0.1, 1.0)
-"""By the way from hips to neck: from the lowest of the seat up."""
+"""Shares of the way from hips to neck, from the lowest point of the seat up."""
 PARTS = {
     "hips": Part("trunk", "pelvis", BASE, TOP, (-0.1, 0.5), _WHOLE_TRUNK),
     CHEST: Part("trunk", CHEST, BASE, TOP, (0.5, 1.0), _WHOLE_TRUNK),
@@ -215,12 +205,12 @@ PARTS = {
 
 @dataclass(frozen=True)
 class Solid:
-    """A part around its rod, in the axes that the joint which turns it has when our body is at rest."""
+    """A part around its rod, in the axes of the joint that turns it in the rest pose of our body."""
 
     origin: np.ndarray
-    """(3,) metres from the joint to where the rod begins."""
+    """(3,) metres from the joint to the beginning of the rod."""
     axes: np.ndarray
-    """(3, 3) unit vectors, one a column: along the rod, to the front, square to both."""
+    """(3, 3) unit vectors in columns: along the rod, to the front, and their normal."""
     length: float
     table: tuple[float, float]
     radii: np.ndarray
@@ -253,11 +243,11 @@ class Solid:
 def solids_of(
     heads: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray], skin: Mapping[str, np.ndarray]
 ) -> dict[str, Solid]:
-    """Return the parts whose skin is known.
+    """Return the parts with known skin.
 
     Args:
-        heads: (3,) place at rest by role, and of ``CHEST``, ``BASE`` and ``TOP``.
-        turns: (3, 3) rotation by the same from the figure's rest to our body's; the identity where left out.
+        heads: (3,) positions at rest by role, and of ``CHEST``, ``BASE`` and ``TOP``.
+        turns: (3, 3) rotations by the same from the figure's rest to our body's, by default the identity.
         skin: (V, 3) points at rest by name of the skin.
     """
     found = {}
@@ -275,7 +265,7 @@ def solids_of(
 def _solid(
     part: Part, points: np.ndarray, start: np.ndarray, end: np.ndarray, joint: np.ndarray, turn: np.ndarray
 ) -> Solid | None:
-    """Return a part, None where its skin leaves too much open."""
+    """Return a part, None if too much of its skin is missing."""
     length = float(np.linalg.norm(end - start))
     if length < 1e-6:
         return None
@@ -292,7 +282,7 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius of each cell of the table, that of the nearest known one where a cell has no skin."""
+    """Return the radius of each cell of the table, that of the nearest known one for a cell without skin."""
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
@@ -310,11 +300,12 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 
 
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
-"""Distances from the skin by the length of the palm up to which a hand touches, and from which it does not: of a
-fingertip, which has a tenth of it as its own radius, and of the palm's middle, whose own skin is a fifth below it."""
+"""Distances from the skin of a hand that touches, and of one that does not, by the length of the palm: of a fingertip,
+which has a radius of a tenth of it, and of the palm's middle, whose own skin is a fifth below it."""
 _LIKELY = (0.4, 2.5)
-"""Radii of the target by the actor's, at its size, beyond which its skin is not taken for a body's."""
+"""Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's."""
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)
+"""Numbers of SMPL's joints."""
 """SMPL's."""
 
 
@@ -327,20 +318,19 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return where wrists belong once palms and fingertips that touch the body are as far from its skin as the actor's.
+    """Return the places of wrists with touching palms and fingertips as far from the skin as the actor's.
 
-    A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin; on the target it
+    A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin. On the target it
     has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching
-    and not, the shift there fades. Where several parts are touched, or several places of a
-    hand touch, the ways are weighted alike.
+    and not, the shift fades. Several parts or places of a hand that touch have equal weights.
 
     Args:
         actor: the motion.
         target: the rig.
         A: (N, 3, 3) its map pose.
-        turns: (N, F, 3, 3) rotations of its controls, limbs bent to their goals.
+        turns: (N, F, 3, 3) rotations of its controls, with limbs bent to their goals.
         places: (N, F, 3) their heads.
-        goals: (F, 3) by role, hands among them.
+        goals: (F, 3) places by role, with hands.
         scale: length of the target's legs by the actor's.
     """
     own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)
@@ -360,18 +350,15 @@ def keep_hands_on_body(
     return goals | {role: goals[role] + way / np.maximum(totals[role], 1.0)[:, None] for role, way in ways.items()}
 
 
-def _kept_on(
-    actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return how far a place of a hand touches a part (F,), and where it belongs in its axes on the target (F, 3)."""
+def _kept_on(actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
+    """Return how much a place of a hand touches a part (F,), and its place in the target's part axes (F, 3)."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
     inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])
     off = distance - own.radius(share, angle)
     beyond = own.length * np.maximum(np.maximum(low - share, share - high), 0.0)
-    touching = 1.0 - fade(
-        np.hypot(np.maximum(off, 0.0), beyond) / place.size, _TOUCH_BODY[place.is_palm], _APART_BODY[place.is_palm]
-    )
+    away = np.hypot(np.maximum(off, 0.0), beyond) / place.size
+    touching = 1.0 - fade(away, _TOUCH_BODY[place.is_palm], _APART_BODY[place.is_palm])
     kept = theirs.radius(share, angle) + place.own_size / place.size * off
     return touching, theirs.place(share, angle, np.maximum(kept, 0.0))
 

@@ -10,19 +10,9 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from ...animation.ground_path import ground_path
+from . import limbs
 from .figures import Actor, Target, carried_places
-from .limbs import (
-    bend_fingers,
-    bend_to,
-    between,
-    foot_paths,
-    longest_reach,
-    spine_heights,
-    steadied,
-    trunk_of,
-    turn_at,
-    within_reach,
-)
+from .limbs import bend_to, hips_of, longest_reach
 from .proportions import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
 
@@ -31,45 +21,45 @@ from .touch import keep_hands_on_body, keep_hands_together
 
 @dataclass(frozen=True)
 class TransferSettings:
-    """How a motion goes over to a rig."""
+    """Settings of a transfer."""
 
     in_place: bool = False
     """Leave out the travel over the ground."""
     root_motion: bool = False
     """Let the root bone carry the travel over the ground and the heading."""
     hold_contacts: bool = True
-    """Hold feet where they stand, if the motion states when, and hands on what they touch: the body, each other."""
+    """Lock planted feet if the motion has contacts, and keep hands in touch with the body and each other."""
     scale: float = 0.0
-    """Size of the travel and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
+    """Size of the travel and the steps by the actor's, 0 for the ratio of the legs, which must be plausible."""
 
 
 @dataclass(frozen=True)
 class Transferred:
-    """What the N controls of a rig do over F frames."""
+    """The motion of the N controls of a rig over F frames."""
 
     turns: np.ndarray
     """(N, F, 3, 3) rotations from the rest pose on the stage."""
     places: np.ndarray
     """(N, F, 3) heads on the stage."""
     carrier: int
-    """The control that carries the body's way."""
+    """The control that carries the body's path."""
     scale: float
-    """Length of the target's legs, between joints, by the actor's."""
+    """Length of the target's legs between joints by the actor's."""
     goals: dict[str, np.ndarray]
-    """(F, 3) by the role of a hand or foot: where wrist or ankle should be."""
+    """(F, 3) places of wrists and ankles by the role of the hand or foot."""
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:
     """Carry a motion over: rotations ``D_c = D_j A_c``, feet scaled by the legs, hands by the arms.
 
-    D_j is the actor's rotation of the joint that turns control c, A_c the map pose. The hips follow the actor's
-    and give way where a leg would be too short. Every limb is then bent to its goal.
+    D_j is the actor's rotation of the joint that turns control c, and A_c the map pose. The hips follow the actor's
+    and move if a leg is too short. Every limb is then bent to its goal.
 
     Args:
         actor: the motion.
         target: the rig.
         A: (N, 3, 3) from ``map_pose``.
-        settings: how.
+        settings: of the transfer.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
@@ -82,14 +72,14 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     goals = _foot_goals(actor, target, turns, scale, settings)
     goals = {role: goal + shift for role, goal in goals.items()}
     still = carried_places(target, turns, carrier, np.zeros((actor.num_frames, 3)))
-    way = _hips_path(actor, target, scale) + shift - _hips(target, still)
+    way = _hips_path(actor, target, scale) + shift - hips_of(target, still)
     way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
     if settings.hold_contacts:
-        # Thighs and the other arm must lie where they will before a hand is kept on them.
+        # Thighs and the other arm must be in their places before a hand is kept on them.
         goals = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
         goals = keep_hands_together(actor, target, turns, goals)
         _bend_limbs(actor, target, turns, places, A, goals)
@@ -101,21 +91,21 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
 
 
 def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
-    """Return the (N, F, 3, 3) rotations of all controls; those that no joint turns stay at rest."""
+    """Return the (N, F, 3, 3) rotations of all controls, at rest if no joint turns them."""
     turns = np.broadcast_to(np.eye(3), (len(target.names), actor.num_frames, 3, 3)).copy()
-    trunk, heights = actor.trunk or trunk_of(actor), dict(spine_heights(target))
+    trunk, heights = actor.trunk or limbs.trunk_of(actor), dict(limbs.spine_heights(target))
     for c, role in enumerate(target.roles):
         if role == "carrier":
             turns[c] = actor.turns[:, 0]
         elif role.startswith("spine_"):
-            turns[c] = turn_at(trunk, heights[c]) @ A[c]
+            turns[c] = limbs.turn_at(trunk, heights[c]) @ A[c]
         elif role.startswith("neck_"):
             necks = sum(other.startswith("neck_") for other in target.roles)
             share = (int(role.rpartition("_")[2]) - 1) / necks
-            turns[c] = between(actor.turns[:, _NECK], actor.turns[:, _HEAD], share) @ A[c]
+            turns[c] = limbs.between(actor.turns[:, _NECK], actor.turns[:, _HEAD], share) @ A[c]
         elif role in JOINT_OF:
             turns[c] = actor.turns[:, JOINT_OF[role]] @ A[c]
-    bend_fingers(actor, target, A, turns)
+    limbs.bend_fingers(actor, target, A, turns)
     return turns
 
 
@@ -123,19 +113,18 @@ def _foot_goals(
     actor: Actor, target: Target, turns: np.ndarray, scale: float, settings: TransferSettings
 ) -> dict[str, np.ndarray]:
     goals = {}
-    for path in foot_paths(actor, target, turns, scale):
+    for path in limbs.foot_paths(actor, target, turns, scale):
         if settings.hold_contacts and actor.contacts is not None:
             stands = actor.contacts[:, int(path.role.startswith(SIDES[1]))]
-            goals[path.role] = steadied(path, stands, actor.fps).ankle
-        else:
-            goals[path.role] = path.ankle
+            path = limbs.steadied(path, stands, actor.fps)
+        goals[path.role] = path.ankle
     return goals
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return where the target's hips go (F, 3): ``s p``, raised by what its ankles are higher than scaled ones.
+    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its ankles.
 
-    So that straight legs stay straight on other soles. The rise fades as the hips come down to the floor.
+    So straight legs stay straight on other soles. The rise fades as the hips come down to the floor.
     """
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
@@ -148,13 +137,8 @@ def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
     return hips
 
 
-def _hips(target: Target, places: np.ndarray) -> np.ndarray:
-    thighs = [target.index(f"{side}_thigh") for side in SIDES]
-    return places[thighs].mean(0) if min(thighs) >= 0 else places[target.index("pelvis")]
-
-
 def _carried(target: Target, carrier: int) -> np.ndarray:
-    """Return (N,) which controls the carrier moves, itself included."""
+    """Return a mask (N,) of the controls that the carrier moves, itself included."""
     carried = np.zeros(len(target.names), dtype=bool)
     for c, m in enumerate(target.moves_with):
         carried[c] = c == carrier or (m >= 0 and carried[m])
@@ -166,22 +150,21 @@ def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dic
     legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
     if not legs:
         return np.zeros(places.shape[1:])
-    return within_reach(
-        np.stack([places[bones[0]] for bones in legs.values()]),
-        np.stack([goals[f"{side}_foot"] for side in legs]),
-        np.stack([longest_reach(*_bones_of(target, turns, bones)) for bones in legs.values()]),
+    starts, reaches = zip(
+        *((places[b[0]], longest_reach(*_bones_of(target, turns, b))) for b in legs.values()), strict=True
     )
+    return limbs.within_reach(np.stack(starts), np.stack([goals[f"{side}_foot"] for side in legs]), np.stack(reaches))
 
 
 def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the upper and the lower bone (F, 3) of a limb as they are turned."""
+    """Return the turned upper and lower bone (F, 3) of a limb."""
     upper, lower, end = bones
     heads = target.heads
     return turns[upper] @ (heads[lower] - heads[upper]), turns[lower] @ (heads[end] - heads[lower])
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
-    """Return where wrists belong: from the target's shoulder as from the actor's, scaled by the arm's length."""
+    """Return the (F, 3) places of wrists: from the target's shoulder like the actor's, scaled by the arm's length."""
     goals = {}
     for side in SIDES:
         roles = LIMBS[f"{side}_arm"]
@@ -198,18 +181,15 @@ def _bend_limbs(
 ) -> None:
     for limb, roles in LIMBS.items():
         upper, lower, end = (target.index(role) for role in roles)
-        if min(upper, lower, end) < 0:
-            continue
-        first, second = bend_to(
-            goals[roles[-1]] - places[upper],
-            *_bones_of(target, turns, [upper, lower, end]),
-            turns[upper] @ A[upper].T @ _hinge_axis(actor, limb),
-        )
-        turns[upper], turns[lower] = first @ turns[upper], second @ turns[lower]
+        if min(upper, lower, end) >= 0:
+            axis = turns[upper] @ A[upper].T @ _hinge_axis(actor, limb)
+            bones = _bones_of(target, turns, [upper, lower, end])
+            first, second = bend_to(goals[roles[-1]] - places[upper], *bones, axis)
+            turns[upper], turns[lower] = first @ turns[upper], second @ turns[lower]
 
 
 def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.ndarray, A: np.ndarray) -> None:
-    """Put the controls of IK limbs where the limbs are."""
+    """Move the controls of IK limbs to the limbs."""
     for c, role in enumerate(target.roles):
         side, _, part = role.partition("_")
         if part not in HELPER_OF:
@@ -230,7 +210,7 @@ def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.nd
 def _pole(
     target: Target, turns: np.ndarray, places: np.ndarray, pole: int, bones: list[int], A: np.ndarray, axis: np.ndarray
 ) -> np.ndarray:
-    """Return where a pole (F, 3) lets an IK limb bend about the hinge of its upper bone, as far off as at rest."""
+    """Return the place of a pole (F, 3) as far away as at rest, so that IK bends about the hinge of its upper bone."""
     upper, _, end = bones
     rest = target.heads
     own = limb_frame(rest[end] - rest[upper], A[upper].T @ axis)
