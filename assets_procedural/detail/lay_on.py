@@ -196,7 +196,6 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
     """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails; fingers stay spread.
 
     Args:
-        mesh: the fitted surface, floor at y = 0.
         joints: (24, 3) metres, in the same frame.
 
     Raises:

@@ -80,7 +80,6 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
     Args:
         skeleton: of the left hand.
         joint: 0 to 14.
-        rng: draws them.
     """
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))

@@ -20,7 +20,6 @@ from solver_backend.labelling.label_like import LikeTake, label_like, reference_
 from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
-from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
 UNSURE_SHARE = 0.05
@@ -75,7 +74,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     least = min(LEAST_SEEN, len(cloud.positions))
     kept = [i for i, label in enumerate(labels) if not is_unnamed(label) and label not in virtual and seen[i] >= least]
-    return cloud.columns(kept, tuple(labels[i] for i in kept))
+    return cloud.columns(kept)
 
 
 def _proposed(
@@ -132,7 +131,7 @@ def labelled_as_person(
     if capture.markers is None:
         return capture
     body = load_chosen_body(settings.body)
-    named = named_extras(capture.markers, person, body, load_sposer(), np.zeros(1), progress, kept)
+    named = named_extras(capture.markers, person, body, progress, kept)
     notes = [diagnostic("points_named_of_person", count=len(named.named), markers=named.named)] if named.named else []
     doubts = [diagnostic("points_not_named", extent="tracks", count=named.doubtful)] if named.doubtful else []
     problems = [item for item in capture.problems if item.code != "points_not_named" or not named.named]
@@ -161,4 +160,4 @@ def person_of_nameless(
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person
-    return with_extras(person, clouds, load_chosen_body(settings.body), load_sposer(), np.zeros(1), progress)
+    return with_extras(person, clouds, load_chosen_body(settings.body), progress)

@@ -45,7 +45,6 @@ def read_frames(
         positions: (F, N, 3) metres, Z up.
         seen: (F, N) bool: whether there is a point.
         frames: numbers of the frames to read.
-        network: that reads them.
     """
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
     for start in range(0, len(frames), size):
@@ -89,8 +88,6 @@ def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Prog
 
     Args:
         positions: (F, N, 3) metres, Z up, in any order; NaN where there is no point.
-        network: that reads frames.
-        progress: called as frames are read.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -73,7 +73,6 @@ def voted(
     Args:
         votes: the network's.
         together: (C, C) chains that are seen at one time.
-        fps: of the take.
         bound: labels assigned by the user, by chain.
         by_distance: (C, 54), see ``distance_evidence``.
         by_body: (C, 54), see ``body_evidence``.
@@ -252,7 +251,6 @@ def body_evidence(
         tracklets: T stretches in C chains.
         labels: (C,) label of each chain.
         trusted: (C,) bool: those that the body is laid over.
-        fps: of the take.
         fit: of a body, from its start.
     """
     step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
@@ -396,9 +394,7 @@ def label_take(
 
     Args:
         cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
-        network: that reads frames.
         start_fit: makes the fit of a body that is laid over what was named.
-        progress: called as frames are read and points are named.
         user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole stretch.
             Empty text: none of them.
         persistent: each column is one marker throughout the take.

@@ -52,7 +52,6 @@ def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False)
 
     Args:
         positions: metres.
-        fps: frames per second.
         persistent: each column is one marker throughout, as somebody named it: its stretches are one chain.
     """
     seen = np.isfinite(positions).all(-1)

@@ -44,8 +44,15 @@ class MarkerCloud:
             if value is not None and np.shape(value) != expected:
                 raise ShapeMismatch(f"{name} has the shape {np.shape(value)}; {expected} is expected.", where="markers")
 
-    def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None) -> MarkerCloud:
-        """Return these markers under these labels."""
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The labels, empty where the cloud has none."""
+        return self.labels or ()
+
+    def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None = None) -> MarkerCloud:
+        """Return these markers under these labels, by default their own."""
+        if labels is None and self.labels is not None:
+            labels = tuple(self.labels[i] for i in chosen)
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
         return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
 

@@ -42,16 +42,15 @@ from solver_backend.solver.normal_equations import Arrowhead
 
 @dataclass(frozen=True)
 class CalibrationState:
-    """A person and F poses, which may leave the prior's manifold as they may in the bundle."""
+    """A person and F poses, which may leave the prior's manifold as in the bundle."""
 
     subject: Subject
-    """The person."""
     frames: FrameStates
     """Codes, roots and translations."""
     residual: Array
     """(F, J, 3) rotation vectors by which joints leave the manifold."""
     layout: StateLayout
-    """Of the unknowns of a frame."""
+    """Unknowns of one frame."""
 
     @classmethod
     def of(cls, subject: Subject, prior: PosePrior, frames: FrameStates) -> CalibrationState:
@@ -61,11 +60,11 @@ class CalibrationState:
         return cls(subject, replace(frames, residual=None), residual, state_layout(prior))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
-        """Return the poses that the states decode to."""
+        """Return the decoded poses."""
         return PosedFrames(self.frames.root, decoded(prior, self.frames.z, self.residual), self.frames.transl)
 
     def retract(self, step: Array) -> CalibrationState:
-        """Return the state moved by a (1, 10 + 3 L + n F) step: shape, places, and the frames one after the other."""
+        """Return the state moved by a (1, 10 + 3 L + n F) step: shape, places, and then frame by frame."""
         xp, count = array_namespace(step), self.frames.z.shape[0]
         shared = 10 + 3 * len(self.subject.landmarks)
         by_frame = xp.reshape(step[0, shared:], (count, -1))
@@ -78,35 +77,27 @@ class CalibrationState:
 
 
 FLOOR = 1e-2
-"""Precision that every unknown of a pose has."""
+"""Least precision of every unknown of a pose."""
 
 
 @dataclass(frozen=True)
 class PlacementPrior:
-    """What is known of a person before the calibration."""
+    """Prior knowledge of the person."""
 
     shape: Array
-    """(10,) precision of the shape around the mean person's, or around a known one."""
+    """(10,) precision of the shape around ``shape_mean``."""
     shape_mean: Array
-    """(10,)."""
+    """(10,) shape of the mean person, or a known one."""
     places: Array
     """(L, 3, 3) precision of each marker's offset from its rule in the rest frame, 1/m²."""
+    pose_weight: float = 1.0
+    """Weight of the pose terms."""
 
 
 def calibration_equations(
-    prior: AutoencodingPrior, objective: FrameObjective, placement: PlacementPrior, state: CalibrationState,
-    scale: float, pose_weight: float = 1.0,
-) -> tuple[Array, Arrowhead]:  # fmt: skip
-    """Return the cost (1,) and the Gauss-Newton equations at a state.
-
-    Args:
-        prior: decoder of the codes.
-        objective: of the frames.
-        placement: what is known of shape and places.
-        state: where.
-        scale: of Geman-McClure's penalty.
-        pose_weight: w, of what is known of poses.
-    """
+    prior: AutoencodingPrior, objective: FrameObjective, known: PlacementPrior, state: CalibrationState, scale: float
+) -> tuple[Array, Arrowhead]:
+    """Return the cost (1,) and the Gauss-Newton equations at a state; ``scale`` is Geman-McClure's."""
     xp = array_namespace(state.residual)
     frames, turns = state.poses(prior), state.layout.turns
     by_state = d_pose_d_key(state.layout, prior, state.frames.z, state.residual)
@@ -126,22 +117,20 @@ def calibration_equations(
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
         found = term(frames.local)
-        blocks = blocks + pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(found.factors), by_joints))
-        g_blocks = g_blocks + pose_weight * xp.matmul(by_joints_T, found.gradient[..., None])[..., 0]
-        cost = cost + pose_weight * xp.sum(found.cost)
+        blocks = blocks + known.pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(found.factors), by_joints))
+        g_blocks = g_blocks + known.pose_weight * xp.matmul(by_joints_T, found.gradient[..., None])[..., 0]
+        cost = cost + known.pose_weight * xp.sum(found.cost)
     off = turns_of(xp.reshape(state.residual, (count, -1)), state.layout)
     sigma = prior.residual_sigma[list(state.layout.turned)]
-    stiff = constant(pose_weight * sigma.reshape(-1) ** -2.0, off)
+    stiff = constant(known.pose_weight * sigma.reshape(-1) ** -2.0, off)
     blocks[:, turns, turns] += stiff * identity(off.shape[1], off)
     g_blocks[:, turns] += stiff * off
-    known, system = _with_placement(placement, state, Arrowhead(blocks, coupling, shared, g_blocks, g_shared))
-    return (cost + 0.5 * xp.sum(stiff * off * off) + known)[None], system
+    cost = cost + 0.5 * xp.sum(stiff * off * off) + _add_known(known, state.subject, shared, g_shared)
+    return cost[None], Arrowhead(blocks, coupling, shared, g_blocks, g_shared)
 
 
-def _shared(
-    evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array
-) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return what the frames contribute to shape and places: (m, m), (m,), and how poses meet them, (F, n, m)."""
+def _shared(evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array) -> tuple[Array, Array, Array]:
+    """Return the Hessian (m, m) and gradient (m,) of shape and places, and their coupling with poses (F, n, m)."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num
@@ -153,11 +142,12 @@ def _shared(
     crossed = xp.sum(xp.matmul(xp.matrix_transpose(by_betas), weighted_offsets), axis=0)
     shared[:10, 10:] = xp.reshape(xp.permute_dims(crossed, (1, 0, 2)), (10, -1))
     shared[10:, :10] = shared[:10, 10:].T
-    own = xp.sum(xp.matmul(xp.matrix_transpose(by_offsets), weighted_offsets), axis=0)
+    by_offsets_T = xp.matrix_transpose(by_offsets)
+    own = xp.sum(xp.matmul(by_offsets_T, weighted_offsets), axis=0)
     for i in range(num):
         shared[10 + 3 * i : 13 + 3 * i, 10 + 3 * i : 13 + 3 * i] = own[i]
     gradient = evidence.gradient[..., None]
-    by_place = xp.sum(xp.matmul(xp.matrix_transpose(by_offsets), gradient), axis=0)
+    by_place = xp.sum(xp.matmul(by_offsets_T, gradient), axis=0)
     by_shape = xp.sum(xp.matmul(xp.matrix_transpose(by_betas), gradient), axis=(0, 1))
     g_shared = xp.concat([by_shape[:, 0], xp.reshape(by_place, (-1,))])
     by_pose_T = xp.matrix_transpose(by_pose)
@@ -167,46 +157,38 @@ def _shared(
     return shared, g_shared, coupling
 
 
-def _with_placement(
-    placement: PlacementPrior, state: CalibrationState, system: Arrowhead
-) -> tuple[Array, Arrowhead]:  # fmt: skip
-    """Return the cost of shape and places, and the equations with what was known of them added in place."""
-    xp = array_namespace(system.shared)
-    shape = state.subject.betas - placement.shape_mean
-    places = state.subject.offsets
-    pulled = xp.matmul(placement.places, places[..., None])[..., 0]
-    system.shared[:10, :10] += placement.shape * identity(10, shape)
+def _add_known(known: PlacementPrior, subject: Subject, shared: Array, g_shared: Array) -> Array:
+    """Add what is known of shape and places to the shared equations in place, and return its cost."""
+    xp = array_namespace(shared)
+    shape, places = subject.betas - known.shape_mean, subject.offsets
+    pulled = xp.matmul(known.places, places[..., None])[..., 0]
+    shared[:10, :10] += known.shape * identity(10, shape)
     for i in range(len(places)):
         part = slice(10 + 3 * i, 13 + 3 * i)
-        system.shared[part, part] += placement.places[i]
-    system.g_shared[:10] += placement.shape * shape
-    system.g_shared[10:] += xp.reshape(pulled, (-1,))
-    return 0.5 * (xp.sum(placement.shape * shape * shape) + xp.sum(pulled * places)), system
+        shared[part, part] += known.places[i]
+    g_shared[:10] += known.shape * shape
+    g_shared[10:] += xp.reshape(pulled, (-1,))
+    return 0.5 * (xp.sum(known.shape * shape * shape) + xp.sum(pulled * places))
 
 
 OTHER_SIZE = 0.12
-"""Logarithm of the size from which it counts: below 1.50 and above 1.91 m for a mean stature of 1.69 m. A walk of
+"""Least logarithm of a size that is used: below 1.50 and above 1.91 m for a mean stature of 1.69 m. A walk of
 somebody of 1.36 m ends 42 mm off from the mean body, and of 1.09 m 61 mm."""
 LEAST_M, LEAST_SUM_M = 0.12, 0.6
-"""Distance at rest of a pair that shows size, as markers are centimetres beside their places, and of all together: two
-shanks are enough."""
+"""Least distance of a pair at rest, as markers are centimetres from their places, and of all pairs together: two shanks
+are enough."""
 AT_JOINT_M = 0.07
-"""A marker so near a joint keeps its distance from those of both bones that meet there."""
+"""Largest distance from a joint at which a marker keeps its distance from those of both bones that meet there."""
 SPREAD_M = 0.03
-"""How far joints are from those of the mean body at another size, against a deviation of each shape coefficient."""
+"""Distance of joints from those of the scaled mean body that weighs as much as one deviation of each coefficient."""
 
 
 def first_shape(body: Body, landmarks: Landmarks, points: np.ndarray) -> np.ndarray:
-    """Return (10,) the shape to start at: that of the mean body at the markers' size, 0 where they show no other.
+    """Return (10,) the starting shape: the mean body scaled to the markers, or 0 where they show no other size.
 
     The size is the median of ``d / r``, weighed by r, over pairs of markers that keep their distance in any pose: d as
     recorded, r of the mean body. The shape is ``argmin |D b - (s - 1) J|² / SPREAD_M² + |b|²`` with joints J and their
-    derivatives D, both from the pelvis.
-
-    Args:
-        body: whose shapes count.
-        landmarks: L places of the markers.
-        points: (F, L, 3) metres, NaN where missing.
+    derivatives D, both from the pelvis. The (F, L, 3) points are in metres, NaN where missing.
     """
     nothing = np.zeros(body.joints_shapedirs.shape[-1])
     rest = landmarks.anchors.sum(axis=1)
@@ -237,28 +219,26 @@ def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.nd
 
 
 CANDIDATES = 600
-"""Frames, spread over the takes, that are chosen from."""
+"""Frames, spread over the takes, to choose from."""
 LEAST_SEEN = 0.6
-"""Share of the most markers seen at once that a chosen frame shows, at least."""
+"""Least share of the most markers seen at once that a chosen frame shows."""
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
-    """Return up to ``count`` frame numbers whose poses differ most, ascending.
+    """Return up to ``count`` numbers, ascending, of frames of (F, L, 3) points whose poses differ most.
 
-    Poses are distinguished by the distances between markers, which neither place nor heading change; the next frame is
-    the one that is farthest from all that are chosen (Gonzalez 1985, "Clustering to minimize the maximum intercluster
-    distance").
-
-    Args:
-        points: (F, L, 3) metres, NaN where missing.
-        count: frames at most.
+    The distances between markers describe a pose without its place and heading. The next frame is the one farthest
+    from all chosen ones (Gonzalez 1985, "Clustering to minimize the maximum intercluster distance").
     """
     seen = np.isfinite(points).all(-1).sum(-1)
     candidates = np.unique(np.linspace(0, len(points) - 1, min(CANDIDATES, len(points))).astype(int))
     candidates = candidates[seen[candidates] >= max(4, LEAST_SEEN * seen.max())]
     if len(candidates) <= count:
         return candidates
-    features = _distances(points[candidates])
+    one, other = np.triu_indices(points.shape[1], 1)
+    features = np.linalg.norm(points[candidates][:, one] - points[candidates][:, other], axis=-1)
+    features = features[:, np.isfinite(features).any(axis=0)]
+    features = np.where(np.isfinite(features), features, np.nanmedian(features, axis=0))
     chosen = [int(np.argmax(seen[candidates] - 1e-6 * ((features - np.median(features, axis=0)) ** 2).sum(-1)))]
     nearest = np.full(len(candidates), np.inf)
     while len(chosen) < count:
@@ -267,112 +247,94 @@ def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     return np.sort(candidates[np.unique(chosen)])
 
 
-def _distances(points: np.ndarray) -> np.ndarray:
-    """Return (F, L (L - 1) / 2) distances between markers; a pair that is not seen has its median distance."""
-    upper = np.triu_indices(points.shape[1], 1)
-    distances = np.linalg.norm(points[:, upper[0]] - points[:, upper[1]], axis=-1)
-    known = np.isfinite(distances)
-    distances = distances[:, known.any(axis=0)]
-    return np.where(np.isfinite(distances), distances, np.nanmedian(distances, axis=0))
-
-
 FRAMES = 64
 """Frames from which a person is learned."""
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
-"""Frames' worth of evidence that a marker strays as far as all are first taken to."""
+"""Weight of the assumed marker deviation, in frames."""
 POSE_FRAMES = 24.0
-"""What is known of poses counts, for all frames together, as much as for so many at most: what the prior finds unlikely
-in one pose of a person, by posture or by how their bones differ, it finds in others. Of 64 frames counted one by one it
-moves markers that sit on their places by a centimetre; counted for one alone, real people's hidden markers are
-predicted worse (docs/research-log/sensors.md)."""
+"""Most frames that the pose terms count for together: what the prior finds unlikely in one pose of a person, by posture
+or by how their bones differ, it finds in others. Of 64 frames counted one by one it moves markers that sit on their
+places by a centimetre. Counted for one alone, it predicts real people's hidden markers worse
+(docs/research-log/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
-SCORING_STEPS = 4
-ROBUST_SCALE = 4.0
-"""Of a marker's frames when its deviation is learned."""
+SCORING_STEPS, ROBUST_SCALE = 4, 4.0
+"""Steps and robust scale with which a marker's deviation is learned."""
 SHAPE_LIMIT = 3.5
-"""Deviations that a shape coefficient reaches where parts of the body have no markers: markers
-on the rest do not separate all coefficients, and those that they leave open run away."""
+"""Largest deviation of a shape coefficient where parts of the body have no markers: markers on the rest do not separate
+all coefficients, and those that they leave open run away."""
 BEYOND_START = 0.5
-"""Deviations beyond the shape of the markers' size, where that is larger: a child's legs alone. Chosen by hand."""
-HELD = 1e6
-"""Precision of a coefficient held at its limit: 64 frames of 14 markers give about 4,000."""
-KNOWN = 1e12
-"""Precision of a shape that is given."""
+"""Deviations beyond the starting shape, where that is larger: a child's legs alone. Chosen by hand."""
+HELD, KNOWN = 1e6, 1e12
+"""Precision of a coefficient held at its limit (64 frames of 14 markers give about 4,000), and of a given shape."""
 
 
 @dataclass(frozen=True)
 class SubjectCalibration:
-    """What a calibration finds."""
+    """Result of a calibration."""
 
     subject: Subject
-    """The person, their markers as landmarks."""
+    """The person, with the markers as landmarks."""
     sigma_m: np.ndarray
-    """(L,) standard deviation of each marker around where the body has it, per axis, metres."""
+    """(L,) standard deviation of each marker around its place on the body, per axis, metres."""
     frames: np.ndarray
-    """Numbers of the frames that were looked at."""
+    """Numbers of the frames used."""
     poses: PosedFrames
     """Their poses."""
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
-    """Return the person that varied frames of a take determine: shape, places of the markers, and how far these stray.
+    """Estimate shape, marker places and marker deviations from varied frames of a take.
 
-    Args:
-        problem: markers made ready.
-        like: array that sets kind, type and device.
-        settings: robust scale, iterations, and the shape where it is known.
-        progress: called as stages advance.
+    The settings give the robust scale, the iterations, and the shape where it is known.
     """
-    subject = Subject.average(problem.body, problem.measurements.landmarks, like)
-    points = problem.measurements.points
-    start = first_shape(problem.body, problem.measurements.landmarks, points)
+    measured = problem.measurements
+    subject = Subject.average(problem.body, measured.landmarks, like)
+    start = first_shape(problem.body, measured.landmarks, measured.points)
     subject = replace(subject, betas=constant(start if settings.betas is None else settings.betas, subject.betas))
-    frames = varied_frames(points, FRAMES)
+    frames = varied_frames(measured.points, FRAMES)
     progress(STAGE, 0, 3)
     states = fit_to_points(problem, subject, frames)
     progress(STAGE, 1, 3)
     objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
-    weight = min(1.0, POSE_FRAMES / len(frames))
 
-    def fit(state: CalibrationState, placement: PlacementPrior, scale: float) -> CalibrationState:
+    def fit(state: CalibrationState, known: PlacementPrior, scale: float) -> CalibrationState:
         def linearise(s: CalibrationState) -> tuple[Array, Arrowhead]:
-            return calibration_equations(problem.prior, objective, placement, s, scale, weight)
+            return calibration_equations(problem.prior, objective, known, s, scale)
 
         return levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
 
-    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, problem.prior, states)
+    known = replace(placement_prior(subject, settings), pose_weight=min(1.0, POSE_FRAMES / len(frames)))
+    state = CalibrationState.of(subject, problem.prior, states)
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
-        state = fit(state, placement, scale)
-    if settings.betas is None and uninformed_parts(problem.body, problem.measurements):
+        state = fit(state, known, scale)
+    if settings.betas is None and uninformed_parts(problem.body, measured):
         # An active set: a wall inside the fit stops its steps short, poses and places included.
         limit = np.maximum(SHAPE_LIMIT, np.abs(start) + BEYOND_START)
-        while (held := held_at_limit(placement, to_numpy(state.subject.betas), limit)) is not None:
-            placement = held
-            state = fit(state, placement, settings.robust_scale)
+        while (held := held_at_limit(known, to_numpy(state.subject.betas), limit)) is not None:
+            known = held
+            state = fit(state, known, settings.robust_scale)
     progress(STAGE, 3, 3)
     poses = state.poses(problem.prior)
-    measured = problem.measurements
-    sigma = marker_sigma(
-        measured.term.select(frames), pose(state.subject, poses).points, measured.covariance[frames]
-    )  # fmt: skip
+    placed = pose(state.subject, poses).points
+    sigma = marker_sigma(measured.term.select(frames), placed, measured.covariance[frames])
     return SubjectCalibration(state.subject, sigma, frames, poses)
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:
     """Return (L,) standard deviations per axis, metres, of markers around their places, without the tracker's noise Σ.
 
-    ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, a few
-    steps of Fisher scoring; where Σ = 0 that is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is
-    Geman-McClure's weight and s₀ what was assumed, worth n frames.
+    ``s² = (Σ_f w s⁴ (|P r|² - tr P Σ P) / 3 + n s₀²) / (Σ_f w s⁴ tr P² / 3 + n)`` with ``P = (s² 1 + Σ)⁻¹``, by a few
+    steps of Fisher scoring. Where Σ = 0 that is ``(Σ_f w |r|² / 3 + n s₀²) / (Σ_f w + n)`` at once. w is
+    Geman-McClure's weight, and s₀ the assumed deviation, worth n frames.
 
     Args:
-        term: markers of the frames that were looked at.
-        points: (F, L, 3) where the body has them.
-        noise: (F, L, 3, 3) m², what the tracker reports of each marker's error.
+        term: markers of the chosen frames.
+        points: (F, L, 3) markers on the body.
+        noise: (F, L, 3, 3) m², the tracker's covariance of each marker.
 
     Reference: Rao 1971, "Estimation of variance and covariance components — MINQUE theory".
     """
@@ -390,24 +352,20 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
 
 
 def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
-    """Return what is known of shape and places: people's spread, and how far each kind of marker strays."""
-    like = subject.betas
-    shape = np.full(10, 1.0 if settings.betas is None else KNOWN)
-    mean = np.zeros(10) if settings.betas is None else np.asarray(settings.betas, dtype=np.float64)
+    """Return the prior of shape and places: people's spread, and how far each kind of marker strays."""
+    like, known = subject.betas, settings.betas is not None
+    mean = np.asarray(settings.betas, dtype=np.float64) if known else np.zeros(10)
     places = placement_precision(subject.body, subject.landmarks.names)
-    return PlacementPrior(constant(shape, like), constant(mean, like), constant(places, like))
+    return PlacementPrior(*(constant(a, like) for a in (np.full(10, KNOWN if known else 1.0), mean, places)))
 
 
 def held_at_limit(
-    placement: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
+    known: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
 ) -> PlacementPrior | None:
-    """Return the prior that holds coefficients at a limit which are beyond it; None where no other one is."""
-    precision, mean = to_numpy(placement.shape), to_numpy(placement.shape_mean)
+    """Return the prior that also holds the coefficients beyond a limit there; None where there is no other one."""
+    precision, mean = to_numpy(known.shape), to_numpy(known.shape_mean)
     beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
         return None
-    precision = np.where(beyond, HELD, precision)
-    mean = np.where(beyond, np.sign(betas) * limit, mean)
-    return replace(
-        placement, shape=constant(precision, placement.shape), shape_mean=constant(mean, placement.shape_mean)
-    )
+    precision, mean = np.where(beyond, HELD, precision), np.where(beyond, np.sign(betas) * limit, mean)
+    return replace(known, shape=constant(precision, known.shape), shape_mean=constant(mean, known.shape_mean))

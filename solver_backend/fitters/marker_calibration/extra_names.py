@@ -1,4 +1,4 @@
-"""Points that the labelling network leaves without a name of the person's: named by where they ride on their bones."""
+"""Names for points that the labelling network leaves unnamed, by the bones on which they ride."""
 
 from __future__ import annotations
 
@@ -12,9 +12,8 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
-from solver_backend.fitters.marker_calibration.subject_record import matched, subject_of
+from solver_backend.fitters.marker_calibration.subject_record import matched, subject_of, with_marker
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import (
     REACH_M,
@@ -27,42 +26,41 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
 from solver_backend.fitters.measurements.markers import assign_person, measured_at
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import posed
-from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
-from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 
 def in_words_of(person: MarkerSubject, cloud: MarkerCloud) -> MarkerCloud:
-    """Return a take whose names of places are the person's labels there."""
-    own = {
-        place: label for label, place in zip(person.labels, person.places, strict=True)
-        if not place.startswith(ON_BONE) and label not in (cloud.labels or ())
-    }  # fmt: skip
-    return replace(cloud, labels=tuple(own.get(label, label) for label in cloud.labels or ()))
+    """Return a take with the person's labels where its names are places."""
+    own = dict(zip(person.places, person.labels, strict=True))
+    own = {place: label for place, label in own.items() if not place.startswith(ON_BONE) and label not in cloud.names}
+    return replace(cloud, labels=tuple(own.get(label, label) for label in cloud.names))
 
 
 def nameless_columns(cloud: MarkerCloud, others: Collection[str] = ()) -> np.ndarray:
     """Return the columns without names, and those of markers that the person does not wear."""
-    return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.labels or ()])
+    return np.flatnonzero([is_unnamed(label) or label in others for label in cloud.names])
 
 
 def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
     """Return (F, L) where a marker of the person is not seen under its name: a point without one may be it."""
     missing = np.ones((len(cloud.positions), len(person.labels)), dtype=bool)
     for m, label in enumerate(person.labels):
-        if label in (cloud.labels or ()):
-            missing[:, m] = ~np.isfinite(cloud.positions[:, (cloud.labels or ()).index(label)]).all(-1)
+        if label in cloud.names:
+            missing[:, m] = ~np.isfinite(cloud.positions[:, cloud.names.index(label)]).all(-1)
     return missing
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with the points of each marker that was found under its label; the others stay where they are.
+    """Return the take with each recognised point under its marker's label; the others stay where they are.
 
     Args:
         cloud: F frames.
-        columns: (N,) columns that were looked at.
+        columns: (N,) columns of the points.
         which: (F, N) marker of each of their points, -1 where none.
         labels: of the markers.
     """
@@ -71,57 +69,55 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
         parts.append(cloud.residual[..., None])
     if cloud.covariance is not None:
         parts.append(cloud.covariance.reshape(*cloud.positions.shape[:2], 9))
-    given, names = np.concatenate(parts, axis=-1), list(cloud.labels or ())
+    given, names = np.concatenate(parts, axis=-1), list(cloud.names)
     values = given.copy()
     f, n = np.nonzero(which >= 0)
     values[f, columns[n]] = np.nan
+
+    def add(name: str) -> None:
+        nonlocal values
+        names.append(name)
+        values = np.concatenate([values, np.full_like(values[:, :1], np.nan)], axis=1)
+
     for marker in map(int, np.unique(which[which >= 0])):
         f, n = np.nonzero(which == marker)
-        column = names.index(labels[marker]) if labels[marker] in names else len(names)
-        before = values[f, column] if column < len(names) else np.zeros((0, 3))
-        # What the network named so meanwhile is another point, which has no name then.
-        ousted = column < len(names) and bool(np.isfinite(before[:, 0]).any())
-        for name in [*([labels[marker]] if column == len(names) else []), *([_unused(names)] if ousted else [])]:
-            names.append(name)
-            values = np.concatenate([values, np.full_like(values[:, :1], np.nan)], axis=1)
-        if ousted:
+        if labels[marker] not in names:
+            add(labels[marker])
+        column = names.index(labels[marker])
+        before = values[f, column]
+        # A point that the network gave this label meanwhile is another one, which then has no name.
+        if np.isfinite(before[:, 0]).any():
+            add(next(name for k in range(len(names) + 1) if (name := f"*{k}") not in names))
             values[f, -1] = before
         values[f, column] = given[f, columns[n]]
     kept = [i for i in range(len(names)) if i not in columns or np.isfinite(values[:, i, 0]).any()]
     values = values[:, kept]
-    return replace(
-        cloud, positions=values[..., :3], labels=tuple(names[i] for i in kept),
-        residual=None if cloud.residual is None else values[..., 3],
-        covariance=None if cloud.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3),
-    )  # fmt: skip
-
-
-def _unused(names: Sequence[str]) -> str:
-    """Return a name such as programs give points that nobody named."""
-    return next(name for k in range(len(names) + 1) if (name := f"*{k}") not in names)
+    residual = None if cloud.residual is None else values[..., 3]
+    covariance = None if cloud.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
+    return MarkerCloud(values[..., :3], cloud.fps, tuple(names[i] for i in kept), residual, covariance)
 
 
 MARGIN_M = 0.03
-"""Farthest that a point's median is from where the body has the marker: a bone's marker strays as far (``attach``)."""
+"""Largest median distance of a point from its marker on the body: a bone's marker strays as far (``attach``)."""
 CLEAR = 0.7
-"""The marker is nearer than any other of the person's by this factor, and the point nearer to it than any other."""
+"""A marker is nearer than any other of the person's by this factor, and the point nearer to it than any other."""
 LEAST_SHARE = 0.25
-"""Of a take that shows a marker not known before: strays are seen for moments."""
+"""Least share of a take that shows a new marker: strays are seen for moments."""
 APART_M = 0.02
-"""Least distance of a new marker from those known on its bone: nearer is the same one, or doubtful."""
+"""Least distance of a new marker from the known ones on its bone: a nearer one is the same, or doubtful."""
 TURN = 0.05
-"""Radians that a rough pose's bone may be turned off, by three degrees: a marker far from a joint strays by more."""
+"""Radians by which a rough pose may turn a bone wrongly (3 degrees): a marker far from a joint strays by more."""
 
 _SIDED = {
     "hip": "THI", "knee": "SHN", "ankle": "FOOT", "foot": "TOES", "collar": "COL", "shoulder": "UPA", "elbow": "FRM",
     "wrist": "HAND", "hand": "FINGERS",
 }  # fmt: skip
-"""What the bone that begins at a joint is called in names."""
+"""Names of the bones that begin at each joint."""
 
 
 @dataclass(frozen=True)
 class ExtraNames:
-    """A take whose points outside the network's places have names where they ride at a known marker's place."""
+    """A take whose unnamed points took the names of known markers at their places."""
 
     cloud: MarkerCloud
     named: tuple[str, ...]
@@ -132,15 +128,10 @@ class ExtraNames:
 
 @dataclass(frozen=True)
 class _ChainPoints:
-    """K points of a chain."""
-
-    frames: np.ndarray
-    """(K,)"""
-    points: np.ndarray
-    """(K, 3) metres."""
+    frames: np.ndarray  # (K,)
+    points: np.ndarray  # (K, 3) metres
 
     def part(self, frames: np.ndarray) -> _ChainPoints:
-        """Return the points in these frames alone."""
         inside = np.isin(self.frames, frames)
         return _ChainPoints(self.frames[inside], self.points[inside])
 
@@ -149,33 +140,22 @@ class _ChainPoints:
 class _Take:
     """A take without labels of its own, and the person in it."""
 
-    expected: np.ndarray
-    """(F, L, 3) metres, where the body has the person's markers."""
-    frames: np.ndarray
-    """(K,) frames whose poses are known."""
-    bones: BonePoses
-    """In these."""
-    columns: np.ndarray
-    """(N,) columns of the points without names."""
-    chain: np.ndarray
-    """(F, N) chain of each point, -1 where there is none."""
-    tracks: list[_ChainPoints]
-    """Points of each chain."""
+    expected: np.ndarray  # (F, L, 3) metres, the person's markers on the body
+    frames: np.ndarray  # (K,) frames with known poses
+    bones: BonePoses  # in these
+    columns: np.ndarray  # (N,) columns of the points without names
+    chain: np.ndarray  # (F, N) chain of each point, -1 where there is none
+    tracks: list[_ChainPoints]  # by chain
 
 
 def named_extras(
-    cloud: MarkerCloud, person: MarkerSubject, body: Body, prior: AutoencodingPrior, like: Array,
-    progress: Progress = silent, kept: Collection[str] = (),
-) -> ExtraNames:  # fmt: skip
-    """Return a take under the person's labels; points without get the name of the marker where they ride.
+    cloud: MarkerCloud, person: MarkerSubject, body: Body, progress: Progress = silent, kept: Collection[str] = ()
+) -> ExtraNames:
+    """Return a take under the person's labels; unnamed points get the name of the marker at their place.
 
     Args:
         cloud: labelled by the network.
-        person: from a calibration, with markers attached to bones.
-        body: that the person was calibrated on.
-        prior: decoder of poses.
-        like: array that sets kind, type and device.
-        progress: called as stages advance.
+        person: from a calibration on this body, with markers attached to bones.
         kept: names that the user assigned, which stay though the person has no such marker.
 
     Raises:
@@ -186,62 +166,48 @@ def named_extras(
     nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels, *kept})
     if not nameless.size:
         return ExtraNames(cloud, (), 0)
-    take = _take(cloud, nameless, person, body, prior, like, progress)
+    take = _take(cloud, nameless, person, body, progress)
     elsewhere = _elsewhere(cloud, person, take) - {*kept}
     # Where half of them are, it is the person who is another one, which the solve reports.
-    elsewhere = elsewhere if 2 * len(elsewhere) < len(set(person.labels) & set(cloud.labels or ())) else set[str]()
+    elsewhere = elsewhere if 2 * len(elsewhere) < len(set(person.labels) & set(cloud.names)) else set[str]()
     if elsewhere:
         nameless = nameless_columns(cloud, {*MARKERS, *elsewhere} - ({*person.labels, *kept} - elsewhere))
-        take = _take(cloud, nameless, person, body, prior, like, progress)
+        take = _take(cloud, nameless, person, body, progress)
     missing = missing_markers(cloud, person)
     missing[:, [m for m, label in enumerate(person.labels) if label in elsewhere]] = True
     found, doubtful = _matched(take, missing)
     which = np.where(take.chain >= 0, found[take.chain], -1)
     renamed = with_names(cloud, take.columns, which, person.labels)
-    return ExtraNames(renamed, _labels(found, person), int(doubtful.sum()))
+    named = sorted(set(found[found >= 0].tolist()))
+    return ExtraNames(renamed, tuple(person.labels[m] for m in named), int(doubtful.sum()))
 
 
 def with_extras(
-    person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array,
-    progress: Progress = silent,
-) -> MarkerSubject:  # fmt: skip
-    """Return the person with the markers that takes without labels show on bones, outside the network's places.
+    person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, progress: Progress = silent
+) -> MarkerSubject:
+    """Return the person with the further markers on bones that takes without labels show.
 
-    A marker has a name by its bone and a number (``LTHI_X1``). One that an earlier take showed is the same.
-
-    Args:
-        person: calibrated on the markers that have names in these takes.
-        clouds: the takes; points without names are looked at.
-        body: that the person was calibrated on.
-        prior: decoder of poses.
-        like: array that sets kind, type and device.
-        progress: called as stages advance.
+    A marker's name is its bone and a number (``LTHI_X1``). One that an earlier take showed is the same. The person is
+    calibrated on this body, on the markers that have names in these takes.
     """
     for cloud in clouds:
         nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels})
         if not nameless.size:
             continue
-        take = _take(cloud, nameless, person, body, prior, like, progress)
+        take = _take(cloud, nameless, person, body, progress)
         found, doubtful = _matched(take, missing_markers(cloud, person))
         person = _with_new(person, take, np.flatnonzero((found < 0) & ~doubtful), cloud.fps)
     return person
 
 
-def _extras(person: MarkerSubject) -> list[int]:
-    return [m for m, place in enumerate(person.places) if place.startswith(ON_BONE)]
-
-
-def _take(
-    cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, prior: AutoencodingPrior, like: Array,
-    progress: Progress,
-) -> _Take:  # fmt: skip
+def _take(cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, progress: Progress) -> _Take:
     """Return where the person's bones and markers are in a take, by the markers that have names."""
-    others = [i for i in range(len(cloud.labels or ())) if i not in nameless]
-    named = cloud.columns(others, tuple((cloud.labels or ())[i] for i in others))
-    part, columns = matched(person, named.labels or ())
+    like = np.zeros(1)
+    named = cloud.columns([i for i in range(len(cloud.names)) if i not in nameless])
+    part, columns = matched(person, named.names)
     worn, subject = named.columns(columns, part.labels), subject_of(part, body, like)
     measured = measured_at(worn, subject.landmarks, like, part.sigma_m)
-    problem = Problem.of(body, prior, assign_person(measured, subject, part.sigma_m))
+    problem = Problem.of(body, load_sposer(), assign_person(measured, subject, part.sigma_m))
     progress("Naming the other points", 0, 1)
     rough = rough_motion(problem, subject)
     poses = posed(problem.prior, rough.states)
@@ -262,23 +228,20 @@ def _take(
 
 
 def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[str]:
-    """Return labels of the person that points have which lie farther than ``MARGIN_M`` from where the body has them."""
+    """Return the person's labels whose points lie farther than ``MARGIN_M`` from their markers on the body."""
     found = set[str]()
     for m, label in enumerate(person.labels):
-        if label in (cloud.labels or ()):
-            points = cloud.positions[take.frames, (cloud.labels or ()).index(label)]
-            away = np.linalg.norm(points - take.expected[take.frames, m], axis=-1)
-            away = away[np.isfinite(away)]
-            found |= {label} if away.size and np.median(away) > MARGIN_M else set()
+        if label in cloud.names:
+            points = cloud.positions[take.frames, cloud.names.index(label)]
+            away = quantile(np.linalg.norm(points - take.expected[take.frames, m], axis=-1), 0.5, axis=0)
+            found |= {label} if away > MARGIN_M else set()
     return found
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) the person's marker that each chain of points is, -1 where none; and which are doubtful.
+    """Return (C,) the person's marker of each chain, -1 where none; and (C,) which chains are doubtful.
 
-    Args:
-        take: C chains.
-        missing: (F, L) where the person's markers are not seen under their names.
+    ``missing`` (F, L) says where the person's markers are not seen under their names.
     """
     tracks, taken = take.tracks, ~missing
     away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)
@@ -321,41 +284,28 @@ def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float
         found = _attached(points[:, m], take.bones)
         if m in props or found is None:
             continue
-        beside = [person.offsets[i] for i in _extras(person) if person.places[i] == found.place]
-        if beside and np.linalg.norm(found.offset - np.array(beside), axis=-1).min() < APART_M:
+        near = [offset for offset, place in zip(person.offsets, person.places, strict=True) if place == found.place]
+        if near and np.linalg.norm(found.offset - np.array(near), axis=-1).min() < APART_M:
             continue
-        person = replace(
-            person,
-            labels=(*person.labels, _new_name(found.place, person.labels)),
-            places=(*person.places, found.place),
-            offsets=np.concatenate([person.offsets, [found.offset]]),
-            sigma_m=np.append(person.sigma_m, np.clip(found.sigma_m, *SIGMA_RANGE_M)),
-            skin_m=np.append(person.skin_m, np.nan),
-        )
+        person = with_marker(person, _new_name(found.place, person.labels), found)
     return person
 
 
 def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
-    """Return the bone whose marker (K, 3) points are, None where none or too few show it.
+    """Return the bone of (K, 3) points, None where none or too few show it.
 
-    It is the one about whose offset they stay closest, with what its turn may be off between takes: ``s + TURN |o|``.
+    Unlike ``attach``, allow for the turn of a bone between takes: the bone with the least ``s + TURN |o|`` wins.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None
     offset, spread, reach = bone_offsets(points, bones.joints, bones.rotations)
     bone = int(np.argmin(np.where(reach < REACH_M, spread + TURN * reach, np.inf)))
-    if reach[bone] > REACH_M or spread[bone] > RESIDUAL_M:
-        return None
-    return Attachment.on_bone(bone, offset, spread)
+    fits = reach[bone] <= REACH_M and spread[bone] <= RESIDUAL_M
+    return Attachment.on_bone(bone, offset, spread) if fits else None
 
 
 def _new_name(place: str, taken: Sequence[str]) -> str:
-    """Return the bone's name and the first free number."""
     joint = place[len(ON_BONE) :]
     side, _, part = joint.partition("_")
     bone = side[0].upper() + _SIDED[part] if part else joint.upper()
     return next(name for k in range(1, len(taken) + 2) if (name := f"{bone}_X{k}") not in taken)
-
-
-def _labels(found: np.ndarray, person: MarkerSubject) -> tuple[str, ...]:
-    return tuple(person.labels[m] for m in sorted(set(found[found >= 0].tolist())))

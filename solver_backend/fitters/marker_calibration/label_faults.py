@@ -1,4 +1,4 @@
-"""Labels that another marker took for a while, and points where no marker can be: found by the body, corrected."""
+"""Wrong labels and ghost points of a take: found by the body, and corrected."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.errors import MarkersMirrored
 from solver_backend.fitters.marker_calibration.calibrate import varied_frames
-from solver_backend.fitters.marker_calibration.person_doubts import over_takes
+from solver_backend.fitters.marker_calibration.person_doubts import mirror_image, over_takes
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_to_points, posed
@@ -28,31 +28,28 @@ from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
 WINDOW_S = 0.1
-"""Hypotheses are compared over so long: one frame is noise."""
-SIGMA_M = 0.02
-"""How far a marker is from where the body and its neighbours have it, per axis, while poses are rough."""
-SCALE = 4.0
-"""Of Geman-McClure's penalty, in these."""
+"""Seconds over which hypotheses are compared: one frame is noise."""
+SIGMA_M, SCALE = 0.02, 4.0
+"""Deviation per axis of a marker from where the body and its neighbours have it while poses are rough, and the scale of
+Geman-McClure's penalty, in these."""
 GAIN = 3.0
-"""What a change of labels must gain by marker, in the mean of a window's frames, in halves of squared deviations."""
+"""Least gain of an exchange per marker, in the mean of a window's frames, in halves of squared deviations."""
 GHOST_M = 0.11
-"""A point so far from where its marker must be is none."""
+"""Least distance of a ghost from the expected place."""
 MOST_NAMED = 5
-"""Markers of a take that have a note each; of more a program's habit is the cause, which is one note."""
+"""Most markers of a take that get a diagnostic each. More have a program's habit as their cause, which is one note."""
 
 
 @dataclass(frozen=True)
 class LabelFault:
-    """A label that was wrong in a range of frames."""
+    """A wrong label in the frames ``first`` to ``last``."""
 
     marker: int
-    """Whose label it is."""
+    """Column of the label."""
     other: int
-    """The marker that had it; the same where it was none."""
+    """The marker that had it; the same where it was a ghost."""
     first: int
-    """First frame."""
     last: int
-    """Last frame."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +61,7 @@ class CleanedLabels:
     flags: np.ndarray
     """(F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
     faults: tuple[LabelFault, ...]
-    """What was found, by first frame."""
+    """By first frame."""
 
 
 def clean_labels(
@@ -73,15 +70,14 @@ def clean_labels(
     """Return the markers with exchanged labels corrected and ghosts left out.
 
     For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is what an
-    exchange of labels gains; where its mean over a window is large, they are exchanged. A label whose own marker is
+    exchange of labels gains. They are exchanged where its mean over a window is large. A label whose own marker is
     missing may simply be the other's.
 
     Args:
         points: (F, M, 3) metres, NaN where missing.
-        expected: (F, M, 3) where a body has the markers, roughly.
+        expected: (F, M, 3) approximate markers on the body.
         around: (M, n) neighbours of each.
         tested: (M,) bool: labels that may be wrong.
-        fps: frames per second.
     """
     points, flags, faults = points.copy(), np.zeros(points.shape[:2], np.uint8), []
     shifted = expected + shared_error(points - expected, around)
@@ -109,7 +105,7 @@ def clean_labels(
 
 
 def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (F, M, 3): how far the body is off around each marker, the median of its neighbours' (0 if unknown)."""
+    """Return (F, M, 3) how far the body is off around each marker: the median of its neighbours, 0 if unknown."""
     ordered = np.sort(off[:, around], axis=2)  # (F, M, n, 3); what is missing comes last
     count = np.maximum(np.isfinite(ordered).sum(axis=2, keepdims=True), 1)
     middle = [np.take_along_axis(ordered, place, 2) for place in ((count - 1) // 2, count // 2)]
@@ -117,7 +113,6 @@ def shared_error(off: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarray:
-    """Return (F,) what an exchange of two labels gains."""
     straight = _misfit(points[:, a] - expected[:, a]) + _misfit(points[:, b] - expected[:, b])
     return straight - _misfit(points[:, a] - expected[:, b]) - _misfit(points[:, b] - expected[:, a])
 
@@ -129,7 +124,6 @@ def _misfit(off: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
-    """Return the mean over the frames within a window."""
     total = np.concatenate([[0.0], np.cumsum(gain)])
     index = np.arange(len(gain))
     low, high = np.maximum(index - half, 0), np.minimum(index + half + 1, len(gain))
@@ -137,7 +131,7 @@ def _smoothed(gain: np.ndarray, half: int) -> np.ndarray:
 
 
 def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
-    """Return the part of a stretch, widened by what gains beside it, at whose ends an exchange gains."""
+    """Widen a frame range by the frames that also gain, and cut ends that do not."""
     while first > 0 and gain[first - 1] > 0:
         first -= 1
     while last < len(gain) - 1 and gain[last + 1] > 0:
@@ -150,13 +144,7 @@ def _trimmed(gain: np.ndarray, first: int, last: int) -> tuple[int, int]:
 
 
 def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: tuple[str, ...]) -> list[Diagnostic]:
-    """Return what was found as the motion records it, by first frame.
-
-    Args:
-        still: (F, M) bool: markers that stand still and are none.
-        faults: of the labels.
-        labels: of the M markers.
-    """
+    """Return the diagnostics of (F, M) markers that stand still and of wrong labels, by first frame."""
     found = [
         diagnostic("marker_still", markers=[labels[m]], frames=[run], remedy=Remedy.BRIDGED)
         for m in np.flatnonzero(still.any(axis=0))
@@ -174,7 +162,7 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
 
 
 def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
-    """Return the diagnostics, those of one code about more than ``MOST_NAMED`` markers as one with their count."""
+    """Return the diagnostics, with those of one code about more than ``MOST_NAMED`` markers merged into one."""
     items = list(found)
     for code in ("marker_ghost", "marker_still"):
         alike = [item for item in items if item.code == code]
@@ -188,40 +176,36 @@ def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
     return items
 
 
-WAIST = ("FWT", "BWT", "MWT", "GTR")
-SHOULDERS = ("SHO", "FSH", "BSH")
-LEGS = ("KNE", "KNM", "SHN", "TTB", "ANK", "ANM", "HEE", "TOE", "MT1", "MT5")
-ARMS = ("UPA", "ELB", "ELM")
-NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ("UPA", "ELB", "ELM")}
-"""Places of a limb that stay on its side of the body when limbs are crossed."""
+WAIST, SHOULDERS = ("FWT", "BWT", "MWT", "GTR"), ("SHO", "FSH", "BSH")
+LEGS, ARMS = ("KNE", "KNM", "SHN", "TTB", "ANK", "ANM", "HEE", "TOE", "MT1", "MT5"), ("UPA", "ELB", "ELM")
 TOES, HEELS = ("TOE", "MT1", "MT5"), ("HEE", "ANK", "ANM")
-"""Places without their side."""
+NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ARMS}
+"""Places of a limb that stay on its side of the body when limbs are crossed."""
 OF_CENTRES = {
     "hip": "FWT", "knee": "KNE", "ankle": "ANK", "heel": "HEE", "foot": "TOE", "big_toe": "TOE", "shoulder": "SHO",
     "elbow": "ELB",
 }  # fmt: skip
-"""The places of a skin that stand for joint centres and keypoints here."""
+"""Places on the skin that stand for joint centres and keypoints here."""
+_SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}
+"""Each side, the other one, and the sign of its direction."""
 LEAST_PAIRS = 2
-"""Pairs of a limb's markers that have to be there."""
+"""Least pairs of a limb's markers."""
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
-"""Sine of feet that point backwards; metres by which left legs are on the right, and in which share of the frames. In
-45 recordings the sine's median is above 0.5, and left legs are 0.12 m on the left in a quarter of the frames at
-least."""
+"""Sine of feet that point backwards, and metres by which left legs are on the right in this share of the frames. In 45
+recordings the sine's median is above 0.5, and left legs are at least 0.12 m on the left in a quarter of the frames."""
 INNER_M, FOOT_M = -0.015, 0.1
-"""Metres that the outer ankle lies on the inner side of the foot's axis in a leg of the other side, and at most. Of 320
-feet in 160 recordings it lies 27 to 58 mm on the outer side, but in one recording (btkdata's ADemo1) 4 on the inner."""
+"""Least and largest distance by which the outer ankle lies on the inner side of the foot's axis in a leg of the other
+side. Of 320 feet in 160 recordings it lies 27 to 58 mm on the outer side, in one (btkdata's ADemo1) 4 on the inner."""
 KNEE_BENT = 0.08
-"""Distance of a knee from the line between hip and ankle by its length, from which it shows where it bends: at 18
-degrees."""
+"""Least distance of a bent knee from the line between hip and ankle, by its length: 18 degrees."""
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     """Make sure that left legs and arms are on the left of waist and shoulders, and that feet point forward.
 
     With l from the right to the left side, u from the feet to the waist and f from heels to toes, ``(l × u) · f > 0``.
-    Joint centres without toes are compared by f from the middle of hip and ankle to the knee, which bends forwards, and
-    by f from the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its
-    ankle.
+    For joint centres without toes f goes from the middle of hip and ankle to the knee, which bends forwards, and from
+    the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its ankle.
 
     Args:
         points: (F, L, 3) metres, NaN where missing.
@@ -235,10 +219,10 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     for base, limb, which in ((WAIST, LEGS, "legs"), (SHOULDERS, ARMS, "arms")):
         own, beyond = (_lateral(points, column, places, least) for places, least in ((base, 1), (limb, LEAST_PAIRS)))
         if own is not None and beyond is not None and _usual((_unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
-            raise MarkersMirrored(
+            raise _mirrored(
                 f"The {which}' left markers are on the right of the body: their left and right labels are exchanged.",
-                where="markers", hint=f"Exchange L and R in the labels of the {which}.",
-            )  # fmt: skip
+                f"of the {which}",
+            )
         for side in "LR" if own is not None else "":
             _check_limb(points, column, base, [side + place for place in NEAR_BASE[which]], which[:-1])
     centres = tuple(names) != tuple(landmarks.names)
@@ -246,32 +230,28 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     if forward is None and centres:
         forward = _centres_forward(points, column)
     if forward is not None and _usual(forward) < MIRRORED:
-        what = "joint centres" if centres else "legs' markers"
-        raise MarkersMirrored(
-            f"The {what} are a mirror image of a body's: left and right "
-            "labels are exchanged, or an axis points the other way.", where="markers",
-            hint="Exchange L and R in the labels, or export the take with right-handed axes.",
-        )  # fmt: skip
+        raise mirror_image("joint centres" if centres else "legs' markers")
     if not centres:
         _check_ankles(points, column)
+
+
+def _mirrored(text: str, labels: str) -> MarkersMirrored:
+    return MarkersMirrored(text, where="markers", hint=f"Exchange L and R in the labels {labels}.")
 
 
 def _check_limb(
     points: np.ndarray, column: dict[str, int], base: Sequence[str], names: Sequence[str], limb: str
 ) -> None:
-    """Raise ``MarkersMirrored`` where one limb is on the other side of waist or shoulders in most frames."""
-    lateral, middle = _lateral(points, column, base, 1), _middle(points, column, base)
-    near = _mean(points, column, names)
+    lateral, near = _lateral(points, column, base, 1), _mean(points, column, names)
+    middle = _mean(points, column, _both([place for place in base if {"L" + place, "R" + place} <= column.keys()]))
     if lateral is None or middle is None or near is None:
         return
-    side = names[0][0]
-    outwards = (1.0 if side == "L" else -1.0) * (_unit(lateral) * (near - middle)).sum(-1)
-    if _usual(outwards, SIDES_SHARE) < CROSSED_M:
-        own, other = ("left", "right") if side == "L" else ("right", "left")
-        raise MarkersMirrored(
+    own, other, sign = _SIDES[names[0][0]]
+    if _usual(sign * (_unit(lateral) * (near - middle)).sum(-1), SIDES_SHARE) < CROSSED_M:
+        raise _mirrored(
             f"The {own} {limb}'s markers are on the {other} of the body: they are the {other} {limb}'s.",
-            where="markers", hint=f"Exchange L and R in the labels of this {limb}.",
-        )  # fmt: skip
+            f"of this {limb}",
+        )
 
 
 def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
@@ -279,7 +259,7 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
 
     With u from ankle to knee, h the heel and f from it to the toes, ``± (u × f) · (ankle - h) > 0`` of left and right.
     """
-    for side, sign in (("L", 1.0), ("R", -1.0)):
+    for side, (own, other, sign) in _SIDES.items():
         foot = [side + place for place in ("ANK", "HEE", "TOE")]
         above = next((side + place for place in ("KNE", "SHN", "TTB", "KNM") if side + place in column), None)
         if above is None or not set(foot) <= column.keys():
@@ -292,16 +272,14 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
         sound &= np.linalg.norm(ankle - heel, axis=-1) < np.linalg.norm(ankle - toe, axis=-1)
         outwards = np.where(sound & (abs(outwards) < FOOT_M), outwards, np.nan)
         if _usual(outwards) < INNER_M:
-            own, other = ("left", "right") if side == "L" else ("right", "left")
-            raise MarkersMirrored(
+            raise _mirrored(
                 f"The {own} leg's outer ankle is on the inner side of its foot: the markers are those of a {other} "
-                "leg, or an axis points the other way.", where="markers",
-                hint="Exchange L and R in the labels of this leg, or export the take with right-handed axes.",
-            )  # fmt: skip
+                "leg, or an axis points the other way.",
+                "of this leg, or export the take with right-handed axes",
+            )
 
 
 def _on_skin(name: str) -> str:
-    """Return the place on the skin that stands for a joint centre, any other place as it is."""
     side, _, part = name[1:].partition("_")
     if is_joint_centre(name) and part in OF_CENTRES:
         return side[0].upper() + OF_CENTRES[part]
@@ -344,17 +322,10 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
     """Return (F, 3) metres from the right to the left, the mean of pairs; None where there are too few."""
-    there = [place for place in places if {"L" + place, "R" + place} <= column.keys()]
-    pairs = [(column["L" + place], column["R" + place]) for place in there]
+    pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
     return np.mean([points[:, left] - points[:, right] for left, right in pairs], axis=0)
-
-
-def _middle(points: np.ndarray, column: dict[str, int], places: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) the middle of pairs of places; None without any."""
-    there = [place for place in places if {"L" + place, "R" + place} <= column.keys()]
-    return _mean(points, column, _both(there)) if there else None
 
 
 def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray | None:
@@ -364,7 +335,7 @@ def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray 
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) means of the places that are there; None where none is."""
+    """Return (F, 3) means of the known places; None where there is none."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -378,18 +349,17 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 
 def _usual(values: np.ndarray, share: float = 0.5) -> float:
-    """Return the quantile of what is known; 1 where nothing is."""
     known = values[np.isfinite(values)]
     return float(np.quantile(known, share)) if known.size else 1.0
 
 
 ELBOW_BENT = 0.35
-"""Sine of the elbow's bend from which on it shows: straight arms look bent by 0.3 where the elbow's marker is."""
+"""Least sine of the elbow's bend that shows: straight arms look bent by 0.3 where the elbow's marker is."""
 EXCHANGED = -0.3
 """Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
 more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_names.md)."""
 LEAST_FRAMES = 20
-"""Frames in which the elbow has to be bent."""
+"""Least frames with a bent elbow."""
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
@@ -398,11 +368,7 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
     Whichever way the hand turns, the thumb's side of the forearm is towards the upper arm, across the forearm: turned
     in and out by up to a right angle from there. With f from elbow to wrist and u from elbow to shoulder,
-    ``(x_A - x_B) · (u - (u · f) f) > 0``.
-
-    Args:
-        points: (F, L, 3) metres, NaN where missing.
-        places: of the L markers.
+    ``(x_A - x_B) · (u - (u · f) f) > 0``. The (F, L, 3) points are in metres, NaN where missing.
     """
     column = {place: i for i, place in enumerate(places)}
     pairs: list[tuple[int, int]] = []
@@ -419,11 +385,9 @@ def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[in
 
 
 def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
-    """Return takes whose wrists' markers have their own names, and what was changed.
+    """Return takes whose wrists' markers have their own names, and the changes.
 
-    Args:
-        clouds: labelled takes.
-        own: the user's place by label, which is not changed.
+    Places that the user gave, ``own``, are kept.
     """
     takes, changes = list(clouds), list[NameChange]()
     for number, cloud in enumerate(clouds):
@@ -439,8 +403,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
     """Return the median cosine of the wrist's line and the upper arm's direction across the forearm; 1 if unknown."""
-    forearm = 0.5 * (inner + outer) - elbow
-    forearm = forearm / np.maximum(np.linalg.norm(forearm, axis=-1, keepdims=True), 1e-9)
+    forearm = _unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
     size, line = np.linalg.norm(across, axis=-1), inner - outer
@@ -450,23 +413,18 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
 
 
 FRAMES = 16
-"""Varied frames that are looked at before a person is known."""
-OFF_M = 0.04
-"""Both markers are at least this far from their places, in the root of the mean square of the two."""
-EXCHANGE_LEAVES = 0.3
-"""An exchange leaves at most so much of the squared distances."""
+"""Varied frames to compare before a person is known."""
+OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
+"""Least root mean square distance of both markers from their places, and the largest share of the squared distances
+that an exchange leaves."""
 LEAST = 8
-"""Frames in which both markers are seen."""
+"""Least frames that show both markers."""
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
-    """Return pairs of markers that hold each other's labels, of a person who is not known yet: the mean one is fitted.
+    """Return pairs of markers that hold each other's labels, by a fit of the mean person to varied frames.
 
-    Markers of which the bone alone is known are nowhere expected, so none of them can be elsewhere.
-
-    Args:
-        problem: markers made ready.
-        like: array that sets kind, type and device.
+    Markers of which the bone alone is known have no expected place and are left out.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)
@@ -484,7 +442,7 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 
     Args:
         points: (S, M, 3) metres, NaN where missing.
-        expected: (S, M, 3) where a body has them.
+        expected: (S, M, 3) markers on the body.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)
@@ -507,11 +465,9 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 def named_alike(
     clouds: Sequence[MarkerCloud], own: Mapping[str, str]
 ) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
-    """Return takes whose names agree, and what the person's provenance records of it.
+    """Return takes whose names agree, and the changes for the person's provenance.
 
-    Args:
-        clouds: labelled takes.
-        own: the user's place by label, which is not changed.
+    Places that the user gave, ``own``, are kept.
     """
     wrists = with_wrists_named(clouds, own)
     named = names_over_takes(wrists.clouds, own)

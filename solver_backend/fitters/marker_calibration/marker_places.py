@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 
 from solver_backend.body.joint_names import is_joint_centre
@@ -14,30 +16,23 @@ from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
-"""How far a marker sits from its name's place at most, by the kind of place: of 1,900 markers in 60 recordings, wands
-on thighs and shanks reach 0.155, all others 0.13 and less, but for those of ``FREE_M``; chairs named like arms 0.4."""
+"""Largest distance of a marker from its name's place, by the kind of place: of 1,900 markers in 60 recordings, wands on
+thighs and shanks reach 0.155, all others 0.13 and less, except for ``FREE_M``; chairs named like arms 0.4."""
 FREE_M = {"BAC": 0.25, "SACR": 0.16}
-"""The same of places that are chosen freely: offset markers on the back, and wands on the sacrum."""
+"""The same of freely chosen places: offset markers on the back, and wands on the sacrum."""
 
 
 def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
-    """Return which markers sit too far from their places, the farthest first.
+    """Return the markers that sit too far from their places, by (M,) distances in metres, the farthest first.
 
-    Args:
-        places: of M markers; those of which the bone alone is known, and joint centres, are nowhere expected.
-        distance: (M,) metres from the places.
+    Markers with a bone alone, and joint centres, have no expected place.
     """
     far = [m for m, place in enumerate(places) if distance[m] > _farthest(place)]
     return sorted(far, key=lambda m: -distance[m])
 
 
 def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
-    """Return (M,) metres: each marker's offset from its place, and its median residual where it moves otherwise.
-
-    Args:
-        found: the calibration.
-        points: (F, M, 3) metres of the take, NaN where missing.
-    """
+    """Return (M,) metres: each marker's offset from its place, and its median residual where it moves otherwise."""
     away = np.linalg.norm(points[found.frames] - to_numpy(pose(found.subject, found.poses).points), axis=-1)
     residual = np.nan_to_num(quantile(away, 0.5, axis=0))
     return np.linalg.norm(to_numpy(found.subject.offsets), axis=-1) + residual
@@ -53,15 +48,16 @@ def _farthest(place: str) -> float:
 
 
 APART_M = 0.09
-"""Metres between a marker's places on its bone in two takes, at least. In four takes each of five of UI-PRMD's people
+"""Least distance of a marker's places on its bone in two takes, metres. In four takes each of five of UI-PRMD's people
 they differ by 11 to 20 mm (medians), shoulders by up to 85 as arms rise; between two of subject 5's both thighs'
 markers were moved, by 90 and 111 mm (120 nearer to the knee in the file too)."""
 STEADY = 0.25
-"""Of that distance, the median one around each take's own place at most: what wanders is no question of its name."""
+"""Largest median distance from a take's own place, as a share of that: a marker that wanders says nothing of its
+name."""
 _TWISTED = ("elbow", "wrist", "hand")
-"""Bones that markers do not fix well about their own axis: on a forearm places differ by 114 mm by its twist alone."""
+"""Bones that markers do not fix well about their own axis: a forearm's twist alone moves places by 114 mm."""
 LEAST_FRAMES = 4
-"""Frames of a take that have to show a marker."""
+"""Least frames of a take that show a marker."""
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:
@@ -73,7 +69,7 @@ def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray)
     Args:
         found: the calibration from several takes.
         points: (F, M, 3) metres of the takes one after the other, NaN where missing.
-        takes: (F,) number of the take of each frame.
+        takes: (F,) take of each frame.
     """
     subject, frames = found.subject, found.poses
     skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
@@ -82,23 +78,20 @@ def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray)
     away = points[found.frames] - joints[:, bones]
     local = (np.swapaxes(rotations[:, bones], -1, -2) @ away[..., None])[..., 0]
     take = takes[found.frames]
-    numbers = [number for number in np.unique(take) if (take == number).sum() >= LEAST_FRAMES]
-    places = np.stack([quantile(local[take == number], 0.5, axis=0) for number in numbers]) if numbers else local[:0]
+    numbers = [number for number in np.unique(take).tolist() if (take == number).sum() >= LEAST_FRAMES]
+    parts = [local[take == number] for number in numbers]
+    places = [quantile(part, 0.5, axis=0) for part in parts]
     around = [
-        quantile(np.linalg.norm(local[take == number] - place, axis=-1), 0.5, axis=0)
-        for number, place in zip(numbers, places, strict=True)
+        quantile(np.linalg.norm(part - place, axis=-1), 0.5, axis=0) for part, place in zip(parts, places, strict=True)
     ]
-    seen = [np.isfinite(local[take == number]).all(-1).sum(axis=0) >= LEAST_FRAMES for number in numbers]
+    seen = [np.isfinite(part).all(-1).sum(axis=0) >= LEAST_FRAMES for part in parts]
     doubts = []
-    names = subject.body.layout.joints
-    for m in range(points.shape[1]):
-        if names[bones[m]].endswith(_TWISTED):
-            continue
+    for m, bone in enumerate(bones):
         there = [i for i in range(len(numbers)) if seen[i][m]]
-        pairs = [(float(np.linalg.norm(places[a, m] - places[b, m])), a, b) for a in there for b in there if a < b]
-        if not pairs:
+        pairs = [(float(np.linalg.norm(places[a][m] - places[b][m])), a, b) for a, b in combinations(there, 2)]
+        if not pairs or subject.body.layout.joints[bone].endswith(_TWISTED):
             continue
         apart, a, b = max(pairs)
         if apart > APART_M and max(around[a][m], around[b][m]) < STEADY * apart:
-            doubts.append((m, apart, int(numbers[a]), int(numbers[b])))
+            doubts.append((m, apart, numbers[a], numbers[b]))
     return sorted(doubts, key=lambda doubt: -doubt[1])

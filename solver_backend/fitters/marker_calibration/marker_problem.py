@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
     is_unnamed,
@@ -22,7 +23,7 @@ from solver_backend.body.marker_names import (
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
+from solver_backend.fitters.marker_calibration.calibrate import SubjectCalibration, calibrate
 from solver_backend.fitters.marker_calibration.label_faults import (
     check_sides,
     clean_labels,
@@ -44,8 +45,8 @@ from solver_backend.fitters.marker_calibration.person_doubts import (
     doubts_of,
 )
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
-from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
-from solver_backend.fitters.marker_calibration.unknown_markers import Attachment, BonePoses, attach, loose_groups
+from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of, with_marker
+from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach, loose_groups
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.subject import pose
@@ -58,18 +59,17 @@ from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, Mark
 
 
 def marker_problem(
-    cloud: MarkerCloud, body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings, progress: Progress,
+    cloud: MarkerCloud,
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+    settings: SolveSettings,
+    progress: Progress,
     person: MarkerSubject | None = None,
-) -> Problem:  # fmt: skip
-    """Return what a solver starts from: the markers of a person whose shape and markers' places are known.
+) -> Problem:
+    """Return the problem of labelled markers on a calibrated person, with wrong labels corrected.
 
     Args:
-        cloud: labelled markers.
-        body: whose shape is sought.
-        prior: decoder of poses.
-        like: array that sets kind, type and device.
-        settings: of the solve.
-        progress: called as stages advance.
         person: from an earlier calibration; None calibrates on the take.
 
     Raises:
@@ -83,13 +83,10 @@ def marker_problem(
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
         doubts = [*doubt_joints(cloud, person), *doubts_of(person)]
-    person, columns = matched(person, cloud.labels or ())
+    person, columns = matched(person, cloud.names)
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
-
-    check_one_body(worn.positions, subject.landmarks, body, person.offsets)
-    check_handedness(worn.positions, subject.landmarks)
-    check_sides(worn.positions, subject.landmarks)
+    _check(worn.positions, subject.landmarks, body, person.offsets)
 
     def ready(markers: MarkerCloud) -> Problem:
         measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
@@ -103,13 +100,21 @@ def marker_problem(
     return replace(problem, measurements=replace(problem.measurements, provenance=record))
 
 
+def _check(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
+    check_one_body(points, landmarks, body, offsets)
+    check_handedness(points, landmarks)
+    check_sides(points, landmarks)
+
+
 def _cleaned(
-    problem: Problem, cloud: MarkerCloud, ready: Callable[[MarkerCloud], Problem], progress: Progress,
+    problem: Problem,
+    cloud: MarkerCloud,
+    ready: Callable[[MarkerCloud], Problem],
+    progress: Progress,
     found: list[Diagnostic],
-) -> Problem:  # fmt: skip
-    """Return the problem without the markers' wrong labels, and with what was found besides."""
+) -> Problem:
     points, subject = problem.measurements.points, problem.measurements.subject
-    assert subject is not None and cloud.labels is not None
+    assert subject is not None
     around = neighbours_of(points)
     still = frozen(points, around, cloud.fps)
     tested = jumping(points, around)
@@ -119,63 +124,62 @@ def _cleaned(
     rough = rough_motion(moving, subject)
     expected = to_numpy(pose(subject, posed(problem.prior, rough.states)).points)
     exchanged = exchanged_throughout(points[rough.frames], expected)
-    exchanged += _beside(exchanged, exchanged_wrists(points, subject.landmarks.names))
+    exchanged += _disjoint(exchanged, exchanged_wrists(points, subject.landmarks.names))
     if not (still.any() or tested.any() or exchanged or found):
         return replace(problem, measurements=replace(problem.measurements, rough=rough))
     for a, b in exchanged:
         points[:, [a, b]] = points[:, [b, a]]
-        found = [*found, _throughout(cloud, cloud.labels[a], cloud.labels[b])]
+        found = [*found, _throughout(cloud, cloud.names[a], cloud.names[b])]
     cleaned = clean_labels(points, rough_markers(moving, subject, rough), around, tested, cloud.fps)
     again = ready(moved_points(cloud, cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
     for item in found:
-        known = [cloud.labels.index(label) for label in item.where.markers if label in cloud.labels]
-        flags[:, known] |= MARKER_SWAPPED
-    diagnostics = gathered(merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)]))
+        flags[:, [cloud.names.index(label) for label in item.where.markers if label in cloud.names]] |= MARKER_SWAPPED
+    diagnostics = gathered(merge([*found, *diagnose_labels(still, cleaned.faults, cloud.names)]))
     provenance = {**again.measurements.provenance, "diagnostics": [item.as_dict() for item in diagnostics]}
     progress("Checking the labels", 1, 1)
     source = again.measurements.source
     assert isinstance(source, LocatedPoints)
     source = replace(source, flags=flags)
-    measured = replace(again.measurements, source=source, rough=rough, provenance=provenance)
-    return replace(again, measurements=measured)
+    return replace(again, measurements=replace(again.measurements, source=source, rough=rough, provenance=provenance))
 
 
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
-    """Return the cloud with its points under other labels: what is known of a point's error goes with it.
+    """Return the cloud with (F, L, 3) points that changed columns, each with its residual and covariance.
 
-    Args:
-        cloud: F frames of L markers.
-        points: (F, L, 3) the same points, some in another column; NaN where a marker is left out.
+    A marker that is left out is NaN.
     """
     if cloud.residual is None and cloud.covariance is None:
         return replace(cloud, positions=points)
     frame, column = np.nonzero((points != cloud.positions).any(-1) & np.isfinite(points).all(-1))
     same = (cloud.positions[frame] == points[frame, column][:, None]).all(-1)
+    found = same.any(-1)
 
-    def followed(values: np.ndarray | None) -> np.ndarray | None:
+    def follow(values: np.ndarray | None) -> np.ndarray | None:
         if values is None:
             return None
         moved = values.copy()
         moved[frame, column] = np.nan
-        found = same.any(-1)
         moved[frame[found], column[found]] = values[frame[found], same[found].argmax(-1)]
         return moved
 
-    residual, covariance = followed(cloud.residual), followed(cloud.covariance)
-    return replace(cloud, positions=points, residual=residual, covariance=covariance)
+    return replace(cloud, positions=points, residual=follow(cloud.residual), covariance=follow(cloud.covariance))
 
 
 def _throughout(cloud: MarkerCloud, *labels: str) -> Diagnostic:
-    """Return that two labels are exchanged in all of a take."""
     frames = [(0, len(cloud.positions) - 1)]
     return diagnostic("markers_exchanged", markers=sorted(labels), frames=frames, remedy=Remedy.REPAIRED)
 
 
 def calibrated(
-    clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings,
-    progress: Progress, provenance: dict[str, Any] | None = None,
-) -> MarkerSubject:  # fmt: skip
+    clouds: Sequence[MarkerCloud],
+    body: Body,
+    prior: AutoencodingPrior,
+    like: Array,
+    settings: SolveSettings,
+    progress: Progress,
+    provenance: dict[str, Any] | None = None,
+) -> MarkerSubject:
     """Return the person who wears the same markers in one or several takes.
 
     Raises:
@@ -187,112 +191,100 @@ def calibrated(
     given = places_given(settings.layout)
     by_side = places_by_side(cloud, given)
     own = {**given, **by_side}
-    names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
+    names = name_markers([label for label in cloud.names if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
     # The chosen labels alone may identify less than all together: their places go with them.
     own = {**names.known, **own}
-    problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
-    check_one_body(problem.measurements.points, problem.measurements.landmarks, body)
-    check_handedness(problem.measurements.points, problem.measurements.landmarks)
-    check_sides(problem.measurements.points, problem.measurements.landmarks)
-    labels, places = known.labels or (), problem.measurements.landmarks.names
-    pairs = exchanged_labels(problem, like)
-    wrists = exchanged_wrists(problem.measurements.points, places)
-    pairs += [(a, b) for a, b in _beside(pairs, wrists) if not {labels[a], labels[b]} & set(given)]
-    exchanged = [(labels[a], places[a], labels[b], places[b]) for a, b in pairs]
-    if exchanged:
-        for a, place_a, b, place_b in exchanged:
-            own = {**own, a: place_b, b: place_a}
-        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+
+    def ready() -> Problem:
+        return Problem.of(body, prior, measure_markers(known, body, like, own=own))
+
+    problem = ready()
+    points, landmarks = problem.measurements.points, problem.measurements.landmarks
+    _check(points, landmarks, body)
+    pairs, labels = exchanged_labels(problem, like), known.names
+    wrists = _disjoint(pairs, exchanged_wrists(points, landmarks.names))
+    pairs += [(a, b) for a, b in wrists if not {labels[a], labels[b]} & set(given)]
+    if pairs:
+        for a, b in pairs:
+            own = {**own, labels[a]: landmarks.names[b], labels[b]: landmarks.names[a]}
+        problem = ready()
+    exchanged = [sorted((labels[a], labels[b])) for a, b in pairs]
     found = calibrate(problem, like, settings, progress)
-    places, misplaced = problem.measurements.landmarks.names, list[tuple[str, str, float]]()
-    # Again after each: a name that is wrong bends the body, and hides others.
-    while far := off_place(places, off := distances(found, problem.measurements.points)):
-        if len(places) - len(far) < least_markers(places):
-            break
-        labels = known.labels or ()
-        misplaced += [(labels[m], places[m], round(float(off[m]), 3)) for m in far]
-        kept = [m for m in range(len(places)) if m not in far]
-        known = known.columns(kept, tuple(labels[m] for m in kept))
-        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
-        places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
-    doubled = list[tuple[str, float, int, int]]()
+    misplaced, doubled = list[dict[str, Any]](), list[dict[str, Any]]()
     takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
-    for _ in range(LEAST_MARKERS if len(clouds) > 1 else 0):
-        two = two_places(found, problem.measurements.points, takes)
-        if not two or len(places) - len(two) < least_markers(places):
+
+    def leave_out(gone: Collection[int]) -> bool:
+        """Calibrate again without some markers, if enough are left."""
+        nonlocal known, problem, found
+        places = problem.measurements.landmarks.names
+        if not gone or len(places) - len(gone) < least_markers(places):
+            return False
+        known = known.columns([m for m in range(len(places)) if m not in gone])
+        problem = ready()
+        found = calibrate(problem, like, settings, progress)
+        return True
+
+    # Again after each: a name that is wrong bends the body, and hides others.
+    while True:
+        places, off = problem.measurements.landmarks.names, distances(found, problem.measurements.points)
+        far, labels = off_place(places, off), known.names
+        if not leave_out(far):
             break
-        labels, gone = known.labels or (), {m for m, *_ in two}
-        doubled += [(labels[m], round(apart, 3), a + 1, b + 1) for m, apart, a, b in two]
-        kept = [m for m in range(len(places)) if m not in gone]
-        known = known.columns(kept, tuple(labels[m] for m in kept))
-        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
-        places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
-    record = {"frames": found.frames.tolist(), **(provenance or {})}
-    if by_side:
-        record[SIDE_FOUND] = [{"label": label, "place": place} for label, place in by_side.items()]
-    if doubled:
-        keys = ("label", "apart_m", "take", "other")
-        record[TWO_PLACES] = [dict(zip(keys, item, strict=True)) for item in doubled]
-    # What is left out after all, because it is exchanged in a part of the take, is not corrected.
-    if corrected := [sorted((a, b)) for a, _, b, _ in exchanged if not {a, b} & {label for label, *_ in misplaced}]:
-        record[EXCHANGED] = corrected
-    if misplaced:
-        keys = ("label", "place", "off_m")
-        record[MISPLACED] = [dict(zip(keys, item, strict=True)) for item in misplaced]
-    person = record_of(found.subject, known.labels or (), found.sigma_m, record)
-    return with_attached(person, found, cloud, (*names.unknown, *(label for label, *_ in misplaced)))
+        misplaced += [{"label": labels[m], "place": places[m], "off_m": round(float(off[m]), 3)} for m in far]
+    for _ in range(LEAST_MARKERS if len(clouds) > 1 else 0):
+        two, labels = two_places(found, problem.measurements.points, takes), known.names
+        if not leave_out({m for m, *_ in two}):
+            break
+        doubled += [{"label": labels[m], "apart_m": round(d, 3), "take": a + 1, "other": b + 1} for m, d, a, b in two]
+    sides = [{"label": label, "place": place} for label, place in by_side.items()]
+    away = {row["label"] for row in misplaced}
+    # Exchanged markers that are left out after all, because only a part of the take exchanges them, are not corrected.
+    corrected = [pair for pair in exchanged if not away & set(pair)]
+    doubts = {SIDE_FOUND: sides, TWO_PLACES: doubled, EXCHANGED: corrected, MISPLACED: misplaced}
+    record = {"frames": found.frames.tolist(), **(provenance or {})} | {
+        key: rows for key, rows in doubts.items() if rows
+    }
+    person = record_of(found.subject, known.names, found.sigma_m, record)
+    return _with_attached(person, found, cloud, {*names.unknown, *away})
 
 
-def _beside(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
-    """Return the further pairs that share no marker with those that are known."""
+def _disjoint(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the further pairs that share no marker with the first ones."""
     known = {m for pair in pairs for m in pair}
     return [pair for pair in more if not known & set(pair)]
 
 
-def with_attached(
-    person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Sequence[str]
+def _with_attached(
+    person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
     """Return the person with the markers of unknown labels that move with one of the bones, and are no prop's."""
     frames, subject = found.poses, found.subject
     skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
-    joints, rotations = to_numpy(skeleton.joints), to_numpy(skeleton.G)
-    added: dict[str, Attachment] = {}
-    columns = [column for column, label in enumerate(cloud.labels or ()) if label in unknown]
-    some = cloud.columns(columns, tuple((cloud.labels or ())[column] for column in columns))
-    some = MarkerCloud(some.positions[found.frames], some.fps, some.labels)
-    props = {columns[m] for group in loose_groups(some, BonePoses(joints, rotations)) for m in group.columns}
-    for column, label in enumerate(cloud.labels or ()):
-        if column in columns and column not in props:
-            attachment = attach(cloud.positions[found.frames, column], joints, rotations, named_bone(label))
-            added |= {} if attachment is None else {label: attachment}
-    if not added:
-        return person
-    sigma = [min(max(item.sigma_m, SIGMA_RANGE_M[0]), SIGMA_RANGE_M[1]) for item in added.values()]
-    return replace(
-        person,
-        labels=(*person.labels, *added),
-        places=(*person.places, *(item.place for item in added.values())),
-        offsets=np.concatenate([person.offsets, [item.offset for item in added.values()]]),
-        sigma_m=np.append(person.sigma_m, sigma),
-        skin_m=np.append(person.skin_m, np.full(len(added), np.nan)),
-    )
+    bones = BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
+    columns = [column for column, label in enumerate(cloud.names) if label in unknown]
+    some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
+    props = {m for group in loose_groups(some, bones) for m in group.columns}
+    for m, label in enumerate(some.names):
+        if m not in props and (marker := attach(some.positions[:, m], bones, named_bone(label))):
+            person = with_marker(person, label, marker)
+    return person
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
     """Return the frames of several takes one after the other; a marker that a take lacks is missing there."""
     if len(clouds) == 1:
         return clouds[0]
-    labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.labels or ()))
+    labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))
 
-    def of_all(values: Sequence[np.ndarray]) -> np.ndarray:
+    def join(values: Sequence[np.ndarray]) -> np.ndarray:
         parts = []
         for cloud, value in zip(clouds, values, strict=True):
             part = np.full((len(value), len(labels), *value.shape[2:]), np.nan)
-            part[:, [labels.index(label) for label in cloud.labels or ()]] = value[:, : len(cloud.labels or ())]
+            part[:, [labels.index(label) for label in cloud.names]] = value[:, : len(cloud.names)]
             parts.append(part)
         return np.concatenate(parts)
 
     known = [cloud.covariance for cloud in clouds if cloud.covariance is not None]
-    covariance = of_all(known) if len(known) == len(clouds) else None
-    return MarkerCloud(of_all([cloud.positions for cloud in clouds]), clouds[0].fps, labels, None, covariance)
+    covariance = join(known) if len(known) == len(clouds) else None
+    return MarkerCloud(join([cloud.positions for cloud in clouds]), clouds[0].fps, labels, None, covariance)

@@ -17,105 +17,76 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.labelling.names_over_takes import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 
-MISPLACED = "misplaced"
-"""Key in a person's provenance: labels with unused names, as ``label``, ``place`` (of the name) and ``off_m``."""
-TWO_PLACES = "two_places"
-"""Key of labels with different places in two takes: ``label``, ``apart_m``, and the numbers ``take`` and ``other``,
-from 1."""
-EXCHANGED = "exchanged"
-"""Key of pairs of labels that name each other's markers in all takes."""
-NAMES_OVER_TAKES = "names_over_takes"
-"""Key of names that are swapped in one take: ``take`` from 1, ``labels`` (one or two) and ``corrected``."""
-SIDE_FOUND = "side_found"
-"""Key of labels that name a limb without its side: ``label`` and the ``place`` that was found."""
+MISPLACED, TWO_PLACES, EXCHANGED = "misplaced", "two_places", "exchanged"
+"""Keys in a person's provenance: labels with unused names (``label``, ``place`` of the name, ``off_m``), labels with
+different places in two takes (``label``, ``apart_m``, numbers ``take`` and ``other`` from 1), and pairs of labels that
+name each other's markers in all takes."""
+NAMES_OVER_TAKES, SIDE_FOUND = "names_over_takes", "side_found"
+"""Keys of names that are swapped in one take (``take`` from 1, ``labels``, ``corrected``), and of labels that name a
+limb without its side (``label``, and the ``place`` that was found)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return which names of markers were not used, which markers were left out, and which sides were found."""
-    return [*_side_found(person), *_over_takes(person), *_misplaced(person), *_two_places(person)]
+    """Return the diagnostics of unused names, markers that were left out, and sides that were found."""
+    sides, over, off, two = (
+        person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
+    )
+    found: list[Diagnostic] = []
+
+    def add(code: str, rows: Sequence[dict[str, Any]], **values: Any) -> None:
+        labels = [label for row in rows for label in row.get("labels", [row.get("label")])]
+        found.extend([diagnostic(code, markers=labels, **values)] if rows else [])
+
+    add("limb_side_found", sides, basis="place", side="right" if sides and sides[0]["place"][0] == "R" else "left")
+    for code, wanted in (("names_exchanged_in_takes", True), ("names_differ_between_takes", False)):
+        rows = [row for row in over if row["corrected"] is wanted]
+        texts = [f"{' and '.join(row['labels'])} in take {row['take']}" for row in rows]
+        add(code, rows, places=", ".join(texts))
+    named = sum(not place.startswith(ON_BONE) for place in person.places) + len(off)
+    if 2 * len(off) >= named:
+        add("markers_of_nobody", off, count=len(off), named=named)
+    else:
+        texts = [f"{row['label']} as {row['place']} ({1000 * row['off_m']:.0f} mm)" for row in off]
+        add("markers_off_place", off, places=", ".join(texts))
+    texts = [
+        f"{row['label']} by {1000 * row['apart_m']:.0f} mm between takes {row['take']} and {row['other']}"
+        for row in two
+    ]
+    add("marker_in_two_places", two, places=", ".join(texts))
+    return found
 
 
 def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
-    """Return what a person's provenance records of names that single takes have the other way round."""
+    """Return the provenance of names that single takes have the other way round."""
     rows = [
-        {
-            "take": change.take + 1,
-            "labels": [label for label in (change.first, change.second) if label],
-            "corrected": change.mended,
-        }
-        for change in changes
+        {"take": c.take + 1, "labels": [label for label in (c.first, c.second) if label], "corrected": c.mended}
+        for c in changes
     ]
     return {NAMES_OVER_TAKES: rows} if rows else {}
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return which labels name each other's markers, which a solve of the take itself reports with its frames."""
+    """Return the labels that name each other's markers; a solve of the take itself reports them with frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
-
-
-def _side_found(person: MarkerSubject) -> list[Diagnostic]:
-    """Return on which side a limb is whose labels name none."""
-    found = person.provenance.get(SIDE_FOUND, ())
-    labels = [row["label"] for row in found]
-    side = "right" if found and found[0]["place"].startswith("R") else "left"
-    return [diagnostic("limb_side_found", basis="place", markers=labels, side=side)] if found else []
-
-
-def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
-    """Return that names of markers were not used."""
-    found = person.provenance.get(MISPLACED, ())
-    if not found:
-        return []
-    labels = [row["label"] for row in found]
-    named = sum(not place.startswith(ON_BONE) for place in person.places) + len(found)
-    if 2 * len(found) >= named:
-        return [diagnostic("markers_of_nobody", markers=labels, count=len(found), named=named)]
-    texts = [f"{row['label']} as {row['place']} ({1000 * row['off_m']:.0f} mm)" for row in found]
-    return [diagnostic("markers_off_place", markers=labels, places=", ".join(texts))]
-
-
-def _two_places(person: MarkerSubject) -> list[Diagnostic]:
-    """Return that markers were left out since they are elsewhere in another take."""
-    found = person.provenance.get(TWO_PLACES, ())
-    texts = [
-        f"{row['label']} by {1000 * row['apart_m']:.0f} mm between takes {row['take']} and {row['other']}"
-        for row in found
-    ]
-    labels = [row["label"] for row in found]
-    return [diagnostic("marker_in_two_places", markers=labels, places=", ".join(texts))] if found else []
-
-
-def _over_takes(person: MarkerSubject) -> list[Diagnostic]:
-    """Return which names were exchanged in single takes, and which takes differ without a decision."""
-    found = person.provenance.get(NAMES_OVER_TAKES, ())
-    diagnostics: list[Diagnostic] = []
-    for code, wanted in (("names_exchanged_in_takes", True), ("names_differ_between_takes", False)):
-        rows = [row for row in found if row["corrected"] is wanted]
-        texts = [f"{' and '.join(row['labels'])} in take {row['take']}" for row in rows]
-        labels = [label for row in rows for label in row["labels"]]
-        diagnostics += [diagnostic(code, markers=labels, places=", ".join(texts))] if rows else []
-    return diagnostics
 
 
 WIDEST = 0.64
 """Distance of the hips by the length of a thigh: 0.40 in an inertial suit's skeleton, 0.3 to 0.45 in bodies, 0.52 in
 detections; markers on the outer hip or the waist have 0.7 and more."""
 FAR_M = 0.025
-"""A calibrated limb joint this far from the body's is none: an inertial suit's differ by up to 11 mm, markers on the
-skin by 40 and more."""
+"""Least distance of a false joint centre from the body's: an inertial suit's differ by up to 11 mm, markers on the skin
+by 40 and more."""
 STRANGE = 4.0
-"""Deviations of a shape coefficient that no person has: a suit's skeleton gives 1.3, markers on waist and knees that
+"""Least shape deviation that no person has: a suit's skeleton gives 1.3, markers on waist and knees that
 are named hips and knees 6.5, where their width alone passes for a body's."""
 _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return that points with a skeleton's names are no joint centres, by their distances, the fit or the shape.
+    """Return the diagnostic that points with a skeleton's names are no joint centres, by distances, fit or shape.
 
-    Args:
-        cloud: the take.
-        person: as calibrated on it.
+    The person is as calibrated on the take.
     """
     if not any(is_joint_centre(place) for place in person.places):
         return []
@@ -131,34 +102,28 @@ def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
 
 def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
     """Return the distance of the hips by the length of a thigh, the median of the frames; 0 where it is not known."""
-    labels, needed = cloud.labels or (), ("left_hip", "right_hip", "left_knee", "right_knee")
     label_of = {place[1:]: label for place, label in zip(person.places, person.labels, strict=True)}
-    if not all(label_of.get(name) in labels for name in needed):
+    needed = [label_of.get(name) for name in ("left_hip", "right_hip", "left_knee", "right_knee")]
+    if not all(label in cloud.names for label in needed):
         return 0.0
-    left, right, left_knee, right_knee = (cloud.positions[:, labels.index(label_of[name])] for name in needed)
+    left, right, left_knee, right_knee = (cloud.positions[:, cloud.names.index(str(label))] for label in needed)
     thigh = 0.5 * (np.linalg.norm(left_knee - left, axis=-1) + np.linalg.norm(right_knee - right, axis=-1))
-    ratio = np.linalg.norm(left - right, axis=-1) / np.maximum(thigh, 1e-9)
-    ratio = ratio[np.isfinite(ratio)]
-    return float(np.median(ratio)) if ratio.size else 0.0
+    return float(np.nan_to_num(quantile(np.linalg.norm(left - right, axis=-1) / np.maximum(thigh, 1e-9), 0.5, axis=0)))
 
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
-"""Places that stay nearly rigid to each other, without their side."""
+"""Places without their side that stay nearly rigid to each other."""
 LEAST, MIRROR_FRAMES = 5, 40
-"""Markers of the trunk, and frames, that are looked at."""
+"""Least markers of the trunk, and frames to compare."""
 SHARE = 0.75
-"""A mirror image fits by so much better, in the median of the frames."""
+"""Largest median share of the error that a mirror image leaves."""
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
     """Make sure that the trunk's markers are no mirror image of where a body has them.
 
     Each frame's markers are laid over those of the rest pose by a rotation, and by a rotation with a reflection (Kabsch
-    1976, with and without the sign of the determinant).
-
-    Args:
-        points: (F, L, 3) metres, NaN where missing.
-        landmarks: the L places.
+    1976, with and without the sign of the determinant). The (F, L, 3) points are in metres, NaN where missing.
 
     Raises:
         MarkersMirrored: the reflection fits much better.
@@ -176,29 +141,34 @@ def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
     improper = 2 * S[:, :2].sum(axis=1) - proper
     straight, mirrored = (np.sqrt(np.maximum(power - 2 * fit, 0)) for fit in (proper, improper))
     if np.median(mirrored / np.maximum(straight, 1e-9)) < SHARE:
-        raise MarkersMirrored(
-            "The markers of the trunk are a mirror image of a body's: left and right labels are exchanged, or an axis "
-            "points the other way.", where="markers",
-            hint="Exchange L and R in the labels, or export the take with right-handed axes.",
-        )  # fmt: skip
+        raise mirror_image("markers of the trunk")
+
+
+def mirror_image(what: str) -> MarkersMirrored:
+    """Return the error that markers are a mirror image of a body's."""
+    return MarkersMirrored(
+        f"The {what} are a mirror image of a body's: left and right labels are exchanged, or an axis points the other "
+        "way.",
+        where="markers",
+        hint="Exchange L and R in the labels, or export the take with right-handed axes.",
+    )
 
 
 DISTANCE_FRAMES = 60
-"""Frames at most in which distances are measured."""
-LEAST_GROUP = 3
-"""Markers of a group that is more than wrong labels; those are found by the fit."""
+"""Most frames in which distances are measured."""
+LEAST_GROUP, NEAREST = 3, 5
+"""Least markers of a group: the fit finds single wrong labels. Pairs across the gap that test it, the nearest on a
+body."""
 LARGEST, SLACK_M = 1.45, 0.15
-"""How much larger than the average body a person is at most (2.45 m), and by how much more markers are off their
-places: real bodies' nearest places come no nearer to this than half, two halves 0.6 m apart exceed it."""
-NEAREST = 5
-"""Pairs across the gap by which it is tested: those that are nearest on a body."""
+"""Largest person by the average body (2.45 m), and the distance by which markers may exceed it: real bodies' nearest
+places come no nearer to this than half, two halves 0.6 m apart exceed it."""
 
 
 def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
     """Make sure that the markers are not two groups that are farther apart than a body reaches.
 
-    The groups are those that the longest edge of the minimum spanning tree of the median distances parts. They are of
-    different bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than
+    The longest edge of the minimum spanning tree of the median distances separates the groups. They are of different
+    bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than
     ``LARGEST d + SLACK_M``.
 
     Args:
@@ -226,9 +196,10 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
         one, two = ([landmarks.names[m] for m in known[which]] for which in (parts, ~parts))
         raise MarkersUnknown(
             f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {listed(one)} and "
-            f"{listed(two)}.", where="markers",
+            f"{listed(two)}.",
+            where="markers",
             hint="They are of two people or things: give each a prefix of its own, or leave one out with `layout`.",
-        )  # fmt: skip
+        )
 
 
 def _parted(distance: np.ndarray) -> np.ndarray:
@@ -251,7 +222,7 @@ def _parted(distance: np.ndarray) -> np.ndarray:
 
 
 def _along_skeleton(landmarks: Landmarks, body: Body, offsets: np.ndarray | float) -> np.ndarray:
-    """Return (L, L) metres from place to place along the skeleton: to the joint, the way from joint to joint, back."""
+    """Return (L, L) metres from place to place: to the joint, along the skeleton, and out again."""
     places, carriers = landmarks.anchors.sum(axis=1) + offsets, np.argmax(landmarks.weights, axis=1)
     joints, parents = body.joints_template, body.parents
     way = np.zeros((len(joints), len(joints)))

@@ -1,4 +1,4 @@
-"""Where a known person's markers are, roughly: single frames a tenth of a second apart, and the way between them."""
+"""Rough marker positions of a known person: single frames a tenth of a second apart, interpolated."""
 
 from __future__ import annotations
 

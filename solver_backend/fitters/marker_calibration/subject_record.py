@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,8 @@ from solver_backend.body.marker_names import least_markers
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, skin_normals
 from solver_backend.exchange.errors import SubjectInvalid
 from solver_backend.exchange.version import VERSION
+from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M
+from solver_backend.fitters.marker_calibration.unknown_markers import Attachment
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.types import MarkerSubject, Motion
@@ -24,40 +27,43 @@ def record_of(
     """Return the record of a person whose landmarks are the markers of these labels."""
     places, offsets = subject.landmarks.names, to_numpy(subject.offsets)
     skin = MARKER_OFFSET_M + (skin_normals(subject.body, places) * offsets).sum(-1)
-    on_bone = np.array([place.startswith(ON_BONE) or is_joint_centre(place) for place in places])
-    return MarkerSubject(
-        body=subject.body.id,
-        betas=to_numpy(subject.betas),
-        labels=labels,
-        places=places,
-        offsets=offsets,
-        sigma_m=sigma_m,
-        skin_m=np.where(on_bone, np.nan, skin),
-        provenance={"solver": VERSION, **provenance},
+    skin[[place.startswith(ON_BONE) or is_joint_centre(place) for place in places]] = np.nan
+    record = {"solver": VERSION, **provenance}
+    return MarkerSubject(subject.body.id, to_numpy(subject.betas), labels, places, offsets, sigma_m, skin, record)
+
+
+def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> MarkerSubject:
+    """Return the person with a further marker on a bone."""
+    return replace(
+        person,
+        labels=(*person.labels, label),
+        places=(*person.places, marker.place),
+        offsets=np.concatenate([person.offsets, [marker.offset]]),
+        sigma_m=np.append(person.sigma_m, np.clip(marker.sigma_m, *SIGMA_RANGE_M)),
+        skin_m=np.append(person.skin_m, np.nan),
     )
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
     """Return the person of an earlier solve from markers; None where the motion has none."""
-    if motion.offsets is None or motion.marker_labels is None or motion.layout is None or motion.marker_sigma is None:
+    labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
+    if offsets is None or labels is None or places is None or sigma is None:
         return None
-    unknown = np.full(len(motion.marker_labels), np.nan)
-    return MarkerSubject(
-        motion.body, motion.betas, motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma, unknown
-    )
+    return MarkerSubject(motion.body, motion.betas, labels, places, offsets, sigma, np.full(len(labels), np.nan))
 
 
 def subject_of(record: MarkerSubject, body: Body, like: Array) -> Subject:
     """Return the person of a record, with its markers as landmarks.
 
     Raises:
-        SubjectInvalid: the record is of another body, or a place is none.
+        SubjectInvalid: the record is of another body, or has a marker at an unknown place.
     """
     if record.body != body.id:
         raise SubjectInvalid(
-            f"The subject was calibrated on the body {record.body!r}, the solve is for {body.id!r}.", where="subject",
+            f"The subject was calibrated on the body {record.body!r}, the solve is for {body.id!r}.",
+            where="subject",
             hint="Solve with --body of the subject, or calibrate again on this body.",
-        )  # fmt: skip
+        )
     try:
         landmarks = marker_landmarks(body, record.places)
     except (KeyError, ValueError) as error:
@@ -77,20 +83,15 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     """
     # The label itself goes first: parts of one person may have a Marker1 each.
     columns = {key(label): i for key in (label_key, str) for i, label in reversed(list(enumerate(labels)))}
-    found = [
-        (m, columns[key])
-        for m, label in enumerate(record.labels)
-        if (key := label if label in columns else label_key(label)) in columns
-    ]
+    keys = [label if label in columns else label_key(label) for label in record.labels]
+    kept = [m for m, key in enumerate(keys) if key in columns]
     least = least_markers(record.places)
-    if len(found) < least:
+    if len(kept) < least:
         raise SubjectInvalid(
-            f"Only {len(found)} of the subject's {len(record.labels)} markers are in the take; {least} are "
-            "needed.", where="subject", hint="Choose the subject of this person and layout, or calibrate on the take.",
-        )  # fmt: skip
-    kept = [m for m, _ in found]
-    part = MarkerSubject(
-        record.body, record.betas, tuple(labels[i] for _, i in found), tuple(record.places[m] for m in kept),
-        record.offsets[kept], record.sigma_m[kept], record.skin_m[kept], record.provenance,
-    )  # fmt: skip
-    return part, [i for _, i in found]
+            f"Only {len(kept)} of the subject's {len(keys)} markers are in the take; {least} are needed.",
+            where="subject",
+            hint="Choose the subject of this person and layout, or calibrate on the take.",
+        )
+    found, places = [columns[keys[m]] for m in kept], tuple(record.places[m] for m in kept)
+    own = {name: getattr(record, name)[kept] for name in ("offsets", "sigma_m", "skin_m")}
+    return replace(record, labels=tuple(labels[i] for i in found), places=places, **own), found

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
@@ -15,27 +16,24 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
 LEAST_MARKERS = 3
-"""Fewer have no orientation."""
-STRAYS_M = 0.006
-"""A distance of a rigid body stays so near to its median in ``SHARE`` of the frames: markers of 2 mm noise per axis
+"""Least markers of a prop: fewer have no orientation."""
+STRAYS_M, SHARE = 0.006, 0.95
+"""A distance of a rigid body stays so near to its median in this share of the frames: markers of 2 mm noise per axis
 stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
-SHARE = 0.95
 MOVES_M = 0.05
-"""A group whose markers stay nearer than so to one place all along is no prop but part of the room."""
+"""Least distance that a prop's marker moves from its usual place; what moves less is part of the room."""
 LEAST_FRAMES, FRAMES = 15, 400
-"""Frames in which two markers must be seen together, and frames of a take that are looked at."""
+"""Least frames that show two markers together, and most frames of a take to use."""
 MOST = 100
-"""Markers that are looked at, those seen most: distances of all pairs are formed."""
+"""Most markers to compare, those seen most: distances of all pairs are formed."""
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
     """Return groups of three or more markers that keep their distances and move, the largest first.
 
-    Each is a clique, grown from the marker that keeps its distance to most others by whichever fits the most members;
-    a marker that was never seen beside a member must fit three others.
-
-    Args:
-        points: (F, N, 3) metres, NaN where missing.
+    Each is a clique, grown from the marker that keeps its distance to most others by whichever fits the most members.
+    A marker that was never seen together with a member must fit three others. The (F, N, 3) points are in metres,
+    NaN where missing.
     """
     frames = np.unique(np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int))
     seen = np.isfinite(points).all(-1)
@@ -52,7 +50,7 @@ def rigid_groups(points: np.ndarray) -> list[list[int]]:
 
 
 def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) whether distances are constant, and whether two markers are seen together often enough."""
+    """Return (N, N) which distances are constant, and which pairs are seen together often enough."""
     count = points.shape[1]
     constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
     for m in range(count):
@@ -65,41 +63,35 @@ def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _clique(constant: np.ndarray, together: np.ndarray, left: list[int]) -> list[int]:
-    """Return a clique among the markers that are left, grown from the best connected one."""
     degree = constant[np.ix_(left, left)].sum(axis=0)
     group = [left[int(degree.argmax())]]
     while True:
         fits = constant[group].sum(axis=0)
-        fitting = [
-            m
-            for m in left
-            if m not in group and not (together[m, group] & ~constant[m, group]).any()
-            and fits[m] >= min(len(group), LEAST_MARKERS)
-        ]  # fmt: skip
+        apart = (together[:, group] & ~constant[:, group]).any(axis=1)
+        least = min(len(group), LEAST_MARKERS)
+        fitting = [m for m in left if m not in group and not apart[m] and fits[m] >= least]
         if not fitting:
             return group
         group.append(max(fitting, key=lambda m: (fits[m], degree[left.index(m)])))
 
 
 def _moves(points: np.ndarray) -> bool:
-    """Return whether some of (F, M, 3) points leave the place where they usually are."""
     away = np.linalg.norm(points - quantile(points, 0.5, axis=0), axis=-1)
     return bool(np.nanmax(quantile(away, 0.98, axis=0)) > MOVES_M)
 
 
 LEAST_FRAMES_OF_BONE = 8
-"""Frames in which a marker must be seen to identify its bone."""
-RESIDUAL_M = 0.03
-"""A marker that stays no closer to any bone's frame is worn by nobody (a wand, another person, a ghost)."""
-REACH_M = 0.45
-"""Nor is one that is so far from its bone's joint."""
+"""Least frames that show a marker to identify its bone."""
+RESIDUAL_M, REACH_M = 0.03, 0.45
+"""Largest distance of a worn marker from its usual place on the bone, and of that place from the bone's joint. A wand,
+another person or a ghost exceeds them."""
 _MEDIAN_LENGTH = 1.54
-"""Standard deviations per axis that are the median length of a three-dimensional Gaussian."""
+"""Median length of a three-dimensional Gaussian, in standard deviations per axis."""
 
 
 @dataclass(frozen=True)
 class Attachment:
-    """What a marker moves with."""
+    """Bone of a marker."""
 
     place: str
     """``@`` and the name of the bone's joint."""
@@ -110,36 +102,46 @@ class Attachment:
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
-        """Return what ``bone_offsets`` has of one bone: its offset (22, 3), and its median distance (22,) from that."""
+        """Return the attachment to one bone, of the offsets (22, 3) and median distances (22,) of ``bone_offsets``."""
         return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
-def attach(
-    points: np.ndarray, joints: np.ndarray, rotations: np.ndarray, named: str | None = None
-) -> Attachment | None:
+@dataclass(frozen=True)
+class BonePoses:
+    """Bones of the person in F frames."""
+
+    joints: np.ndarray
+    """(F, 24, 3) metres."""
+    rotations: np.ndarray
+    """(F, 24, 3, 3) global rotations."""
+
+    def carry(self, points: np.ndarray) -> bool:
+        """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""
+        offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
+        spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
+        return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
+
+
+def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
     """Return the bone to which a marker has the most constant offset; None where it has none.
 
-    For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, the median of each axis, which single wrong points
-    do not move; the bone around whose offset the marker stays closest has it. Where another bone is as good within the
-    noise, the one whose joint is nearest is taken.
+    For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, per axis, which single wrong points do not move.
+    The marker belongs to the bone with the smallest median distance from the offset. Where several bones are equally
+    good within the noise, the bone with the nearest joint is taken.
 
     Args:
         points: (F, 3) metres, NaN where missing.
-        joints: (F, 24, 3) metres.
-        rotations: (F, 24, 3, 3) global rotations of the bones.
-        named: joint of the bone that the marker's label names, the only one that it may be on.
+        named: joint of the bone that the marker's label names, the only one allowed.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES_OF_BONE:
         return None
-    offset, spread, reach = bone_offsets(points, joints, rotations)
+    offset, spread, reach = bone_offsets(points, bones.joints, bones.rotations)
     spread = np.where(reach > REACH_M, np.inf, spread)
     if named is not None:
         spread = np.where(np.arange(len(spread)) == SMPL_JOINTS.index(named), spread, np.inf)
     near = np.flatnonzero(spread <= 1.1 * spread.min() + 1e-4)
     best = int(near[np.argmin(reach[near])])
-    if not spread[best] < RESIDUAL_M:
-        return None
-    return Attachment.on_bone(best, offset, spread)
+    return Attachment.on_bone(best, offset, spread) if spread[best] < RESIDUAL_M else None
 
 
 def bone_offsets(
@@ -167,7 +169,7 @@ _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "F
 """Words of labels that name no part of a body."""
 _FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
-"""Letters that markers' labels have in common from which on these are a prop's name."""
+"""Least letters that markers' labels share to be a prop's name."""
 
 
 @dataclass(frozen=True)
@@ -175,37 +177,20 @@ class LooseGroup:
     """Markers of one prop."""
 
     name: str
-    """The prefix or the beginning that their labels share; else a number."""
+    """The shared prefix or beginning of their labels, or else a number."""
     columns: tuple[int, ...]
     """Their columns in the cloud."""
 
 
-@dataclass(frozen=True)
-class BonePoses:
-    """Where the bones of the person are in F frames."""
-
-    joints: np.ndarray
-    """(F, 24, 3) metres."""
-    rotations: np.ndarray
-    """(F, 24, 3, 3) global rotations."""
-
-    def carry(self, points: np.ndarray) -> bool:
-        """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""
-        offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
-        spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
-        return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
-
-
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
-    """Return the groups of markers that move as rigid bodies, markers of one prefix with one another.
+    """Return the groups of markers that move as rigid bodies, each within one prefix.
 
     Args:
-        cloud: labelled markers that are no known places of a body.
-        bones: of the person in these frames; groups that one of them carries are left out.
+        cloud: markers at no known place of a body.
+        bones: of the person in these frames; groups that a bone carries are left out.
     """
-    labels = cloud.labels or ()
+    labels, found = cloud.names, list[LooseGroup]()
     prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]
-    found = list[LooseGroup]()
     for prefix in dict.fromkeys(prefixes):
         own = [i for i, name in enumerate(prefixes) if name == prefix]
         for group in rigid_groups(cloud.positions[:, own]):
@@ -227,7 +212,9 @@ def _name(labels: list[str], number: int) -> str:
     prefix = labels[0].rpartition(SEPARATOR)[0].strip()
     if any(is_unnamed(label) for label in labels):
         return f"Prop {number}"
-    shared = _beginning([label.rpartition(SEPARATOR)[2].strip() for label in labels]).rstrip(" _-.0123456789")
+    texts = [label.rpartition(SEPARATOR)[2].strip() for label in labels]
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*texts, strict=False))
+    shared = "".join(letters[0] for letters in alike).rstrip(" _-.0123456789")
     return prefix or (shared if len(shared) >= LEAST_NAME else f"Prop {number}")
 
 
@@ -246,15 +233,7 @@ def _names_a_part(group: set[str]) -> bool:
 
 
 def mirrored_labels(label: str) -> set[str]:
-    """Return what the same place on the other side may be called: the first or last L, R, left or right turned."""
+    """Return possible labels of the same place on the other side: the first or last L, R, left or right is turned."""
     prefix, colon, name = label.rpartition(SEPARATOR)
     turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
     return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}
-
-
-def _beginning(texts: list[str]) -> str:
-    """Return what texts begin with alike."""
-    count = next(
-        (n for n, letters in enumerate(zip(*texts, strict=False)) if len(set(letters)) > 1), min(map(len, texts))
-    )
-    return texts[0][:count]

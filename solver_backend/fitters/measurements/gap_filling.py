@@ -9,23 +9,20 @@ from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, LOOKED_AT = 4, 12
-"""Nearest markers that are seen from one end of a gap to the other, and of how many."""
+"""Markers that predict a gap, seen from one end to the other, and the nearest ones to choose from."""
 FRAMES = 60
 """Frames in which distances are measured; chosen by hand."""
-NOISE = 0.1
-"""Share of a neighbour's variance that is its own."""
-DOUBT = 2.0
-"""Stretches' worth of evidence that markers move independently."""
-TIMES, STRETCHES = 6, 6
-"""Times in a gap at which markers are compared, and stretches of its length that begin in one length ..."""
-MOST_STRETCHES = 240
-"""... and in the take: a gap does not take longer in a longer one."""
+NOISE, DOUBT = 0.1, 2.0
+"""Share of a neighbour's variance that is its own, and evidence that markers move independently, in stretches."""
+TIMES, STRETCHES, MOST_STRETCHES = 6, 6, 240
+"""Times in a gap at which markers are compared, stretches that begin in one gap's length, and in the take: a gap does
+not take longer in a longer one."""
 LEAST, MOST_M = 4, 0.05
-"""Stretches without which nothing is learned, and the most that neighbours may add, metres."""
+"""Least stretches to learn from, and the most that neighbours may add, metres."""
 
 
 def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
-    """Return (M, M - 1): for each of (F, M, 3) points the others, by the median distance in frames spread over all."""
+    """Return (M, M - 1) the other points of each of (F, M, 3), nearest first by the median distance."""
     some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))]
     distance = np.median(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), axis=0)
     np.fill_diagonal(distance, np.inf)
@@ -33,9 +30,9 @@ def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
 
 
 def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
-    """Return (n, 3) what a marker is off in a gap beyond what joins its ends, in metres.
+    """Return (n, 3) metres that a marker is off in a gap beyond the curve that joins its ends.
 
-    With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, what is left of the error d between two frames a and b (see
+    With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the rest of the error d between two frames a and b (see
     ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances of
     such rests in all stretches of the gap's length, each of the pairs from where both are seen, drawn to 0 by
     ``DOUBT``.
@@ -45,7 +42,7 @@ def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: floa
     Args:
         off: (F, 1 + K, 3) errors of the marker and of others, the nearest first, in the frame of its bone, NaN where
             missing.
-        gap: its first and last frame; the frames beside it show the marker.
+        gap: its first and last frame; the neighbouring frames show the marker.
         lasting: how long errors last, frames.
     """
     first, last = gap
@@ -75,10 +72,7 @@ def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: floa
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
     """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``: the share of a gap's first end at times 1..n.
 
-    Args:
-        times: frames since the first end.
-        length: n.
-        lasting: τ in frames.
+    ``length`` is n and ``lasting`` τ, in frames.
     """
     away, span = times / lasting, (length + 1) / lasting
     return np.exp(-away) * np.expm1(-2 * (span - away)) / np.expm1(-2 * span)  # no long gap overflows
@@ -87,7 +81,7 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
 def _rests(
     off: np.ndarray, columns: np.ndarray, step: int, count: int, times: np.ndarray, length: int, lasting: float
 ) -> np.ndarray:
-    """Return (S, T, K, 3): what errors in K columns leave beside what joins the ends of S stretches, a step apart."""
+    """Return (S, T, K, 3) errors in K columns beyond the curves that join the ends of S stretches, a step apart."""
     before, after = (joining_shares(t, length, lasting) for t in (times, length + 1 - times))
     stop = step * (count - 1) + 1
     first, last = off[:stop:step][:, columns], off[length + 1 : length + 1 + stop : step][:, columns]
@@ -97,31 +91,28 @@ def _rests(
     return rests
 
 
-LAG_S = 0.2
-"""How much alike what a marker is off remains is measured over this time."""
-LONGER = 3.0
-"""In a gap it lasts so many times as long: where a marker is seen, the body follows the slow part of it."""
+LAG_S, LONGER = 0.2, 3.0
+"""Time over which the correlation of errors is measured, and how much longer errors last in a gap: where a marker is
+seen, the body follows their slow part."""
 CORRELATION = (0.01, 0.98)
-"""Least and largest correlation over it that is taken."""
+"""Limits of that correlation."""
 
 
 def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float) -> np.ndarray:
     """Return (F, M, 3) markers: as measured, and in gaps as the body has them, joined to both ends.
 
     ``x(t) = y(t) + B(t) [ sinh((b - t) / τ) d_a + sinh((t - a) / τ) d_b ] / sinh((b - a) / τ)`` in a gap from a to b,
-    with the body's marker y and ``d = B⁻¹ (x - y)``, what the marker was off at the ends in its bones' frame B: the
-    mean of an Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` where a gap has one end. τ follows
-    from the take: what markers are off lasts in slow movement and changes within a stride.
-
-    Between two ends, what neighbours are off beside what joins their own ends is added (``predict_from_neighbours``).
+    with the body's marker y and ``d = B⁻¹ (x - y)``, the marker's error at the ends in its bones' frame B: the mean of
+    an Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` where a gap has one end. τ follows from the
+    take: errors last in slow movement and change within a stride. Between two ends the errors of neighbours are added
+    (``predict_from_neighbours``).
 
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
 
     Args:
         measured: (F, M, 3) metres, NaN where missing.
-        solved: (F, M, 3) where the body has them.
-        bones: (F, M, 3, 3) the mixed rotations of each marker's bones.
-        fps: frames per second.
+        solved: (F, M, 3) markers on the body.
+        bones: (F, M, 3, 3) mixed rotations of each marker's bones.
     """
     found, missing = measured.copy(), ~np.isfinite(measured).all(-1)
     away = measured - solved
@@ -133,21 +124,20 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
         for first, last in true_runs(missing[:, m]):
             gap = np.arange(first, last + 1)
             ends = [end for end in (first - 1, last + 1) if 0 <= end < len(measured)]
+            inner = len(ends) == 2
             joined = np.zeros((len(gap), 3))
             for end in ends:
                 since = np.abs(gap - end)
-                share = np.exp(-since / lasting)
-                if len(ends) == 2:
-                    share = joining_shares(since, last - first + 1, lasting)
+                share = joining_shares(since, last - first + 1, lasting) if inner else np.exp(-since / lasting)
                 joined += share[:, None] * off[end, m]
-            if len(ends) == 2:
+            if inner:
                 joined += predict_from_neighbours(beside, (first, last), lasting)
             found[gap, m] = solved[gap, m] + (bones[gap, m] @ joined[:, :, None])[..., 0]
     return found
 
 
 def lasting_frames(off: np.ndarray, lag: int) -> float:
-    """Return τ in frames of ``exp(-t / τ)``, the correlation of (F, M, 3) errors, NaN where missing, over a time t."""
+    """Return τ in frames of ``exp(-t / τ)``, the correlation over a time t of (F, M, 3) errors, NaN where missing."""
     early, late = off[:-lag], off[lag:]
     both = np.isfinite(early) & np.isfinite(late)
     early, late = np.where(both, early, 0.0), np.where(both, late, 0.0)

@@ -62,7 +62,6 @@ def check_capture(
     Args:
         capture: as it was read.
         triangulation: of that capture.
-        progress: called as the checks advance.
         estimate_sync: where some camera is late, move the others by their delays too, however small.
         sync: "off" moves no camera in time; see ``SolveSettings``.
 

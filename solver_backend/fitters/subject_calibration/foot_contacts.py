@@ -52,7 +52,6 @@ def find_contacts(
     Args:
         points: (F, L, 3) solved positions, metres, Z up.
         names: of the L points.
-        fps: frames per second.
         fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
         sight: (F, 3) unit direction of the one camera that sees the person; None where several do.
     """

@@ -53,7 +53,6 @@ def fit_shape(
 
     Args:
         subject: where shape and offsets start.
-        prior: decoder of the codes.
         objective: of the sample.
         start: poses of the sample.
         scales: of Geman-McClure's penalty, falling.

@@ -85,7 +85,6 @@ def with_window_variances(
     Args:
         term: landmarks measured once, all F frames.
         points: (F, L, 3) landmarks of a solution.
-        fps: frames per second.
         scale: landmarks beyond this many standard deviations are left out.
         dof: unknowns of a solution for each frame.
         looked_at: (T,) bool of all frames of the term: those that the points are of; None: all. A stretch without any

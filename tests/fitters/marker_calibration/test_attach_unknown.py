@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import ON_BONE, marker_layout
-from solver_backend.fitters.marker_calibration.unknown_markers import attach
+from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
@@ -45,16 +45,17 @@ def test_the_bone_with_the_steadiest_offset_wins():
     rng = np.random.default_rng(4)
     joints = 0.3 * rng.normal(size=(40, 24, 3))
     rotations = exp_so3(rng.normal(size=(40, 24, 3)))
+    bones = BonePoses(joints, rotations)
     knee, offset = SMPL_JOINTS.index("left_knee"), np.array([0.05, -0.1, 0.08])
     points = joints[:, knee] + rotations[:, knee] @ offset + 0.002 * rng.normal(size=(40, 3))
-    found = attach(points, joints, rotations)
+    found = attach(points, bones)
     assert found is not None and found.place == "@left_knee"
     np.testing.assert_allclose(found.offset, offset, atol=0.002)
     assert found.sigma_m == pytest.approx(0.002, rel=0.3)
     few = points.copy()
     few[5:] = np.nan
-    assert attach(few, joints, rotations) is None
-    assert attach(rng.normal(size=(40, 3)), joints, rotations) is None
+    assert attach(few, bones) is None
+    assert attach(rng.normal(size=(40, 3)), bones) is None
 
 
 def test_takes_may_lack_some_of_the_markers():

@@ -22,7 +22,6 @@ from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import write_subject
 from solver_backend.labelling.outputs import MARKERS
-from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 from tests.support.takes_in_pieces import pieces, shares
 from tests.support.words import codes
@@ -71,14 +70,14 @@ def names_by_marker(cloud: MarkerCloud, named: MarkerCloud, truth: np.ndarray) -
 
 def test_an_extra_has_one_name_in_all_takes_of_a_person(worn: tuple[MarkerSubject, MarkerCloud]) -> None:
     person, cloud = worn
-    body, prior, like = load_body(), load_sposer(), np.zeros(1)
+    body = load_body()
     first, truth_first = take(cloud, slice(0, 40), 1)
     second, truth_second = take(cloud, slice(40, 80), 2)
-    learned = with_extras(person, [first, second], body, prior, like)
+    learned = with_extras(person, [first, second], body)
     new = dict(zip(learned.labels[len(KNOWN) :], learned.places[len(KNOWN) :], strict=True))
     assert len(new) >= 4 and all(place.startswith(ON_BONE) for place in new.values())
     assert all("_X" in label and label not in MARKERS for label in new)
-    one, two = (named_extras(c, learned, body, prior, like) for c in (first, second))
+    one, two = (named_extras(c, learned, body) for c in (first, second))
     a = names_by_marker(first, one.cloud, truth_first)
     b = names_by_marker(second, two.cloud, truth_second)
     for label in EXTRAS:
@@ -100,53 +99,53 @@ def test_a_person_of_strange_labels_names_what_the_network_named_otherwise(
     labels = tuple("LMT1" if label == "LTOE" else label for label in first.labels or ())
     network = replace(first, labels=labels)
     toe = first.positions[:, labels.index("LMT1")]
-    body, prior, like = load_body(), load_sposer(), np.zeros(1)
-    found = named_extras(network, strange, body, prior, like).cloud
+    body = load_body()
+    found = named_extras(network, strange, body).cloud
     assert found.labels is not None and set(strange.labels) <= set(found.labels) and "LMT1" not in found.labels
     np.testing.assert_array_equal(found.positions[:, found.labels.index(strange.labels[KNOWN.index("LTOE")])], toe)
-    kept = named_extras(network, strange, body, prior, like, kept=("LMT1",)).cloud
+    kept = named_extras(network, strange, body, kept=("LMT1",)).cloud
     assert "LMT1" in (kept.labels or ()), "a name that the user assigned was changed"
 
 
 def test_of_two_markers_as_near_none_is_chosen(worn: tuple[MarkerSubject, MarkerCloud]) -> None:
     person, cloud = worn
-    body, prior, like = load_body(), load_sposer(), np.zeros(1)
+    body = load_body()
     first, _ = take(cloud, slice(0, 40), 1)
-    learned = with_extras(person, [first], body, prior, like)
+    learned = with_extras(person, [first], body)
     m = next(i for i, label in enumerate(learned.labels) if label.startswith("LSHN_X"))
     twin = replace(
         learned, labels=(*learned.labels, "twin"), places=(*learned.places, learned.places[m]),
         offsets=np.concatenate([learned.offsets, learned.offsets[[m]] + 0.004]),
         sigma_m=np.append(learned.sigma_m, 0.005), skin_m=np.append(learned.skin_m, np.nan),
     )  # fmt: skip
-    found = named_extras(first, twin, body, prior, like)
+    found = named_extras(first, twin, body)
     assert not {"twin", learned.labels[m]} & set(found.cloud.labels or ()) and found.doubtful >= 1
 
 
 def test_a_name_of_the_network_goes_to_the_point_that_had_it_before(worn: tuple[MarkerSubject, MarkerCloud]) -> None:
     """Of four markers on a thigh the network calls one LTHI, another one in each take."""
     person, cloud = worn
-    body, prior, like = load_body(), load_sposer(), np.zeros(1)
+    body = load_body()
     first, _ = take(cloud, slice(0, 40), 1)
-    learned = with_extras(person, [first], body, prior, like)
+    learned = with_extras(person, [first], body)
     thigh, patella = (cloud.positions[40:, (cloud.labels or ()).index(label)] for label in ("LTHI", "LPAT"))
     points = cloud.positions[40:, : len(KNOWN)].copy()
     points[:, KNOWN.index("LTHI")] = patella
     network = MarkerCloud(np.concatenate([points, thigh[:, None]], axis=1), cloud.fps, (*KNOWN, "*0"))
-    found = named_extras(network, learned, body, prior, like).cloud
+    found = named_extras(network, learned, body).cloud
     labels = found.labels or ()
     np.testing.assert_array_equal(found.positions[:, labels.index("LTHI")], thigh)
     [other] = [label for label in labels if label not in KNOWN]
     np.testing.assert_array_equal(found.positions[:, labels.index(other)], patella)
     assert other in learned.labels
-    kept = named_extras(network, learned, body, prior, like, kept=("LTHI",)).cloud
+    kept = named_extras(network, learned, body, kept=("LTHI",)).cloud
     np.testing.assert_array_equal(kept.positions[:, (kept.labels or ()).index("LTHI")], patella)
 
 
 def test_what_was_named_and_what_is_doubtful_is_reported(worn: tuple[MarkerSubject, MarkerCloud]) -> None:
     person, cloud = worn
     first, _ = take(cloud, slice(0, 40), 1)
-    learned = with_extras(person, [first], load_body(), load_sposer(), np.zeros(1))
+    learned = with_extras(person, [first], load_body())
     farthest = describe_person(learned)[0].split("farthest")[1].split("from the places")[0]
     assert "_X" not in farthest, "a marker on a bone has no place of its name"
     unsure = diagnostic("points_not_named", extent="solve", percent=15.0)
@@ -186,7 +185,7 @@ def test_a_recording_with_clusters_is_named_after_the_person(shared_data: Path) 
 
 def test_the_verb_writes_the_person_s_labels(worn: tuple[MarkerSubject, MarkerCloud], tmp_path: Path) -> None:
     person, cloud = worn
-    learned = with_extras(person, [take(cloud, slice(0, 40), 1)[0]], load_body(), load_sposer(), np.zeros(1))
+    learned = with_extras(person, [take(cloud, slice(0, 40), 1)[0]], load_body())
     strange = replace(learned, labels=tuple(f"M{k}q" for k in range(len(learned.labels))))
     write_subject(tmp_path / "person.npz", strange)
     bare = replace(cloud, positions=cloud.positions[40:], labels=tuple(f"*{k}" for k in range(len(cloud.labels or ()))))
