@@ -111,3 +111,8 @@ def solved_3x3(A: Float[np.ndarray, "*batch 3 3"], b: Float[np.ndarray, "*batch 
     second = a * (y * m - z * i) + d * (z * f - x * m) + g * (x * i - y * f)
     third = a * (h * z - k * y) + d * (k * x - e * z) + g * (e * y - h * x)
     return np.stack([first, second, third], axis=-1) / determinant[..., None]
+
+
+def unit(v: np.ndarray) -> np.ndarray:
+    """Return (..., 3) vectors scaled to unit length; those shorter than 1e-9 stay shorter."""
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)

@@ -1,4 +1,4 @@
-"""One marker, one point: labels that exclude one another, for a frame and for stretches of a take."""
+"""Exclusive labels: no marker has two points in a frame, or two stretches that are seen together."""
 
 from __future__ import annotations
 
@@ -8,18 +8,12 @@ from solver_backend.labelling.outputs import GHOST
 
 _TAKEN = -1e9
 """Evidence of a label that is taken: below any log-probability."""
-_EXCHANGES, _GAIN = 200, 1e-6
-"""Pairs of one round that are looked at, and the least evidence that an exchange gains; chosen by hand."""
-_ROUNDS = 4
-"""Rounds of exchange at most; chosen by hand."""
+_ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
+"""Most rounds of exchange, most pairs of one round, and the least gain of an exchange; chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
-    """Return (N,) labels of (N, 54) log probabilities, no marker twice: pairs that are each other's best, and again.
-
-    Args:
-        log_probability: of each label of a point, ghost last; any evidence that adds up will do.
-    """
+    """Return (N,) labels of (N, 54) log probabilities (ghost last), no marker twice, by repeated mutual best pairs."""
     scores = np.array(log_probability)
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
@@ -43,8 +37,8 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
     """Return (T,) labels that maximise the evidence, none twice among stretches that are seen together.
 
-    The clearest stretch chooses first, by how much its best label is better than the next that is still free; then
-    pairs exchange their labels, and stretches move to free ones, as long as the sum grows.
+    The clearest stretch chooses first, by the margin of its best free label over the next. Then pairs exchange their
+    labels as long as the sum grows.
 
     Args:
         evidence: (T, 54) log likelihoods, ghost last.
@@ -78,7 +72,6 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
 
 
 def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
-    """Return by how much the best label of each stretch that is free is better than the next."""
     two = np.partition(np.where(free, evidence, _TAKEN), -2, axis=1)[:, -2:]
     return two[:, 1] - two[:, 0]
 

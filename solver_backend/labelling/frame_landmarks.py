@@ -12,26 +12,22 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.outputs import LANDMARKS
 from solver_backend.labelling.point_network import CloudReading, PointNetwork
 
-FEWEST_POINTS = 6
-"""Fewer do not make a person."""
-MOST_POINTS = 2000
-"""Points of one frame: the network weighs every pair of them, 0.6 GB at this number."""
-_PART = 64
-"""Most frames that the network reads at once; fewer where the frames' pairs of points are more than ``_PAIRS``."""
-_PAIRS = _PART * 100**2
-"""Pairs of points that the network reads at once: ``_PART`` frames of a hundred points."""
+FEWEST_POINTS, MOST_POINTS = 6, 2000
+"""Least points of a person, and most points of one frame: the network weighs every pair, 0.6 GB at this number."""
+_PART, _PAIRS = 64, 64 * 100**2
+"""Most frames and pairs of points that the network reads at once."""
 
 
 @dataclass(frozen=True)
 class FramesRead:
-    """What the network reads in some frames."""
+    """The network's reading of some frames."""
 
     frames: np.ndarray
     """(B,) their numbers."""
     columns: np.ndarray
-    """(B, N) which column of the take each point that was read is of."""
+    """(B, N) column in the take of each point read."""
     there: np.ndarray
-    """(B, N) bool: whether there is a point."""
+    """(B, N) bool: there is a point."""
     reading: CloudReading
     """Of the B clouds."""
 
@@ -43,7 +39,7 @@ def read_frames(
 
     Args:
         positions: (F, N, 3) metres, Z up.
-        seen: (F, N) bool: whether there is a point.
+        seen: (F, N) bool: there is a point.
         frames: numbers of the frames to read.
     """
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
@@ -56,10 +52,10 @@ def read_frames(
 
 
 def require_points(seen: np.ndarray) -> None:
-    """Check that points are neither too few to make a person nor too many to compare.
+    """Check the number of points.
 
     Raises:
-        NoDetections: in no frame are there enough points.
+        NoDetections: no frame has enough points.
         CaptureInvalid: a frame has more points than can be compared with one another.
     """
     if not (seen.sum(1) >= FEWEST_POINTS).any():
@@ -70,11 +66,7 @@ def require_points(seen: np.ndarray) -> None:
 
 
 def require_at_most(most: int, found: int, what: str) -> None:
-    """Check that there are no more things than can be compared with one another.
-
-    Raises:
-        CaptureInvalid: there are.
-    """
+    """Raise ``CaptureInvalid`` where there are more things than can be compared with one another."""
     if found > most:
         raise CaptureInvalid(
             f"Labelling is not supported for {found} {what}; at most {most} are compared with one another.",
@@ -84,7 +76,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Progress = silent) -> np.ndarray:
-    """Return (F, 77, 3) metres: where the network has markers and joints; NaN in frames with too few points.
+    """Return (F, 77, 3) metres: the network's markers and joints; NaN in frames with too few points.
 
     Args:
         positions: (F, N, 3) metres, Z up, in any order; NaN where there is no point.

@@ -12,20 +12,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
-FRAMES = 240
-"""Frames of the take that are looked at."""
-LEAST_COMMON = 5
-"""Frames that show both markers of a pair, else nothing is known of it."""
+FRAMES, LEAST_COMMON = 240, 5
+"""Most frames of the take to use, and least frames that show both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
-"""Standard deviation of a rigid pair's distance: skin that slides; and of one farther apart than ``NEAR_M``, by the
-distance: another take bends joints that this one holds still."""
+"""Standard deviation of a rigid pair's distance by sliding skin, and of one farther apart than ``NEAR_M``, as a share
+of the distance: another take bends joints that this one holds still."""
 RIGID_M = 0.02
-"""A pair of this deviation weighs half."""
+"""Deviation of a pair that weighs half."""
 VOLUME = 0.12
-"""Standard deviation of a triple product of unit vectors, besides what the take shows."""
+"""Additional standard deviation of a triple product of unit vectors between takes."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +37,7 @@ class ReferenceTake:
     variance: np.ndarray
     """(L, L) m²."""
     weight: np.ndarray
-    """(L, L) what each pair counts, 0 to 1; 0 on the diagonal."""
+    """(L, L) weight of each pair, 0 to 1; 0 on the diagonal."""
     points: np.ndarray
     """(F, L, 3) metres."""
 
@@ -50,14 +49,14 @@ class ReferenceTake:
 
 
 def reference_of(cloud: MarkerCloud) -> ReferenceTake:
-    """Return what a labelled take shows."""
+    """Return the distances and orientations in a labelled take."""
     some = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
     points = cloud.positions[some]
     mean, variance = distance_statistics(points)
     spread = variance + FLOOR_M**2 + (BEND * np.maximum(mean - NEAR_M, 0.0)) ** 2
     weight = np.nan_to_num(1.0 / (1.0 + spread / RIGID_M**2))
     np.fill_diagonal(weight, 0.0)
-    return ReferenceTake(tuple(cloud.labels or ()), mean, spread, weight, points)
+    return ReferenceTake(cloud.names, mean, spread, weight, points)
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -76,24 +75,21 @@ def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Return (...) the triple product of the unit vectors from (..., 3) points to (..., 3, 3) others."""
-    away = others - points[..., None, :]
-    unit = away / np.maximum(np.linalg.norm(away, axis=-1, keepdims=True), 1e-9)
-    return np.einsum("...i,...i->...", unit[..., 0, :], np.cross(unit[..., 1, :], unit[..., 2, :]))
+    along = unit(others - points[..., None, :])
+    return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
-BEAM, FIRST_BEAM = 150, 3000
-"""Hypotheses that are kept, and while fewer than ``SEED`` labels are laid."""
-SEED = 5
-CAP = 6.0
-"""Most that one pair counts, in halves of squared deviations: a bent joint, or a wrong pair, counts no more."""
-SKIP = 2.0
-"""What a pair counts of a label that is laid on no point; a right one counts 0.5."""
+BEAM, FIRST_BEAM, SEED = 150, 3000, 5
+"""Hypotheses to keep, and while fewer labels than ``SEED`` are laid."""
+CAP, SKIP = 6.0, 2.0
+"""Largest cost of one pair in halves of squared deviations, such as a bent joint or a wrong pair, and the cost of a
+pair with a label that is laid on no point; a right one costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0
-"""Triple products of each new label, and what each counts besides a rigid pair."""
+"""Triple products of each new label, and the weight of each against a rigid pair."""
 FITS, CLEAR = 4.0, 0.2
-"""A stretch fits a label up to this mean over its pairs, and the next label fits worse by this at least."""
+"""Largest mean cost of a stretch that fits a label, and the least by which the next label is worse."""
 SAMPLES, ROUNDS = 24, 6
-"""Frames of a stretch that are looked at, and rounds in which names spread."""
+"""Frames of a stretch to use, and rounds in which names spread."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +106,7 @@ class LikeTake:
     def point_labels(self) -> np.ndarray:
         """(F, N) label of each point, -1 where none."""
         number = self.tracklets.number
-        by_stretch = self.chain_label[self.tracklets.chain]
-        return np.where(number >= 0, by_stretch[number], -1)
+        return np.where(number >= 0, self.chain_label[self.tracklets.chain][number], -1)
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
         """Return the points by label, and those without a name after them."""
@@ -128,19 +123,20 @@ class LikeTake:
 def label_like(
     cloud: MarkerCloud, reference: ReferenceTake, *, persistent: bool = False, proposed: np.ndarray | None = None
 ) -> LikeTake:
-    """Return the names of a take's points.
+    """Name a take's points after a labelled take of the same person.
 
     Args:
-        cloud: F frames of N points of the person, their names not looked at.
-        reference: the labelled take.
+        cloud: F frames of N points; their names are ignored.
         persistent: each column is one marker throughout.
-        proposed: (F, N) labels by somebody else, -1 where none: another start; what fits better in the end is taken.
+        proposed: (F, N) labels by the network, -1 where none: another start; the better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.
     """
     tracklets = tracklets_of(cloud.positions, cloud.fps, persistent=persistent)
-    tracks = _by_chain(cloud.positions, tracklets)
+    tracks = np.full((len(cloud.positions), tracklets.num_chains, 3), np.nan)
+    f, n = np.nonzero(tracklets.number >= 0)
+    tracks[f, tracklets.chain[tracklets.number[f, n]]] = cloud.positions[f, n]
     alive = np.isfinite(tracks[..., 0])
     length = np.minimum(alive.sum(0), 2.0 * cloud.fps)
     start = int(np.argmax(alive @ length))
@@ -152,26 +148,13 @@ def label_like(
     found[chains] = _lay(tracks[around][:, chains], tracks[start, chains], reference)
     starts = [found]
     if proposed is not None:
-        starts.append(_voted(proposed, tracklets, len(reference.labels)))
+        votes = np.zeros((tracklets.num_chains, len(reference.labels)))
+        f, n = np.nonzero((tracklets.number >= 0) & (proposed >= 0))
+        np.add.at(votes, (tracklets.chain[tracklets.number[f, n]], proposed[f, n]), 1.0)
+        starts.append(np.where(votes.any(1), votes.argmax(1), -1))
     results = [_spread(tracks, alive, first, reference) for first in starts]
     best, _ = max(results, key=lambda result: result[1])
     return LikeTake(tracklets, best, reference.labels)
-
-
-def _voted(proposed: np.ndarray, tracklets: Tracklets, count: int) -> np.ndarray:
-    """Return the label that most points of each chain have, -1 where they have none."""
-    votes = np.zeros((tracklets.num_chains, count))
-    f, n = np.nonzero((tracklets.number >= 0) & (proposed >= 0))
-    np.add.at(votes, (tracklets.chain[tracklets.number[f, n]], proposed[f, n]), 1.0)
-    return np.where(votes.any(1), votes.argmax(1), -1)
-
-
-def _by_chain(positions: np.ndarray, tracklets: Tracklets) -> np.ndarray:
-    """Return (F, C, 3) the points of each chain."""
-    tracks = np.full((len(positions), tracklets.num_chains, 3), np.nan)
-    f, n = np.nonzero(tracklets.number >= 0)
-    tracks[f, tracklets.chain[tracklets.number[f, n]]] = positions[f, n]
-    return tracks
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
@@ -180,7 +163,6 @@ def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.nd
     Args:
         points: (F, N, 3) around that moment, NaN where missing.
         now: (N, 3) at it.
-        reference: L labels.
     """
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
@@ -229,7 +211,7 @@ def _order(reference: ReferenceTake) -> np.ndarray:
 
 
 def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (B, N) what triple products with the labels laid before add."""
+    """Return (B, N) costs of triple products with the labels laid before."""
     added = np.zeros((len(laid), len(now)))
     if len(before) < 3:
         return added
@@ -249,8 +231,8 @@ def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, 
 
 def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
-) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Return the label of every chain, named from those that have one, and how well all fit: the more the better."""
+) -> tuple[np.ndarray, float]:
+    """Return the label of every chain, named from those that have one, and the score of the fit."""
     samples = [_samples(alive[:, c]) for c in range(tracks.shape[1])]
     for _ in range(ROUNDS):
         named = _named(tracks, found, len(reference.labels))
@@ -270,7 +252,6 @@ def _samples(seen: np.ndarray) -> np.ndarray:
 
 
 def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
-    """Return (F, L, 3) the named points."""
     named = np.full((len(tracks), count, 3), np.nan)
     for c in np.flatnonzero(found >= 0):
         there = np.isfinite(tracks[:, c, 0])
@@ -279,13 +260,12 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (L,) the mean over pairs of how badly a stretch's distances to the named points fit each label.
+    """Return (L,) the mean cost over pairs of each label for a stretch, by its distances to the named points.
 
     Args:
         points: (S, 3) of the stretch.
         named: (S, L, 3).
         own: the stretch's own label, which does not count as a named point, -1 where it has none.
-        reference: L labels.
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:
@@ -304,11 +284,9 @@ def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
     two = np.sort(cost, axis=1)[:, :2]
     with np.errstate(invalid="ignore"):
         margin = np.nan_to_num(two[:, 1] - two[:, 0], nan=0.0)
-    rank = np.argsort(-margin * np.sqrt(alive.sum(0)), kind="stable")
-    for c in rank:
+    for c in np.argsort(-margin * np.sqrt(alive.sum(0)), kind="stable"):
         frames = alive[:, c]
-        free = ~used[frames].any(0)
-        own = np.where(free, cost[c], np.inf)
+        own = np.where(used[frames].any(0), np.inf, cost[c])
         best = int(np.argmin(own))
         rest = np.delete(own, best).min(initial=np.inf)
         if own[best] < FITS and rest - own[best] > CLEAR * min(1.0, own[best] + 0.5):

@@ -1,9 +1,9 @@
-"""A cloud without names gets them: the network reads frames, stretches vote, labels exclude one another."""
+"""Names for an unlabelled cloud: the network reads frames, stretches vote, and labels exclude one another."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
@@ -12,6 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.exclusive_labels import labels_of_stretches
 from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
@@ -21,38 +22,38 @@ from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
 UNKNOWN = -1
-"""Label of a point that nobody dares to name."""
+"""Label of a point that stays unnamed."""
 MEMORY_S = 0.15
-"""Readings nearer in time than this have the same error, and count as one."""
+"""Seconds within which readings share their error and count as one."""
 NETWORK_MOST = 4.0
-"""Most readings that the network's word counts as: what it takes a marker for, it takes it for throughout a take."""
+"""Most independent readings that the network counts as: it takes a marker for the same one throughout a take."""
 DISTANCE_SHARE = 1.5
 """Weight of the distances."""
 BODY_SHARE, BODY_MOST = 0.3, 2.5
-"""Weight of the body's word against one reading, and the most readings it counts as."""
+"""Weight of the body's evidence against one reading, and the most readings it counts as."""
 PASSING, PASSING_S = 5.0, 0.4
-"""Log likelihood by which what is seen for a moment is none of the markers, and how soon that fades."""
+"""Log likelihood by which a point seen for a moment is no marker, and the seconds in which that fades."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
 SELDOM_COST = 1.5
-"""Markers that common layouts lack, and by how much they are less likely beforehand."""
-SURE = 0.8
-"""Probability that a label needs to stand."""
-TRUSTED = 0.6
-"""Probability of labels whose chains help to name the others."""
+"""Markers that common layouts lack, and the prior log likelihood that they lose."""
+SURE, TRUSTED = 0.8, 0.6
+"""Least probability of a label that is given, and of one whose chain helps to name others."""
 FIRST_AGREED, AGREED = 0.5, 0.4
-"""Mean probability by the network that these need besides: at first, and always where a body is laid over them."""
-
-
+"""Least mean probability by the network of these: in the first round, and always where a body is laid over them."""
 _ROWS = 512
 """Stretches that are compared with all others at once."""
 
 
 @dataclass(frozen=True)
 class Votes:
-    """The network's votes on C chains in K frames."""
+    """The network's reading of K frames, and its votes on C chains."""
 
     frames: np.ndarray
     """(K,) frames read."""
+    landmarks: np.ndarray
+    """(K, 77, 3) metres, markers and joints."""
+    covariance: np.ndarray
+    """(K, 77, 3, 3) m²."""
     evidence: np.ndarray
     """(C, 54) sums of log probabilities."""
     mean: np.ndarray
@@ -62,51 +63,38 @@ class Votes:
 
 
 def voted(
-    votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray | None = None,
-    by_body: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray, by_body: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return label and confidence of every chain: ``UNKNOWN`` where no label is probable enough.
 
-    Log likelihoods add up: the network's mean word times the readings it counts as, the distances to others, a body's
-    word, and what is known beforehand.
+    Log likelihoods add up: the network's mean times the readings it counts as, ``distance_evidence``,
+    ``body_evidence`` (each (C, 54), or 0), and the prior.
 
     Args:
-        votes: the network's.
         together: (C, C) chains that are seen at one time.
         bound: labels assigned by the user, by chain.
-        by_distance: (C, 54), see ``distance_evidence``.
-        by_body: (C, 54), see ``body_evidence``.
     """
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     seconds = votes.count * between
     readings = np.minimum(np.minimum(votes.count, seconds / MEMORY_S), NETWORK_MOST)
-    evidence = (readings / np.maximum(votes.count, 1.0))[:, None] * votes.evidence
-    if by_distance is not None:
-        evidence = evidence + DISTANCE_SHARE * by_distance
-    if by_body is not None:
-        evidence = evidence + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
+    evidence = (readings / np.maximum(votes.count, 1.0))[:, None] * votes.evidence + DISTANCE_SHARE * by_distance
+    evidence += np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
     evidence[:, SELDOM] -= SELDOM_COST
     evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
     # Where two want one marker, it is the one that is seen longer: most points are right then.
     labels = labels_of_stretches((seconds + PASSING_S)[:, None] * evidence, together, bound)
-    free = _free_of_others(labels, together)
+    rows = np.arange(len(labels))
+    held = np.zeros(evidence.shape, dtype=np.int64)
+    held[rows, labels] = 1
+    # A label is possible for a chain if no chain that is seen with it has that label.
+    free = (together.astype(np.int64) @ held) == 0
+    free[:, GHOST] = free[rows, labels] = True
     open_ = np.where(free, evidence, -np.inf)
     shifted = np.exp(open_ - open_.max(1, keepdims=True))
-    rows = np.arange(len(labels))
     sure = shifted[rows, labels] / shifted.sum(1)
     keep = (sure >= SURE) & (votes.count > 0)
     keep[list(bound)], sure[list(bound)] = True, 1.0
     return np.where(keep, labels, UNKNOWN), sure
-
-
-def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
-    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
-    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
-    held[np.arange(len(labels)), labels] = 1
-    free = (together.astype(np.int64) @ held) == 0
-    free[:, GHOST] = True
-    free[np.arange(len(labels)), labels] = True
-    return free
 
 
 def seen_together(tracklets: Tracklets) -> np.ndarray:
@@ -125,22 +113,21 @@ AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))
 """The head's markers, one beside the other."""
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
-"""Mean turn of a head against shoulders and waist from which on the names are wrong. In 158 takes of UI-PRMD it is 43
+"""Least mean turn of a head against shoulders and waist that shows wrong names. In 158 takes of UI-PRMD it is 43
 degrees at most, in 28 other files 56; names a quarter turn off add 90."""
 LEAST_FRAMES = 10
-"""Frames that have to show the four."""
+"""Least frames that show the four."""
 
 
 def with_head_forward(
     positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
 ) -> np.ndarray:
-    """Return the label of each chain, the head's four turned about it by quarters where it faces sideways.
+    """Return the label of each chain, with the head's four turned by quarters where the head faces sideways.
 
-    A head that is wider than long looks as well turned by a quarter by its distances.
+    The distances of a head that is wider than long fit as well when it is turned by a quarter.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.
-        tracklets: of the points.
         labels: (C,) label of each chain, negative where it has none.
         bound: labels assigned by the user, by chain; a head with one of these is left.
     """
@@ -162,7 +149,6 @@ def with_head_forward(
 
 
 def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, marker: int) -> np.ndarray:
-    """Return (F, 3) the points of a marker."""
     number = tracklets.number
     mine = (number >= 0) & (labels[tracklets.chain[number]] == marker)
     track = np.full((len(positions), 3), np.nan)
@@ -174,13 +160,11 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     """Return the mean angle from the head's left to the body's in the head's plane, rad; 0 where nothing shows it.
 
-    Args:
-        head: (F, 4, 3) its markers in the order of ``AROUND``.
-        left: vectors (F, 3) from the body's right to its left.
+    The (F, 4, 3) markers are in the order of ``AROUND``; ``left`` are (F, 3) vectors from the body's right to its left.
     """
     lf, rf, rb, lb = np.moveaxis(head, 1, 0)
-    own_left, front = _unit(lf + lb - rf - rb), _unit(lf + rf - lb - rb)
-    body = _unit(np.nansum([_unit(side) for side in left], axis=0))
+    own_left, front = unit(lf + lb - rf - rb), unit(lf + rf - lb - rb)
+    body = unit(np.nansum([unit(side) for side in left], axis=0))
     along, across = (own_left * body).sum(-1), (front * body).sum(-1)
     there = np.isfinite(along) & np.isfinite(across)
     if there.sum() < LEAST_FRAMES:
@@ -188,25 +172,19 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     return float(np.arctan2(across[there].mean(), along[there].mean()))
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
-
-
 CHECK_FPS = 8.0
-"""Frames a second that a body is laid over."""
-SIGMA_M = 0.03
-"""How far a marker is from where an uncalibrated body has it, per axis."""
-GHOST_M = 0.12
-"""A point this far from every place is as likely none of the markers."""
+"""Frames per second over which a body is laid."""
+SIGMA_M, FREEDOM = 0.03, 3.0
+"""Deviation per axis of a marker from its place on an uncalibrated body, and degrees of freedom of Student's
+distribution of these distances: where a limb is posed wrongly, all are off."""
+GHOST_M, _FARTHEST_M = 0.12, 0.2
+"""Distance from every place at which a point is as likely no marker, and the largest distance that counts."""
 GUESS_WIDER, STEPS = 3.0, 5
-"""Where the network has markers that are not sure counts for little; steps that a frame takes."""
+"""Factor of the network's deviation of unsure markers, and steps per frame."""
 BAD_FIT_M = 0.06
-"""A body this far from the markers that it is laid over is not used: of all, in the median, or of a limb's."""
-FREEDOM = 3.0
-"""Degrees of freedom of Student's distribution of these distances: where a limb is posed wrongly, all are off."""
-_FARTHEST_M = 0.2
+"""Largest distance of a body from its markers, the median of all or of a limb: a worse fit is not used."""
 _FEWEST = 12
-"""Sure markers that a frame needs."""
+"""Least sure markers of a frame."""
 
 
 class FittedBody(Protocol):
@@ -214,12 +192,12 @@ class FittedBody(Protocol):
 
     @property
     def landmarks(self) -> np.ndarray:
-        """(53, 3) metres: where it has the markers."""
+        """(53, 3) metres, the markers on the body."""
         ...
 
     @property
     def off_m(self) -> float:
-        """Median distance of the markers that were seen; NaN where none was."""
+        """Median distance of the seen markers; NaN where none was."""
         ...
 
 
@@ -238,21 +216,24 @@ class BodyFit(Protocol):
 
 
 def body_evidence(
-    positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
-    labels: np.ndarray, trusted: np.ndarray, fps: float, fit: BodyFit,
-) -> np.ndarray:  # fmt: skip
+    positions: np.ndarray,
+    tracklets: Tracklets,
+    votes: Votes,
+    labels: np.ndarray,
+    trusted: np.ndarray,
+    fps: float,
+    fit: BodyFit,
+) -> np.ndarray:
     """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it is not used.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.
-        frames: (K,) frames that the network read.
-        guesses: (K, 53, 3) where it has the markers, and
-        sigmas: (K, 53) how surely, metres.
-        tracklets: T stretches in C chains.
         labels: (C,) label of each chain.
-        trusted: (C,) bool: those that the body is laid over.
+        trusted: (C,) bool: the body is laid over these.
         fit: of a body, from its start.
     """
+    frames, guesses = votes.frames, votes.landmarks[:, :GHOST]
+    sigmas = np.sqrt(np.trace(votes.covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
     step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
     body, chains = load_body(), tracklets.num_chains
     moved = _moved_with(marker_landmarks(body, MARKERS).weights, body.parents)
@@ -285,12 +266,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return (53, 53) bool: the second marker hangs on the first one's joint, or farther out on the limb.
-
-    Args:
-        weights: (53, J) shares of the joints in the markers.
-        parents: (J,) of the joints.
-    """
+    """Return (53, 53) bool: the second marker is on the first one's joint, or farther out on the limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -300,14 +276,9 @@ def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
 
 
 def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
-    """Return (53,) bool: what the body is laid over from a marker's joint on outwards is near it, or is not there.
+    """Return (53,) bool: the markers from each marker's joint on outwards are near the body, or missing.
 
-    A wrist with a bar is no wrist of this body: laid over both ends, it takes a hand for one of them.
-
-    Args:
-        markers: (53, 3) metres, NaN where the body is not laid over one.
-        places: (53, 3) where the body has them.
-        moved: see ``_moved_with``.
+    A wrist with a bar is no wrist of this body: laid over both ends, the body takes a hand for one of them.
     """
     squared = ((markers - places) ** 2).sum(axis=-1)
     laid = moved & np.isfinite(squared)
@@ -316,35 +287,35 @@ def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np
 
 
 READ_FPS = 30.0
-"""Frames a second that the network reads: votes nearer to each other repeat each other."""
+"""Frames per second that the network reads: votes nearer to each other repeat each other."""
 CROWD = 200
-"""Points of a frame up to which the network reads ``READ_FPS`` frames a second, and of more as many pairs of points a
-second: 1.3 s of CPU for a second of a take. Chosen by hand, beyond what one person's cameras see."""
+"""Points of a frame up to which the network reads ``READ_FPS`` frames per second. Of more points it reads as many pairs
+per second: 1.3 s of CPU for a second of a take. Chosen by hand, beyond the number that one person's cameras see."""
 ROUNDS, BODY_FROM = 5, 2
-"""Times that all is voted again with what the last vote named, and the first of them that a body is laid over."""
+"""Rounds of voting with the names of the round before, and the first round with a body."""
 _FLOOR = -8.0
-"""Least log probability that one reading may have: no single frame rules a label out."""
+"""Least log probability of one reading: no single frame rules a label out."""
 MOST_CHAINS = 5000
-"""Chains of stretches: every pair of them is compared, 2 GB at this number."""
+"""Most chains of stretches: every pair of them is compared, 2 GB at this number."""
 
 
 @dataclass(frozen=True)
 class LabelledTake:
-    """F frames of N points and what each of them is."""
+    """F frames of N labelled points."""
 
     labels: np.ndarray
-    """(F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or not there."""
+    """(F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or missing."""
     confidence: np.ndarray
     """(F, N) probability of the label, NaN where there is no point."""
     tracklets: Tracklets
     stretch_label: np.ndarray
     """(T,) label of each stretch, as above."""
     stretch_confidence: np.ndarray
-    """(T,)"""
+    """(T,) probability of that label."""
     frames: np.ndarray
     """(K,) frames that the network read."""
     landmarks: np.ndarray
-    """(K, 77, 3) metres: where the network has markers and joints."""
+    """(K, 77, 3) metres, the network's markers and joints."""
     covariance: np.ndarray
     """(K, 77, 3, 3) m²."""
 
@@ -354,20 +325,13 @@ class LabelledTake:
         return self.landmarks[:, -len(JOINTS) :]
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the take with one column a marker, by the superset's order, and the points without a place after them.
+        """Return the take with one column per marker, in the superset's order, and then the unnamed points.
 
         Names that somebody gave these stay; others are numbered. Where two stretches of one marker share a frame, the
         surer one counts.
         """
-        frames = len(self.labels)
+        frames, given = len(self.labels), source.values
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
-        # What is known of a point's error goes with it, as further coordinates.
-        parts = [source.positions]
-        if source.residual is not None:
-            parts.append(source.residual[..., None])
-        if source.covariance is not None:
-            parts.append(source.covariance.reshape(*source.positions.shape[:2], 9))
-        given = np.concatenate(parts, axis=-1)
         values = np.full((frames, len(named), given.shape[-1]), np.nan)
         for column, label in enumerate(named):
             mine = np.where(self.labels == label, self.confidence, -1.0)
@@ -376,31 +340,32 @@ class LabelledTake:
             values[there, column] = given[there, best[there]]
         rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], given, np.nan)
         kept = np.flatnonzero(np.isfinite(rest[..., :3]).all(-1).any(0))
-        rest = rest[:, kept]
-        values = np.concatenate([values, rest], axis=1)
-        residual = None if source.residual is None else values[..., 3]
-        covariance = None if source.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
         markers = tuple(MARKERS[label] for label in named)
         own = [(source.labels or ("",) * given.shape[1])[column] for column in kept]
         names = (*markers, *(f"*{i}" if is_unnamed(x) or x in markers else x for i, x in enumerate(own, start=1)))
-        return replace(source, positions=values[..., :3], labels=names, residual=residual, covariance=covariance)
+        return source.with_values(np.concatenate([values, rest[:, kept]], axis=1), names)
 
 
 def label_take(
-    cloud: MarkerCloud, network: PointNetwork, start_fit: Callable[[], BodyFit], progress: Progress = silent,
-    user_labels: Mapping[tuple[int, int], str] | None = None, *, persistent: bool = False,
-) -> LabelledTake:  # fmt: skip
+    cloud: MarkerCloud,
+    network: PointNetwork,
+    start_fit: Callable[[], BodyFit],
+    progress: Progress = silent,
+    user_labels: Mapping[tuple[int, int], str] | None = None,
+    *,
+    persistent: bool = False,
+) -> LabelledTake:
     """Label the points of a take.
 
     Args:
         cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
-        start_fit: makes the fit of a body that is laid over what was named.
+        start_fit: makes the fit of a body that is laid over the named points.
         user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole stretch.
             Empty text: none of them.
         persistent: each column is one marker throughout the take.
 
     Raises:
-        NoDetections: in no frame are there enough points.
+        NoDetections: no frame has enough points.
         CaptureInvalid: there are more points than can be compared with one another.
     """
     positions = np.asarray(cloud.positions, dtype=np.float64)
@@ -408,16 +373,19 @@ def label_take(
     require_points(seen)
     tracklets = tracklets_of(positions, cloud.fps, persistent=persistent)
     require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
-    frames = _frames_to_read(seen, tracklets, cloud.fps)
-    votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
-    bound = _bound(user_labels or {}, tracklets)
-    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit, progress)
+    votes = _read(positions, seen, _frames_to_read(seen, tracklets, cloud.fps), tracklets, network, progress)
+    bound = {
+        int(tracklets.chain[stretch]): MARKERS.index(name) if name in MARKERS else GHOST
+        for (column, frame), name in (user_labels or {}).items()
+        if (stretch := tracklets.number[frame, column]) >= 0
+    }
+    labels, sure = _vote_in_rounds(positions, tracklets, votes, cloud.fps, bound, start_fit, progress)
     labels = with_head_forward(positions, tracklets, labels, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
     confidence = np.where(stretch >= 0, sure[stretch], np.nan)
-    return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
+    return LabelledTake(by_point, confidence, tracklets, labels, sure, votes.frames, votes.landmarks, votes.covariance)
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
@@ -437,7 +405,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the fewest frames of which one is inside each stretch: ends of those that end before others begin."""
+    """Return the fewest frames that hit every stretch: ends of those that end before others begin."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:
@@ -447,10 +415,13 @@ def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
 
 
 def _read(
-    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, tracklets: Tracklets, network: PointNetwork,
+    positions: np.ndarray,
+    seen: np.ndarray,
+    frames: np.ndarray,
+    tracklets: Tracklets,
+    network: PointNetwork,
     progress: Progress,
-) -> tuple[Votes, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return the votes on the chains, and the frames' landmarks with their covariances."""
+) -> Votes:
     chains = tracklets.num_chains
     evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
     landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
@@ -465,29 +436,23 @@ def _read(
         np.add.at(count, which, 1.0)
         landmarks[here], covariance[here], done = part.reading.positions, part.reading.covariance, here.stop
         progress("Reading the points", done, len(frames))
-    return Votes(frames, evidence, mean / np.maximum(count, 1.0)[:, None], count), landmarks, covariance
+    return Votes(frames, landmarks, covariance, evidence, mean / np.maximum(count, 1.0)[:, None], count)
 
 
-def _bound(given: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[int, int]:
-    """Return the label of each chain that the user assigned one."""
-    found = {}
-    for (column, frame), name in given.items():
-        stretch = tracklets.number[frame, column]
-        if stretch >= 0:
-            found[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST
-    return found
-
-
-def _named(
-    positions: np.ndarray, tracklets: Tracklets, votes: Votes, landmarks: np.ndarray, covariance: np.ndarray,
-    fps: float, bound: dict[int, int], start_fit: Callable[[], BodyFit], progress: Progress,
-) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-    """Return label and confidence of every chain: voted, and again with distances and a body among what was named."""
-    spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
-    together, table = seen_together(tracklets), load_distances()
+def _vote_in_rounds(
+    positions: np.ndarray,
+    tracklets: Tracklets,
+    votes: Votes,
+    fps: float,
+    bound: dict[int, int],
+    start_fit: Callable[[], BodyFit],
+    progress: Progress,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return label and confidence of every chain: by the network, then with distances and a body among the named."""
+    together, table, nothing = seen_together(tracklets), load_distances(), np.zeros(votes.evidence.shape)
     distances = distances_of(positions, votes.frames, tracklets, fps)
-    labels, sure = voted(votes, together, fps, bound)
-    by_body = None
+    labels, sure = voted(votes, together, fps, bound, nothing, nothing)
+    by_body = nothing
     for turn in range(ROUNDS):
         progress("Naming the points", turn, ROUNDS)
         agreed = votes.mean[np.arange(len(labels)), labels]
@@ -497,9 +462,7 @@ def _named(
         if turn >= BODY_FROM:
             laid = trusted & (agreed >= AGREED)
             laid[list(bound)] = True
-            by_body = body_evidence(
-                positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps, start_fit()
-            )  # fmt: skip
+            by_body = body_evidence(positions, tracklets, votes, labels, laid, fps, start_fit())
         labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
     progress("Naming the points", ROUNDS, ROUNDS)
     return labels, sure

@@ -1,4 +1,4 @@
-"""How far markers are from one another over a whole take, and how much that changes: what names a stretch by others."""
+"""Distances between markers over a whole take, and their changes, which name a stretch by the others."""
 
 from __future__ import annotations
 
@@ -14,32 +14,23 @@ from solver_backend.labelling.tracklets import Tracklets
 from solver_backend.priors.weights import ASSETS, read_weights
 
 NAME = "marker_distances"
-FLOOR_M = 0.004
-"""Changes smaller than this are noise: logarithms of changes are of the change and this."""
-PLACED_M = 0.006
-"""What skin and glue add to the spread of a distance."""
+FLOOR_M, PLACED_M = 0.004, 0.006
+"""Metres: noise floor of a change, which logarithms of changes add, and the spread of a distance by skin and glue."""
 FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution: one partner that is named wrongly must not decide."""
+"""Degrees of freedom of Student's distribution: one wrongly named partner must not decide."""
 LONG_S = 3.0
-"""Time seen together from which the change of a distance is as informative as it ever gets."""
-ALIKE = 0.5
-"""Part of the pairs that are placed on one side of a person as on the other."""
-ALIKE_M, ALIKE_CHANGE = 0.012, 0.5
-"""How far the distances of such pairs are apart: so much, and this part of what they change."""
-READINGS = 8.0
-"""Most partners that count as independent: where one marker sits moves all of its distances."""
-FEWEST_PARTNERS = 6
-"""Stretches beside which one is named at least; chosen by hand."""
-_SHARE = 0.35
-"""Weight of one partner's evidence at most, a share of 1; chosen by hand."""
-_BLOCK = 256
-"""Frames at a time, which bounds memory; chosen by hand."""
-_PAIRS = _BLOCK * 60**2
-"""Pairs of points that are measured at once: a thousand points are compared in one frame after the other."""
-_CELLS = 2**22
-"""Chains times places times partners that are weighed at once, 32 MB of each intermediate array; chosen by hand."""
+"""Seconds seen together from which the change of a distance is fully informative."""
+ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
+"""Share of the pairs that are placed alike on both sides of a person, and the difference of their distances: metres,
+and a share of their change."""
+READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
+"""Most partners that count as independent (one marker's place moves all of its distances), largest weight of one
+partner, and least partners of a named stretch; chosen by hand."""
+_BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
+"""Frames, pairs of points, and chains times places times partners at a time, which bound memory (32 MB of each
+intermediate array); chosen by hand. A thousand points are compared frame by frame."""
 _SCALE_FROM_M = 0.3
-"""Distance from which pairs count for the body's size, metres; chosen by hand."""
+"""Least distance of pairs that count for the body's size, metres; chosen by hand."""
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 
@@ -55,7 +46,7 @@ class DistanceTable:
     change: np.ndarray
     """(P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``."""
     change_spread: np.ndarray
-    """(P, P)"""
+    """(P, P) deviation of that logarithm."""
 
 
 @dataclass(frozen=True)
@@ -124,18 +115,16 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
 
 def distance_evidence(
     found: ChainDistances, labels: np.ndarray, trusted: np.ndarray, table: DistanceTable
-) -> np.ndarray:  # fmt: skip
-    """Return (C, 54) log likelihoods of each chain's labels by its distances to the chains that are trusted.
+) -> np.ndarray:
+    """Return (C, 54) log likelihoods of each chain's labels by its distances to the trusted chains.
 
     ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
     tempered to ``READINGS`` partners. Where both counterparts on the body's other side are named, half of the first
-    density is that about *their* distance in this take. None of them: places of other layouts, or anywhere on the body.
+    density is that about *their* distance in this take. A ghost has a place of other layouts, or any on the body.
 
     Args:
-        found: distances.
         labels: (C,) label of each chain.
         trusted: (C,) bool.
-        table: what distances are.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))
@@ -159,19 +148,21 @@ def distance_evidence(
 
 
 def _evidence_of(
-    which: np.ndarray, found: ChainDistances, labels: np.ndarray, partners: np.ndarray, mirrored: np.ndarray,
-    size: float, table: DistanceTable,
-) -> np.ndarray:  # fmt: skip
+    which: np.ndarray,
+    found: ChainDistances,
+    labels: np.ndarray,
+    partners: np.ndarray,
+    mirrored: np.ndarray,
+    size: float,
+    table: DistanceTable,
+) -> np.ndarray:
     """Return the rows of ``distance_evidence`` for some of the chains.
 
     Args:
         which: (R,) numbers of the chains.
-        found: distances.
-        labels: (C,) label of each chain.
-        partners: numbers of the chains that are trusted.
+        partners: numbers of the trusted chains.
         mirrored: (P, partners) see ``_of_the_other_side``, of a person of middle size.
         size: of the person over the table's.
-        table: what distances are.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size
@@ -192,17 +183,17 @@ def _evidence_of(
     rows, them = np.arange(len(which))[:, None], np.arange(len(partners))[None]
     named = ((labels[which] >= 0) & (labels[which] < GHOST))[:, None]
     own = np.where(named[:, 0], labels[which], 0)[:, None]
-    log[rows, theirs[None], them] = np.where(named, log[rows, own, them], _log_mean_exp(log, axis=1))
+    log[rows, theirs[None], them] = np.where(named, log[rows, own, them], _log_mean_exp(log))
     log = np.where(weight[:, None], log, 0.0)
     tempered = np.minimum(_SHARE, READINGS / np.maximum(weight.sum(1), 1.0))[:, None]
     by_place = tempered * log.sum(-1)
-    anywhere = tempered[:, 0] * (_log_mean_exp(log, axis=1).sum(-1))
-    none = np.logaddexp(anywhere, _log_mean_exp(by_place[:, GHOST:], axis=1))
+    anywhere = tempered[:, 0] * _log_mean_exp(log).sum(-1)
+    none = np.logaddexp(anywhere, _log_mean_exp(by_place[:, GHOST:]))
     return np.concatenate([by_place[:, :GHOST], none[:, None]], axis=1)
 
 
 def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.ndarray) -> np.ndarray:
-    """Return (53, 53) metres: the distance of each pair's counterparts on the other side, NaN where it is not known.
+    """Return (53, 53) metres between each pair's counterparts on the other side, NaN where unknown.
 
     Both markers are of one side: else a chain that is on the wrong side would be its own counterpart.
     """
@@ -215,16 +206,15 @@ def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.n
 
 
 def _size(found: np.ndarray, expected: np.ndarray) -> float:
-    """Return the median ratio of distances that are long enough to be compared."""
     far = np.isfinite(found) & (expected > _SCALE_FROM_M)
     return float(np.clip(np.median(found[far] / expected[far]), 0.7, 1.4)) if far.any() else 1.0
 
 
 def _student(error: np.ndarray, variance: np.ndarray) -> np.ndarray:
-    """Return log densities of Student's distribution but for a constant."""
+    """Return log densities of Student's distribution, up to a constant."""
     return -0.5 * (FREEDOM + 1.0) * np.log1p(error * error / (FREEDOM * variance)) - 0.5 * np.log(variance)
 
 
-def _log_mean_exp(x: np.ndarray, axis: int) -> np.ndarray:
-    most = x.max(axis, keepdims=True)
-    return np.log(np.exp(x - most).mean(axis)) + np.squeeze(most, axis)
+def _log_mean_exp(x: np.ndarray) -> np.ndarray:
+    most = x.max(1, keepdims=True)
+    return np.log(np.exp(x - most).mean(1)) + np.squeeze(most, 1)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -11,33 +12,32 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.label_like import BEND, CAP, NEAR_M, RIGID_M, VOLUME, distance_statistics
 from solver_backend.types import MarkerCloud
 
-FRAMES = 120
-"""Frames of a take that are looked at."""
-LEAST_FRAMES = 8
-"""Frames that have to show a marker."""
+FRAMES, LEAST_FRAMES = 120, 8
+"""Most frames of a take to use, and least frames that show a marker."""
 SKIN_M = 0.01
 """Standard deviation of a rigid pair's distance between takes: markers are put on anew, and skin slides."""
 CONFUSED_M = 0.35
-"""Distance up to which two markers are taken for each other: the farthest that were, a forearm's for an upper arm's."""
+"""Largest distance of two markers that are confused: the farthest that were, a forearm's and an upper arm's."""
 OTHERS = 3
-"""Markers beside a pair, the most rigid with both, that show on which side of it they are."""
+"""Further markers, the most rigid with both of a pair, that show its side."""
 OPEN = -4.0
-"""Where distances speak against an exchange by more than this, sides are not looked at."""
+"""Gain by distances below which sides are not compared."""
 
 
 @dataclass(frozen=True)
 class TakeShape:
-    """What a take shows of M markers: where they are, and how far from each other."""
+    """Places and distances of M markers in a take."""
 
     points: np.ndarray
     """(F, M, 3) metres, NaN where missing."""
     distance: np.ndarray
     """(M, M) metres, the means; NaN where too few frames show both."""
     variance: np.ndarray
-    """(M, M) m², of the distances and of what they change between takes."""
+    """(M, M) m², of the distances and of their changes between takes."""
 
     def columns(self, chosen: np.ndarray) -> TakeShape:
         """Return some of the markers, in this order."""
@@ -46,7 +46,7 @@ class TakeShape:
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return what (F, M, 3) points show; markers that few frames hold are nowhere."""
+    """Return the shape of (F, M, 3) points; markers that few frames show are missing."""
     some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)
@@ -54,16 +54,11 @@ def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
 
 
 def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.ndarray:
-    """Return (P,) what exchanging each pair of markers in one take gains, in halves of squared deviations.
+    """Return (P,) gains of exchanging each of (P, 2) pairs of markers in one take, in halves of squared deviations.
 
     ``Σ_c w_c [q(a, a) + q(b, b) - q(a, b) - q(b, a)]`` with ``q(x, y) = min(½ (d_xc - d'_yc)² / v_c, cap)`` over the
-    markers c beside the pair, and the same of triple products, whose sign changes with an exchange. Positive gains
-    speak for an exchange.
-
-    Args:
-        one: a take of M markers.
-        other: another take of the same M markers.
-        pairs: (P, 2) numbers of markers.
+    other markers c, and the same of triple products, which change their sign with an exchange. Both takes show the same
+    M markers.
     """
     a, b = pairs.T
     variance = one.variance + other.variance
@@ -71,7 +66,7 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
 
     def misfit(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-        return np.minimum(0.5 * (one.distance[x] - other.distance[y]) ** 2 / shared, CAP)
+        return _misfit(one, other, x, y, shared)
 
     gain = weight * (misfit(a, a) + misfit(b, b) - misfit(a, b) - misfit(b, a))
     rows = np.arange(len(pairs))
@@ -85,27 +80,27 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) what it gains to take another point of one take for a marker that the other take has.
+    """Return (K,) gains of taking another point of one take for a marker of the other take.
 
     Args:
         one: a take of M markers and further points.
-        other: another take of the same M markers, whose further points are NaN.
-        marker: number of the marker.
+        other: another take of the same M markers, with NaN for the further points.
         candidates: (K,) numbers of further points of the first take.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
-
-    def misfit(x: np.ndarray) -> np.ndarray:
-        return np.minimum(0.5 * (one.distance[x] - other.distance[marker]) ** 2 / shared, CAP)
-
-    gain = weight * (misfit(np.array([marker])) - misfit(candidates))
+    before, after = (_misfit(one, other, x, marker, shared) for x in (np.array([marker]), candidates))
+    gain = weight * (before - after)
     gain[:, marker] = 0.0
     return np.nan_to_num(gain).sum(1)
 
 
+def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int, variance: np.ndarray) -> np.ndarray:
+    return np.minimum(0.5 * (one.distance[x] - other.distance[y]) ** 2 / variance, CAP)
+
+
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return what an exchange gains by the side on which the most rigid markers beside the pair are."""
+    """Return the gain of an exchange by the side on which the most rigid other markers are."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -117,44 +112,40 @@ def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarr
 
 
 def _handedness(points: np.ndarray, pair: np.ndarray, c: int, d: int) -> tuple[float, float]:
-    """Return mean and variance of ``u · (v × w)``: from first to second, from their middle to others."""
+    """Return mean and variance of ``u · (v × w)``: from first to second, and from their middle to two others."""
     first, second = points[:, pair[0]], points[:, pair[1]]
     middle = 0.5 * (first + second)
-    u, v, w = (_unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))
+    u, v, w = (unit(part) for part in (second - first, points[:, c] - middle, points[:, d] - middle))
     found = np.einsum("fi,fi->f", u, np.cross(v, w))
     found = found[np.isfinite(found)]
     return (float(found.mean()), float(found.var())) if len(found) >= LEAST_FRAMES else (0.0, np.inf)
 
 
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
-
-
 CLEAR, CLEAR_OF_TWO = 3.0, 6.0
-"""An exchange gains this at least against every other take (see ``exchange_gains``), and this where the layout decides.
-Of five takes each of UI-PRMD's eight people, rightly named, none gains more than 1.3 against all others, and 2 to 22
-against a single one; C7 and T10 exchanged gain 23 at least, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
+"""Least gain of an exchange against every other take (see ``exchange_gains``), and where the layout decides. Of five
+takes each of UI-PRMD's eight people, rightly named, none gains more than 1.3 against all others, and 2 to 22 against a
+single one; C7 and T10 exchanged gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
 CLEAR_BY_LAYOUT = 3.0
-"""Against the layout's places, where as many takes are for an exchange as against it."""
+"""Least gain against the layout's places, where as many takes are for an exchange as against it."""
 ROUNDS = 12
-"""Exchanges in one take at most: takes are compared again after each."""
+"""Most exchanges in one take: takes are compared again after each."""
 MOST_TOGETHER, BESIDE = 12, 3
-"""Takes of which every pair is compared; of more, so many are, and each other one with these."""
+"""Most takes that are compared in pairs, and those of them with which each further one is compared."""
 _PLACED_M = 0.03
-"""Standard deviation of a distance between two markers of which the layout's places are known."""
+"""Standard deviation of the distance between two markers at known places of a layout."""
 
 
 @dataclass(frozen=True)
 class NameChange:
-    """Two names that stand for each other's markers in one take."""
+    """Two names that are swapped in one take."""
 
     take: int
     """Number of the take, from 0."""
     first: str
     second: str
-    """Labels; of a point without a name that takes the first one, the label that it had."""
+    """Labels; of a point without a name that takes the first one, its former label."""
     mended: bool
-    """False where the takes do not decide which of them is right; the names are then left."""
+    """False where the takes do not decide which name is right; the names are then left."""
 
 
 @dataclass(frozen=True)
@@ -169,11 +160,11 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
     """Return takes of one person in which the same marker has the same name.
 
     Two takes contradict each other about a pair of labels where exchanging it makes their distances and sides agree.
-    A take that all others contradict, while they agree among themselves, is mended; where as many takes are for
-    one as for the other, the layout's places decide; where these do not either, all is left and reported.
+    A take that all others contradict, while they agree among themselves, is corrected. Where as many takes are for one
+    as for the other, the layout's places decide. Where these do not either, the names are left and reported.
 
     Args:
-        clouds: the takes, whose columns are each one marker throughout.
+        clouds: the takes; each of their columns is one marker throughout.
         kept: labels that the user assigned, which are not changed.
     """
     takes, mended = list(clouds), list[NameChange]()
@@ -194,7 +185,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
 
 
 def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
-    """Return many takes: some of them compared with each other, and the others with a few of these."""
+    """Compare some of many takes with each other, and the others with a few of these."""
     chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
     found = names_over_takes([takes[i] for i in chosen], kept)
     changes = [replace(change, take=chosen[change.take]) for change in found.changes]
@@ -210,28 +201,23 @@ def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
     """Return changes that share no label in a take, the clearest first."""
-    labels = sorted(
-        label for label in {name for cloud in takes for name in cloud.labels or ()}
-        if not is_unnamed(label) and sum(label in (cloud.labels or ()) for cloud in takes) > 1
-    )  # fmt: skip
-    shapes = [shape_of(_of(cloud, labels)) for cloud in takes]
-    pairs = _near(shapes)
+    count = Counter(name for cloud in takes for name in {*cloud.names})
+    labels = sorted(label for label in count if count[label] > 1 and not is_unnamed(label))
+    shapes = [shape_of(_points_of(cloud, labels)) for cloud in takes]
+    nearest = np.min([np.nan_to_num(shape.distance, nan=np.inf) for shape in shapes], axis=0)
+    pairs = np.argwhere(np.triu(nearest < CONFUSED_M, 1))
+    shown = np.array([np.isfinite(shape.distance).sum(1) > 1 for shape in shapes])[:, pairs].all(-1)
     gains = np.full((len(takes), len(takes), len(pairs)), np.nan)
     for s, t in combinations(range(len(takes)), 2):
-        gains[s, t] = gains[t, s] = np.where(
-            _both_hold(shapes, s, t, pairs), exchange_gains(shapes[s], shapes[t], pairs), np.nan
-        )
+        gains[s, t] = np.where(shown[s] & shown[t], exchange_gains(shapes[s], shapes[t], pairs), np.nan)
+        gains[t, s] = gains[s, t]
     places = _places(labels)
     by_layout = np.stack([exchange_gains(shape, places, pairs) for shape in shapes])
     found: list[tuple[float, NameChange]] = []
     for p, (a, b) in enumerate(pairs):
-        first, second = labels[a], labels[b]
-        if first in kept or second in kept:
-            continue
-        found += [
-            (clear, NameChange(take, first, second, mended))
-            for take, clear, mended in _odd_takes(gains[..., p], by_layout[:, p])
-        ]
+        if not {labels[a], labels[b]} & set(kept):
+            for take, clear, mended in _odd_takes(gains[..., p], by_layout[:, p]):
+                found.append((clear, NameChange(take, labels[a], labels[b], mended)))
     found += _replacements(takes, labels, shapes, places, kept)
     chosen: list[NameChange] = []
     for _, change in sorted(found, key=lambda item: -item[0]):
@@ -242,7 +228,7 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 
 
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
-    """Return the takes that have two names the other way round, by how much, and whether that is sure.
+    """Return the takes with two swapped names, how clearly, and whether that is sure.
 
     Args:
         gain: (T, T) gains of an exchange between two takes, NaN where one of them does not show both markers.
@@ -270,23 +256,27 @@ def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float
 
 
 def _replacements(
-    takes: Sequence[MarkerCloud], labels: list[str], shapes: Sequence[TakeShape], places: TakeShape,
+    takes: Sequence[MarkerCloud],
+    labels: list[str],
+    shapes: Sequence[TakeShape],
+    places: TakeShape,
     kept: Collection[str],
-) -> list[tuple[float, NameChange]]:  # fmt: skip
+) -> list[tuple[float, NameChange]]:
     """Return names that another point of a take should have, one whose label no other take has."""
     count, found = len(takes), list[tuple[float, NameChange]]()
-    points = [[label for label in cloud.labels or () if label not in labels] for cloud in takes]
-    whole = [shape_of(_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
+    points = [[label for label in cloud.names if label not in labels] for cloud in takes]
+    whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
     for m, label in enumerate(labels):
         there = [t for t in range(count) if np.isfinite(shapes[t].distance[m]).any()]
-        near = [_candidates(whole[t], m, len(labels)) if t in there else np.zeros(0, np.int64) for t in range(count)]
-        if label in kept or len(there) < 2 or not any(len(columns) for columns in near):
+        near = {t: len(labels) + np.flatnonzero(whole[t].distance[m, len(labels) :] < CONFUSED_M) for t in there}
+        near = {t: columns for t, columns in near.items() if len(columns)}
+        if label in kept or len(there) < 2 or not near:
             continue
         gains = {
-            (t, s): replacement_gains(whole[t], _padded(other, len(points[t])), m, near[t])
-            for t in there if len(near[t])
+            (t, s): replacement_gains(whole[t], _padded(other, len(points[t])), m, columns)
+            for t, columns in near.items()
             for s, other in [*((s, shapes[s]) for s in there if s != t), (-1, places)]
-        }  # fmt: skip
+        }
         best = {key: float(values.max()) for key, values in gains.items()}
         against = np.full((count, count), np.nan)
         for t, s in combinations(there, 2):
@@ -302,44 +292,25 @@ def _replacements(
     return found
 
 
-def _candidates(whole: TakeShape, marker: int, first: int) -> np.ndarray:
-    """Return the columns from the first on that may be taken for a marker."""
-    away = np.nan_to_num(whole.distance[marker, first:], nan=np.inf)
-    return first + np.flatnonzero(away < CONFUSED_M)
-
-
 def _padded(shape: TakeShape, more: int) -> TakeShape:
-    """Return what a take shows, with further points of which nothing is known."""
-    size = ((0, more), (0, more))
-    return replace(
-        shape, distance=np.pad(shape.distance, size, constant_values=np.nan),
-        variance=np.pad(shape.variance, size, constant_values=np.nan),
-    )  # fmt: skip
+    """Return a take's shape with further points of which nothing is known."""
+    distance, variance = (
+        np.pad(part, ((0, more), (0, more)), constant_values=np.nan) for part in (shape.distance, shape.variance)
+    )
+    return replace(shape, distance=distance, variance=variance)
 
 
-def _near(shapes: Sequence[TakeShape]) -> np.ndarray:
-    """Return (P, 2) markers that some take shows near each other."""
-    nearest = np.min([np.nan_to_num(shape.distance, nan=np.inf) for shape in shapes], axis=0)
-    return np.argwhere(np.triu(nearest < CONFUSED_M, 1))
-
-
-def _both_hold(shapes: Sequence[TakeShape], s: int, t: int, pairs: np.ndarray) -> np.ndarray:
-    """Return (P,) whether two takes show both markers of each pair."""
-    seen = [np.isfinite(shapes[take].distance).sum(1) > 1 for take in (s, t)]
-    return (seen[0] & seen[1])[pairs].all(1)
-
-
-def _of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
+def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
     """Return (F, L, 3) points of a take under these labels, NaN where it has none."""
     found = np.full((len(cloud.positions), len(labels), 3), np.nan)
-    own = {label: column for column, label in enumerate(cloud.labels or ())}
+    own = {label: column for column, label in enumerate(cloud.names)}
     there = [i for i, label in enumerate(labels) if label in own]
     found[:, there] = cloud.positions[:, [own[labels[i]] for i in there]]
     return found
 
 
 def _places(labels: Sequence[str]) -> TakeShape:
-    """Return where the layouts place the markers on the average body; nowhere where they place none."""
+    """Return the layouts' places on the average body; NaN where they have none."""
     body, known = load_body(), name_markers(labels).known
     named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
     points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)
@@ -351,4 +322,4 @@ def _places(labels: Sequence[str]) -> TakeShape:
 def with_exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
     """Return a take with two labels exchanged."""
     swapped = {first: second, second: first}
-    return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.labels or ()))
+    return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.names))

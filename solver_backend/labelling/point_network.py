@@ -1,4 +1,4 @@
-"""Our network read in NumPy: what each point is, and where every marker and joint is (see ``train landmarks``)."""
+"""The landmark network in NumPy: a label for each point, and a place for every marker and joint."""
 
 from __future__ import annotations
 
@@ -21,10 +21,8 @@ NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
 """Roots of the distances whose bumps make the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
 NEARNESS_WIDTH = 0.13
 """Width of a bump, in roots of metres."""
-
-
 FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution that positions' errors were trained to have."""
+"""Degrees of freedom of Student's distribution of the positions' errors, as trained."""
 _DM = 0.1
 """Metres in a decimetre, the unit that the network's positions and spreads have."""
 
@@ -36,7 +34,7 @@ class CloudReading:
     scores: Float[np.ndarray, "clouds points labels"]
     """(B, N, 54) of each label, ghost last."""
     missing: Float[np.ndarray, " markers"]
-    """(53,) score of a marker that is none of the points."""
+    """(53,) score of a marker without a point."""
     positions: Float[np.ndarray, "clouds landmarks 3"]
     """(B, 77, 3) metres."""
     spread: Float[np.ndarray, "clouds landmarks 6"]
@@ -61,7 +59,7 @@ class CloudReading:
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
-"""Added to the attention of points that are not there; exponentials of it are 0 in single precision."""
+"""Added to the attention of missing points; exponentials of it are 0 in single precision."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 
 
@@ -75,12 +73,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read clouds.
-
-        Args:
-            points: (B, N, 3) metres, Z up; each cloud anywhere.
-            seen: (B, N) bool, which points there are; all if None.
-        """
+        """Read (B, N, 3) clouds of points, Z up, in metres; (B, N) ``seen`` says which points exist, all if None."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -105,7 +98,6 @@ class PointNetwork:
         return self._dense(np.concatenate((points, np.sin(waves), np.cos(waves)), axis=-1), "embed")
 
     def _bias(self, points: np.ndarray, gone: np.ndarray) -> np.ndarray:
-        """Return the (B, layers * heads, N, N) biases of all attentions."""
         apart = points[:, :, None] - points[:, None]
         apart = np.einsum("bnmi,bnmi->bnm", apart, apart)
         apart = np.sqrt(np.sqrt(np.maximum(apart, np.float32(1e-8))))
@@ -117,7 +109,6 @@ class PointNetwork:
         return np.moveaxis(bias, -1, 1) + gone
 
     def _asked(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
-        """Return the features of the landmarks (B, 77, d)."""
         asking = self.arrays["queries"][None]
         k, v = (split_heads(part, self.heads) for part in np.split(self._dense(x, "asking.kv"), 2, axis=-1))
         q = split_heads(self._dense(asking, "asking.q"), self.heads)
@@ -129,7 +120,7 @@ class PointNetwork:
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (B, 1, 3) lower medians of the points that are there; 0 where there are none."""
+    """Return the (B, 1, 3) lower medians of the existing points; 0 where there are none."""
     ordered = np.sort(np.where(seen[..., None], points, np.inf), axis=1)
     middle = np.maximum((seen.sum(1) - 1) // 2, 0)
     found = ordered[np.arange(len(points)), middle]
@@ -137,11 +128,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Return the network of the trained module's arrays.
-
-    Raises:
-        WeightsInvalid: they are another network's.
-    """
+    """Return the network of the trained module's arrays; raise ``WeightsInvalid`` if they are another network's."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))
@@ -161,7 +148,7 @@ def load_network(path: Path | None = None) -> PointNetwork:
     """Return the network that ships, or that of a file.
 
     Raises:
-        FileMissing, WeightsInvalid: there is no such file, or it is none of this network's.
+        FileMissing, WeightsInvalid: there is no such file, or it is not this network's.
     """
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)

@@ -10,17 +10,13 @@ import numpy as np
 from solver_backend.geometry.runs import true_runs
 
 SPLIT_GAP_S = 0.1
-"""A point that is away longer may come back as another."""
-JUMP_M = 0.03
-"""A step differs from the one before by no more than this, and by no more than the next figure."""
-JUMP_M_S2 = 300.0
-"""Acceleration that no marker on a person exceeds."""
-JOIN_S = 0.1
-"""Longest time between a stretch and the one that goes on from it."""
-JOIN_M = 0.02
-"""Farthest that the second begins from where the first was going to."""
+"""A point that is missing for longer may come back as another."""
+JUMP_M, JUMP_M_S2 = 0.03, 300.0
+"""Largest change of a step: metres, and an acceleration that no marker on a person exceeds."""
+JOIN_S, JOIN_M = 0.1, 0.02
+"""Longest gap between a stretch and its continuation, and the largest distance from the extrapolated place."""
 CLEAR = 0.5
-"""No other beginning or end is nearer than the chosen one's distance by this factor."""
+"""Factor by which every other beginning is farther than the chosen one."""
 
 
 @dataclass(frozen=True)
@@ -48,11 +44,9 @@ class Tracklets:
 
 
 def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
-    """Return the stretches of (F, N, 3) points, NaN where missing.
+    """Return the stretches of (F, N, 3) points in metres, NaN where missing.
 
-    Args:
-        positions: metres.
-        persistent: each column is one marker throughout, as somebody named it: its stretches are one chain.
+    ``persistent``: each column is one marker throughout, as somebody named it, and its stretches are one chain.
     """
     seen = np.isfinite(positions).all(-1)
     number = np.full(seen.shape, -1)
@@ -61,13 +55,9 @@ def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False)
         for first, last in _stretches(positions[:, column], seen[:, column], fps):
             number[first : last + 1, column] = np.where(seen[first : last + 1, column], len(rows), -1)
             rows.append((int(column), first, last))
-    table = np.array(rows, dtype=int).reshape(-1, 3)
-    column, first, last = table.T
-    if persistent:
-        chain = np.unique(column, return_inverse=True)[1]
-    else:
-        chain = _chains(positions, column, first, last, fps)
-    return Tracklets(number, column, first, last, chain)
+    column, first, last = np.array(rows, dtype=int).reshape(-1, 3).T
+    chain = column if persistent else _chains(positions, column, first, last, fps)
+    return Tracklets(number, column, first, last, np.unique(chain, return_inverse=True)[1])
 
 
 def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
@@ -81,25 +71,18 @@ def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[i
         cuts = np.flatnonzero(sudden & ~np.roll(sudden, 1)) if sudden.any() else []
         edges = [first, *(first + int(c) + 1 for c in cuts), last + 1]
         found += [(a, b - 1) for a, b in pairwise(edges) if b > a]
-    return _without_short_gaps(points, found, fps)
-
-
-def _without_short_gaps(points: np.ndarray, runs: list[tuple[int, int]], fps: float) -> list[tuple[int, int]]:
-    """Return runs of one column joined where a point came back soon, and where it was to be expected."""
     joined: list[tuple[int, int]] = []
-    for first, last in runs:
-        if joined:
-            before = joined[-1][1]
-            gap = first - before
-            if 1 < gap <= SPLIT_GAP_S * fps and _off(points, joined[-1], first) < JUMP_M:
-                joined[-1] = (joined[-1][0], last)
-                continue
-        joined.append((first, last))
+    for first, last in found:
+        # A point that came back soon, where it was to be expected, is the same.
+        if joined and 1 < first - joined[-1][1] <= SPLIT_GAP_S * fps and _off(points, joined[-1], first) < JUMP_M:
+            joined[-1] = (joined[-1][0], last)
+        else:
+            joined.append((first, last))
     return joined
 
 
 def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
-    """Return how far a point is from where an earlier run was going to."""
+    """Return the distance of a point from the extrapolated place of an earlier run."""
     a, b = run
     velocity = points[b] - points[b - 1] if b > a and np.isfinite(points[b - 1]).all() else np.zeros(3)
     return float(np.linalg.norm(points[frame] - points[b] - (frame - b) * velocity))
@@ -126,10 +109,8 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
         ahead = (first[rivals] - last[t])[:, None]
         distance = np.linalg.norm(start[rivals] - end[t] - ahead * velocity[t], axis=-1)
         distance = np.minimum(distance, np.linalg.norm(start[rivals] - end[t], axis=-1))
-        order = np.argsort(distance)
-        best = order[0]
-        clear = len(order) == 1 or distance[best] < CLEAR * distance[order[1]]
-        if distance[best] < JOIN_M and clear:
+        best, *others = np.argsort(distance)
+        if distance[best] < JOIN_M and (not others or distance[best] < CLEAR * distance[others[0]]):
             follower[t], cost[t] = rivals[best], distance[best]
     for t in np.argsort(cost):
         if follower[t] < 0:
@@ -139,4 +120,4 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
     for t in np.argsort(first, kind="stable"):
         if follower[t] >= 0:
             chain[follower[t]] = chain[t]
-    return np.unique(chain, return_inverse=True)[1]
+    return chain

@@ -56,6 +56,22 @@ class MarkerCloud:
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
         return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
 
+    @property
+    def values(self) -> np.ndarray:
+        """(frames, markers, 3 to 13) positions, with residuals and covariances as further coordinates."""
+        parts = [self.positions]
+        if self.residual is not None:
+            parts.append(self.residual[..., None])
+        if self.covariance is not None:
+            parts.append(self.covariance.reshape(*self.positions.shape[:2], 9))
+        return np.concatenate(parts, axis=-1)
+
+    def with_values(self, values: np.ndarray, labels: tuple[str, ...]) -> MarkerCloud:
+        """Return a cloud of rearranged ``values`` under other labels."""
+        residual = None if self.residual is None else values[..., 3]
+        covariance = None if self.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
+        return MarkerCloud(values[..., :3], self.fps, labels, residual, covariance)
+
 
 _LEAST_SIGMA_M = 1e-9
 """Of a marker's place; markers are known to a tenth of a millimetre at best."""

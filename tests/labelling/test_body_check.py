@@ -9,7 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.recipes.live import fit_average_person
-from solver_backend.labelling.label_take import GHOST_M, body_evidence
+from solver_backend.labelling.label_take import GHOST_M, Votes, body_evidence
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
 
@@ -34,19 +34,12 @@ def evidence(markers: np.ndarray, unsure: int) -> np.ndarray:
     positions = np.broadcast_to(markers[CMU_41], (FRAMES, len(CMU_41), 3))
     trusted = np.array([label != unsure for label in CMU_41])
     frames = np.arange(0, FRAMES, 2)
-    guesses = np.broadcast_to(markers, (len(frames), *markers.shape))
-    sigmas = np.full(guesses.shape[:2], 0.1)
-    found = body_evidence(
-        positions,
-        frames,
-        guesses,
-        sigmas,
-        tracklets_of(positions, FPS),
-        np.array(CMU_41),
-        trusted,
-        FPS,
-        fit_average_person(),
-    )
+    landmarks = np.broadcast_to(markers, (len(frames), *markers.shape))
+    nothing = np.zeros((len(CMU_41), GHOST + 1))
+    covariance = np.broadcast_to(0.1**2 * np.eye(3), (*landmarks.shape, 3))
+    votes = Votes(frames, landmarks, covariance, nothing, nothing, nothing[:, 0])
+    tracklets = tracklets_of(positions, FPS)
+    found = body_evidence(positions, tracklets, votes, np.array(CMU_41), trusted, FPS, fit_average_person())
     return found[CMU_41.index(unsure)]
 
 

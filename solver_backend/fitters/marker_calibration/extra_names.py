@@ -64,12 +64,7 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
         which: (F, N) marker of each of their points, -1 where none.
         labels: of the markers.
     """
-    parts = [cloud.positions]
-    if cloud.residual is not None:
-        parts.append(cloud.residual[..., None])
-    if cloud.covariance is not None:
-        parts.append(cloud.covariance.reshape(*cloud.positions.shape[:2], 9))
-    given, names = np.concatenate(parts, axis=-1), list(cloud.names)
+    given, names = cloud.values, list(cloud.names)
     values = given.copy()
     f, n = np.nonzero(which >= 0)
     values[f, columns[n]] = np.nan
@@ -91,10 +86,7 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
             values[f, -1] = before
         values[f, column] = given[f, columns[n]]
     kept = [i for i in range(len(names)) if i not in columns or np.isfinite(values[:, i, 0]).any()]
-    values = values[:, kept]
-    residual = None if cloud.residual is None else values[..., 3]
-    covariance = None if cloud.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
-    return MarkerCloud(values[..., :3], cloud.fps, tuple(names[i] for i in kept), residual, covariance)
+    return cloud.with_values(values[:, kept], tuple(names[i] for i in kept))
 
 
 MARGIN_M = 0.03

@@ -23,6 +23,7 @@ from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.marker_jumps import neighbours_of
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes, names_over_takes, with_exchanged
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
@@ -218,7 +219,7 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     column = {name: i for i, name in reversed(list(enumerate(names)))}
     for base, limb, which in ((WAIST, LEGS, "legs"), (SHOULDERS, ARMS, "arms")):
         own, beyond = (_lateral(points, column, places, least) for places, least in ((base, 1), (limb, LEAST_PAIRS)))
-        if own is not None and beyond is not None and _usual((_unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
+        if own is not None and beyond is not None and _usual((unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
             raise _mirrored(
                 f"The {which}' left markers are on the right of the body: their left and right labels are exchanged.",
                 f"of the {which}",
@@ -247,7 +248,7 @@ def _check_limb(
     if lateral is None or middle is None or near is None:
         return
     own, other, sign = _SIDES[names[0][0]]
-    if _usual(sign * (_unit(lateral) * (near - middle)).sum(-1), SIDES_SHARE) < CROSSED_M:
+    if _usual(sign * (unit(lateral) * (near - middle)).sum(-1), SIDES_SHARE) < CROSSED_M:
         raise _mirrored(
             f"The {own} {limb}'s markers are on the {other} of the body: they are the {other} {limb}'s.",
             f"of this {limb}",
@@ -266,7 +267,7 @@ def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
             continue
         ankle, heel, toe = (points[:, column[name]] for name in foot)
         up, forward = points[:, column[above]] - ankle, toe - heel
-        outwards = sign * (_unit(np.cross(up, forward)) * (ankle - heel)).sum(-1)
+        outwards = sign * (unit(np.cross(up, forward)) * (ankle - heel)).sum(-1)
         # Exchanged labels of a foot, which are found later, leave the ankle lower than the heel or nearer to the toes.
         sound = ((ankle - heel) * up).sum(-1) > 0.0
         sound &= np.linalg.norm(ankle - heel, axis=-1) < np.linalg.norm(ankle - toe, axis=-1)
@@ -294,7 +295,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
     known = [step for side in "LR" if (step := _along(points, column, side)) is not None]
     if lateral is None or waist is None or feet is None or not known:
         return None
-    across = np.cross(_unit(lateral), _unit(waist - feet))
+    across = np.cross(unit(lateral), unit(waist - feet))
     return np.stack([(across * step).sum(-1) for step in known])
 
 
@@ -307,16 +308,16 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
             leg = [side + place for place in ("FWT", "KNE", "ANK")]
             if set(leg) <= column.keys():
                 hip, knee, ankle = (points[:, column[name]] for name in leg)
-                along, bend = _unit(hip - ankle), knee - ankle
+                along, bend = unit(hip - ankle), knee - ankle
                 bend = bend - (bend * along).sum(-1, keepdims=True) * along
                 bent = np.linalg.norm(bend, axis=-1) > KNEE_BENT * np.linalg.norm(hip - ankle, axis=-1)
-                found.append(np.where(bent, (np.cross(_unit(hips), along) * _unit(bend)).sum(-1), np.nan))
+                found.append(np.where(bent, (np.cross(unit(hips), along) * unit(bend)).sum(-1), np.nan))
     if shoulders is not None and "~nose" in column:
         base = _mean(points, column, [name for name in ("~left_ear", "~right_ear") if name in column])
         base = _mean(points, column, [name for name in ("~neck", "=neck") if name in column]) if base is None else base
         if base is not None:
-            across = np.cross(_unit(shoulders), [0.0, 0.0, 1.0])
-            found.append((across * _unit(points[:, column["~nose"]] - base)).sum(-1))
+            across = np.cross(unit(shoulders), [0.0, 0.0, 1.0])
+            found.append((across * unit(points[:, column["~nose"]] - base)).sum(-1))
     return np.stack(found) if found else None
 
 
@@ -331,7 +332,7 @@ def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], 
 def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray | None:
     """Return (F, 3) unit directions from a foot's heel to its toes; None without both."""
     toes, heel = (_mean(points, column, [side + place for place in places]) for places in (TOES, HEELS))
-    return None if toes is None or heel is None else _unit(toes - heel)
+    return None if toes is None or heel is None else unit(toes - heel)
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
@@ -342,10 +343,6 @@ def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> n
 
 def _both(places: Sequence[str]) -> list[str]:
     return [side + place for side in "LR" for place in places]
-
-
-def _unit(v: np.ndarray) -> np.ndarray:
-    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
 
 
 def _usual(values: np.ndarray, share: float = 0.5) -> float:
@@ -403,7 +400,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
     """Return the median cosine of the wrist's line and the upper arm's direction across the forearm; 1 if unknown."""
-    forearm = _unit(0.5 * (inner + outer) - elbow)
+    forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
     size, line = np.linalg.norm(across, axis=-1), inner - outer

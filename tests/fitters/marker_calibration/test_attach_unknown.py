@@ -76,7 +76,8 @@ def test_a_label_that_names_a_bone_is_on_that_one():
     joints[:, elbow] = joints[:, shoulder] + turns[:, shoulder] @ [0.25, 0.0, 0.0]
     turns[:, elbow] = turns[:, shoulder]  # an arm that is kept straight
     points = joints[:, elbow] - turns[:, shoulder] @ [0.05, 0.0, 0.02]
-    found, named = attach(points, joints, turns), attach(points, joints, turns, "left_shoulder")
+    bones = BonePoses(joints, turns)
+    found, named = attach(points, bones), attach(points, bones, "left_shoulder")
     assert found is not None and found.place == ON_BONE + "left_elbow"
     assert named is not None and named.place == ON_BONE + "left_shoulder"
-    assert attach(points, joints, turns, "right_hip") is None
+    assert attach(points, bones, "right_hip") is None
