@@ -31,10 +31,11 @@ class MocapError(Exception):
     """
 
     code = "error"
-    """Stable identifier in the progress stream: the name of the class in snake case."""
+    """Stable identifier in the progress stream: the snake case of the class below ``MocapError``."""
 
     def __init_subclass__(cls) -> None:
-        cls.code = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+        if cls.__base__ is MocapError:
+            cls.code = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def __init__(self, message: str, *, where: str = "", hint: str = "") -> None:
         super().__init__(message)
