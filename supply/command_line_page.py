@@ -9,11 +9,11 @@ from blender_addon.headless.verb_table import program as blender_program
 from solver_backend.cli.arguments import PROGRAM
 from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import Program, Verb, help_of
-from solver_backend.exchange.verbs.shared import SOLVING
+from solver_backend.exchange.verbs import SOLVING
 
 SHARED = 4
 """An option that so many verbs take is listed once."""
-_HEAD = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs and
+_HEAD = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verb_table.py; edit those. -->
 
 # Command line

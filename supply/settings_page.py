@@ -7,7 +7,7 @@ from itertools import groupby
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import describe_default, describe_range
-from solver_backend.exchange.verbs.shared import SOLVE_ROWS as ROWS
+from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
 
 SOURCE = "solver_backend/exchange/solve_settings.py, and reading_settings.py"
 _HEAD = """# Settings of a solve

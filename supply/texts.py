@@ -1,7 +1,8 @@
 """Every text that a user meets, in one list to be read as a whole: ``python -m supply.texts [WORD]``.
 
 Messages, labels, tooltips, reports, errors and help are the strings of the program that hold a blank and are no
-docstrings, and the texts of the diagnostics; labels of one word are in ``blender_addon/ui/german.txt``.
+docstrings, and the texts of the tables of diagnostics and verbs; labels of one word are in
+``blender_addon/ui/german.txt``.
 """
 
 from __future__ import annotations
@@ -16,14 +17,14 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
-DIAGNOSTICS = Path("solver_backend/exchange/diagnostics.json")
-"""Texts of the diagnostics; values stand in braces."""
+TABLES = (Path("solver_backend/exchange/diagnostics.json"), Path("solver_backend/exchange/verbs.json"))
+"""Tables with texts; values stand in braces."""
 VALUE = "{…}"
 """Where a message holds a value."""
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 """Two words beside each other: what holds none is a key, a path or a format."""
-_JSON_TEXT = re.compile(r'": "(.*)",?$')
-"""A value of one line of the data file."""
+_JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')
+"""A value in a line of a table."""
 
 
 @cache
@@ -57,12 +58,13 @@ def texts() -> Iterator[tuple[Path, int, str]]:
                 if text not in known and _SENTENCE.search(text):
                     known.add(text)
                     yield path.relative_to(ROOT), line, text
-    for line, written in enumerate((ROOT / DIAGNOSTICS).read_text(encoding="utf-8").splitlines(), start=1):
-        match = _JSON_TEXT.search(written)
-        text = re.sub(r"{[^}]*}", VALUE, json.loads(f'"{match[1]}"')) if match else ""
-        if text not in known and _SENTENCE.search(text):
-            known.add(text)
-            yield DIAGNOSTICS, line, text
+    for table in TABLES:
+        for line, written in enumerate((ROOT / table).read_text(encoding="utf-8").splitlines(), start=1):
+            for match in _JSON_TEXT.finditer(written):
+                text = re.sub(r"{[^}]*}", VALUE, json.loads(f'"{match[1]}"'))
+                if text not in known and _SENTENCE.search(text):
+                    known.add(text)
+                    yield table, line, text
 
 
 def main() -> int:

@@ -8,13 +8,16 @@ from .._exchange.diagnostics import list_refusals
 from .._exchange.marker_formats import MARKER_FORMATS
 from .._exchange.setting import POSITIVE, REQUIRED, Setting
 from .._exchange.verb import Program, Verb, by_name, flag, option, output, place, values
-from .._exchange.verbs.shared import BENCHMARK_SETTINGS, JSON, OVERWRITE, PARENT_PIPE, PLACES, SPEC, TLS
+from .._exchange.verbs import SHARED
 from ..conventions.naming import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .certificates import DAYS
 from .exit_codes import EPILOG
 
+[BENCHMARK_SETTINGS], [JSON], [OVERWRITE], [PARENT_PIPE], [PLACES], [SPEC], [TLS] = map(
+    SHARED.__getitem__, ("BENCHMARK_SETTINGS", "JSON", "OVERWRITE", "PARENT_PIPE", "PLACES", "SPEC", "TLS")
+)
 MODULE = "python -m blender_addon"
 _SOLVE, _SHOW, _CHARACTERS, _MANY = "Solving", "Baking, rendering, exporting", "Characters and clips", "Many takes"
 _FORMATS = values(*FORMATS)

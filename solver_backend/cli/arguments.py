@@ -12,15 +12,14 @@ from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import is_list, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb import Program
-from solver_backend.exchange.verbs import VERBS
-from solver_backend.exchange.verbs.shared import COMMON
+from solver_backend.exchange.verbs import SHARED, VERBS
 from solver_backend.exchange.version import VERSION
 
 PROGRAM = Program(
     "python -m solver_backend",
     "Turns multi-view keypoints or optical markers into the motion of an SMPL-type body.",
     VERBS,
-    COMMON,
+    SHARED["COMMON"],
     describe_exit_codes(
         "a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings",
         "the solver failed",

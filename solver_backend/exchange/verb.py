@@ -40,8 +40,6 @@ class Verb:
     """``module:function`` in the program's package; imported when the verb runs."""
     settings: tuple[Setting, ...] = ()
     """Its arguments and options, in the order of the help."""
-    result: type | None = None
-    """``TypedDict`` of its result event, if another program acts on it."""
     passes_on: bool = False
     """Also takes every option of the solver's verb of this name, and passes it on."""
 

@@ -10,7 +10,7 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.reading_settings import options_of
 from solver_backend.exchange.setting import defaults_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.verbs.shared import SOLVE_ROWS as ROWS
+from solver_backend.exchange.verbs import SOLVE_ROWS as ROWS
 from solver_backend.job import Job
 
 SOLVE = ["solve", "take", "--out", "motion.npz"]

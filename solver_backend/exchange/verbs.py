@@ -1,0 +1,101 @@
+"""The verbs of the solver as ``verbs.json`` declares them; both programs, panels and reference pages use this table."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from .detectors import DETECTORS
+from .marker_formats import FORMAT_NAMES, MARKER_FORMATS, file_names
+from .reading_settings import ROWS as READING_ROWS
+from .reading_settings import WorldSettings
+from .setting import POSITIVE, REQUIRED, Choice, Setting, settings_of_class
+from .solve_settings import SolveSettings
+from .verb import Verb, flag, option, output, place, values
+from .video_settings import ROWS as VIDEO_ROWS
+
+SOLVE_ROWS = settings_of_class(SolveSettings)
+READING = (SOLVE_ROWS["sync"], *READING_ROWS.values())
+"""How a capture is read."""
+SOLVING = tuple(row for name, row in SOLVE_ROWS.items() if name != "sync")
+"""How a capture is solved; ``sync`` is among the options of reading."""
+_TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
+"""Texts of other tables that descriptions hold in braces."""
+
+Named = Mapping[str, Sequence[Setting]]
+"""Settings by the names that a table refers to them by."""
+
+
+def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:
+    """Yield the settings of a list in a table.
+
+    Args:
+        items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
+            argument, ``flag`` for a flag and ``name`` for an option; ``out`` is the metavar of the option ``--out``.
+            The fields of ``like`` are those of a named setting, with the others replaced.
+        named: settings by name.
+
+    Raises:
+        KeyError, TypeError: a name or field is unknown, or a field is missing.
+    """
+    for item in items:
+        if isinstance(item, str):
+            yield from named[item]
+            continue
+        given = {key: _value(key, value) for key, value in item.items()}
+        if "like" in given:
+            [row] = named[given.pop("like")]
+            yield replace(row, **given)
+        elif "flag" in given:
+            yield flag(given.pop("flag"), **given)
+        elif "out" in given:
+            yield output(given.pop("out"), **given)
+        elif "place" in given:
+            yield place(name=given.pop("place"), **{"metavar": "", **given})
+        else:
+            default = REQUIRED if given.pop("required", False) else given.pop("default", None)
+            yield option(default=default, **{"metavar": "", **given})
+
+
+def _value(key: str, value: Any) -> Any:
+    """Return a value of the table as ``Setting`` has it."""
+    if key == "choices":
+        return tuple(Choice(*item) if isinstance(item, list) else values(item)[0] for item in value)
+    if key == "endings":
+        return tuple(
+            end for item in value for end in (map(".{}".format, MARKER_FORMATS) if item == "markers" else [item])
+        )
+    if key == "out":
+        return "|".join(file_names(name[:-2]) if name.endswith(".*") else name for name in value.split("|"))
+    if key == "description":
+        return value.format(**_TEXTS)
+    if value == "POSITIVE":
+        return POSITIVE
+    return tuple(value) if isinstance(value, list) else value
+
+
+def _read() -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
+    table = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
+    shared: dict[str, tuple[Setting, ...]] = {
+        "READING": READING,
+        "SOLVING": SOLVING,
+        "WORLD": tuple(settings_of_class(WorldSettings).values()),
+        "SOLVING_OF_VIDEOS": tuple(row for row in SOLVING if row.name != "layout"),
+        **{f"SolveSettings.{name}": (row,) for name, row in SOLVE_ROWS.items()},
+        **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
+    }
+    for name, items in table["shared"].items():
+        shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared))
+    verbs = {}
+    for task, rows in table["verbs"].items():
+        for name, row in rows.items():
+            settings = tuple(read_rows(row.pop("settings", ()), shared))
+            verbs[name] = Verb(name, task, help=row.pop("help").format(**_TEXTS), settings=settings, **row)
+    return shared, verbs
+
+
+SHARED, VERBS = _read()
+"""Settings that several verbs take, and verbs by name, in the order in which help lists them."""
