@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from supply.texts import DIAGNOSTICS, shown_strings, texts
+from supply.texts import TABLES, shown_strings, texts
 from tests.support.style_words import WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,7 +41,8 @@ def test_the_list_of_texts_has_each_once_and_leaves_no_package_out() -> None:
     shown = [text for _, _, text in found]
     assert len(found) > 3000 and len(shown) == len(set(shown))
     assert {path.parts[0] for path, _, _ in found} == {"solver_backend", "blender_addon", "dev.py"}
-    assert any(path == DIAGNOSTICS for path, _, _ in found)
+    assert set(TABLES) <= {path for path, _, _ in found}
+    assert not [text for path, _, text in found if path in TABLES and WORDS.search(text)]
 
 
 def test_a_sentence_of_a_message_is_read_in_one_breath() -> None:
