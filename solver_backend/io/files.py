@@ -1,4 +1,4 @@
-"""Text files as UTF-8, JSON and TOML of bounded size and depth, with errors that name the file."""
+"""Bounded reading of text, JSON, TOML, XML and arrays with errors that name the file, and files that grow."""
 
 from __future__ import annotations
 
@@ -8,24 +8,28 @@ import re
 import tomllib
 from contextlib import suppress
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
-from solver_backend.exchange.outputs import read_regular, require_file
+from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
 _LARGEST_TOML = 2_000_000
 LONGEST_HEADING = 200
-"""Characters of a column's heading at most: patterns take time that grows with the square of what they look into."""
+"""Characters of a column's heading at most, because patterns take time that grows with the square of the length."""
 _MOST_KEY_PARTS = 32
-"""Dotted parts of a key of TOML at most; chosen by hand."""
+"""Dotted parts of a TOML key at most, chosen by hand."""
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 
 def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
-    """Read a file that is not larger than files of its kind are.
+    """Read a file of at most ``largest`` bytes.
 
     Raises:
         FileMissing: there is no such file.
@@ -36,26 +40,26 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
     except OSError as error:
         require_file(path)
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
-    if max(size, len(data)) > largest:
-        raise FileDamaged(
-            f"The file has {max(size, len(data)) / 1e6:,.1f} MB; a file of this kind has at most {largest / 1e6:g} MB.",
-            where=str(path),
-            hint="Check that it is the right file, or remove it.",
-        )
+    if (size := max(size, len(data))) > largest:
+        what = f"The file has {size / 1e6:,.1f} MB; a file of this kind has at most {largest / 1e6:g} MB."
+        raise FileDamaged(what, where=str(path), hint="Check that it is the right file, or remove it.")
     return data
 
 
-def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
-    """Read a text file, see ``as_text``.
+def first_bytes(path: Path, length: int) -> bytes:
+    """Return the beginning of a file for recognition, empty if the file cannot be read."""
+    with suppress(OSError), open_regular(path) as stream:
+        return stream.read(length)
+    return b""
 
-    Raises:
-        FileMissing, FileDamaged: see ``read_bytes``.
-    """
+
+def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
+    """Read a text file, see ``read_bytes`` for errors."""
     return as_text(read_bytes(path, largest))
 
 
 def as_text(data: bytes) -> str:
-    """Return bytes as UTF-16 with its mark (Excel's Unicode text), as UTF-8 with or without one, else as Latin-1."""
+    """Decode UTF-16 with its mark (Excel's Unicode text), UTF-8 with or without mark, or Latin-1."""
     if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return data.decode("utf-16", "replace")
     try:
@@ -90,30 +94,54 @@ def read_toml(path: Path | str) -> dict[str, Any]:
         raise FileDamaged(f"The file is truncated or is not TOML ({error}).", where=str(path), hint=hint) from error
 
 
-class AppendedFile:
-    """A file to which pieces are appended, each whole or not at all; what fails is counted, and never raised.
+def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
+    """Read an XML file; ``kind`` names its format in errors.
 
-    Nothing is buffered: whatever ends this process, the system has every piece that was appended.
+    Raises:
+        FileMissing, FileDamaged: there is no such file, or it is truncated or not XML.
+    """
+    try:
+        return ElementTree.fromstring(read_bytes(path, largest))
+    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
+        what = f"The file is truncated or is not {kind}: {error}."
+        raise FileDamaged(what, where=str(path), hint="Export it again.") from error
+
+
+def load_array(path: Path) -> np.ndarray:
+    """Return the array of a ``.npy`` file, mapped into memory.
+
+    Raises:
+        FileDamaged: it is no such file.
+    """
+    try:
+        return np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, SyntaxError, TokenError, OverflowError, MemoryError) as error:
+        what = f"The file is not a NumPy array, or cannot be read ({error})."
+        raise FileDamaged(what, where=str(path), hint="Save it again.") from error
+
+
+class AppendedFile:
+    """A file to which pieces are appended, each whole or not at all. Failures are counted and not raised.
+
+    Nothing is buffered, so that pieces survive however the process ends.
     """
 
     def __init__(self, handle: int, where: str) -> None:
         self.handle, self.where = handle, where
-        self.written = 0
-        """Pieces in the file."""
-        self.lost = 0
-        """Pieces that could not be written."""
+        self.written, self.lost = 0, 0
+        """Pieces in the file, and pieces that could not be written."""
         self.failure = ""
-        """What the system reported when a piece was lost last."""
+        """System message of the last failure."""
         try:
             self._size: int | None = os.lseek(handle, 0, os.SEEK_CUR)
         except OSError:  # a pipe
             self._size = None
 
     def append(self, piece: bytes) -> bool:
-        """Append a piece; return whether it was written.
+        """Append a piece and return whether it was written.
 
         Raises:
-            BrokenPipeError: whoever read the pieces is gone.
+            BrokenPipeError: the reading process has ended.
         """
         try:
             rest = memoryview(piece)
@@ -132,11 +160,7 @@ class AppendedFile:
         return True
 
     def require_whole(self, hint: str) -> None:
-        """Make sure that every piece was written.
-
-        Raises:
-            OutputNotWritable: some were not.
-        """
+        """Raise OutputNotWritable if a piece was lost."""
         if self.lost:
             what = f"{self.lost} of {self.lost + self.written} lines or frames could not be written: {self.failure}."
             raise OutputNotWritable(what, where=self.where, hint=hint)
@@ -153,14 +177,10 @@ class AppendedFile:
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Return a new file to append to.
-
-    Args:
-        path: where.
-        fresh: refuse a file that is there; False empties it.
+    """Open a file to append to; ``fresh`` refuses an existing file, otherwise it is emptied.
 
     Raises:
-        OutputNotWritable: it cannot be made.
+        OutputNotWritable: it cannot be opened.
     """
     flags = os.O_WRONLY | os.O_CREAT | (os.O_EXCL if fresh else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
     try:

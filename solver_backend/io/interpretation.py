@@ -1,7 +1,6 @@
-"""From what files state to metres, Z up and frames per second: the one place that applies units, axes and rates.
+"""The one place that applies units, axes and rates to the statements of files: to metres, Z up, frames per second.
 
-Readers return the numbers of a file with what it says about them. Options of the user win, then what the file states,
-then what the numbers themselves show.
+Options of the user win, then the file's statements, then the evidence of the numbers.
 """
 
 from __future__ import annotations
@@ -19,32 +18,33 @@ from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged, NoDe
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, StatedCameras, build_cameras, meant_entries
 from solver_backend.io.markers.source import MarkerReport, MarkerSource, MarkerTake
-from solver_backend.io.markers.text_table import LARGEST
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.marker_labels import by_subject, subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import find_unit, metres_in
 from solver_backend.io.recognition.marker_up_axis import find_up_axis, rotation_to_z_up, with_up_axis
+from solver_backend.io.text_table import LARGEST
 from solver_backend.types import MarkerCloud
 
 MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})
 """Reading options that ``interpret_markers`` applies."""
 STILL_FRAMES = 10
-"""A marker that is exactly where it was over this many frames was not measured in them."""
+"""A marker that does not move at all over this many frames was not measured."""
 WIDEST_ARRAY_M = 60.0
-"""Cameras further apart than this many units are not measured in metres."""
+"""Cameras further apart than this many units are not in metres."""
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""Times the distance of the others that one of so many cameras is off where it is written in another unit than they."""
+"""Distance of one camera, as a multiple of the width of the others, from which it is in another unit, and cameras that
+show it."""
 
 
 def interpret_rate(
     given: float | None, stated: Sequence[tuple[float | None, Diagnostic]], default: float
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the frame rate of detections, a note on its origin, and a problem where it is assumed.
+    """Return the frame rate of detections, a note on its origin, and a problem if it is assumed.
 
     Args:
         given: by the user.
-        stated: rates that files state, the most trusted first, and the note on each.
-        default: assumed where nothing states one.
+        stated: rates of files, the most trusted first, with the note on each.
+        default: if nothing states a rate.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
@@ -57,16 +57,16 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Return the cameras of a calibration in metres, Z up; None where the file holds none.
+    """Return the cameras of a calibration in metres, Z up, None if the file holds none.
 
-    Without a unit, an array wider than ``WIDEST_ARRAY_M`` cannot be in metres and is read as millimetres.
+    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is read as millimetres.
 
     Args:
         stated: by the file.
         path: of the file or folder.
         kind: of format, for the notes.
-        unit: given length unit, a key of ``METRES``.
-        up_axis: given axis of the file's world that points up.
+        unit: given by the user, a key of ``METRES``.
+        up_axis: of the file's world, given by the user.
 
     Raises:
         CalibrationInvalid: two cameras have one name, or a value is impossible.
@@ -119,11 +119,11 @@ def _array_width(entries: list[CameraEntry]) -> float:
 
 
 def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
-    """Return the markers in metres with Z up, and what was recognised.
+    """Return the markers in metres with Z up, with a report.
 
     Raises:
         NoDetections: the file holds no markers, or none is ever seen.
-        FileDamaged: the file states no frame rate, and none is given.
+        FileDamaged: the frame rate is neither stated nor given.
         JobInvalid: the given unit or axis is unknown.
     """
     if source.to_metres is not None and options.unit is None and options.up_axis is None:
@@ -193,13 +193,12 @@ def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ..
 
 
 def _rate(source: MarkerSource, fps: float | None) -> float:
-    if fps is not None:
-        return float(fps)
-    if source.rate is None or not (np.isfinite(source.rate) and source.rate > 0):
-        found = "states no frame rate" if source.rate is None else f"states a frame rate of {source.rate:g}"
-        hint = "Give the frame rate."
-        raise FileDamaged(f"The file {found}; a positive number is expected.", where=str(source.path), hint=hint)
-    return float(source.rate)
+    rate = source.rate if fps is None else fps
+    if rate is None or not (np.isfinite(rate) and rate > 0):
+        found = "states no frame rate" if rate is None else f"states a frame rate of {rate:g}"
+        what = f"The file {found}; a positive number is expected."
+        raise FileDamaged(what, where=str(source.path), hint="Give the frame rate.")
+    return float(rate)
 
 
 def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
@@ -213,44 +212,40 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
 
 
 OUTSIDE = 1.0
-"""A sentinel is outside the box of most positions by so many of its longest sides: -9999 mm is by two and more."""
+"""Distance of a sentinel from the box of most positions, in its longest sides. -9999 mm is two or more away."""
 FAR = 100.0
-"""What is so many sides away is no position, whatever its digits: the box holds the way that somebody goes."""
+"""Distance in sides from which any number is a sentinel. The box contains a person's walk."""
 OFTEN = 3
-"""One number on all three axes that comes back so often was not measured, wherever it is."""
-SHARE = 0.05
-"""Share of the positions at either end that the box leaves out ..."""
-SHARE_WIDE = 0.3
-"""... or this one, where more is missing."""
+"""Repetitions of one number on all three axes from which it was not measured, wherever it is."""
+SHARES = (0.05, 0.3)
+"""Share of the positions at either end that the box leaves out, and the share if more is missing."""
 _NINES = 9999.0
-"""Least number of nines only that programs write for what is missing."""
+"""Least number with only the digit nine, which programs write for missing values."""
 
 
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return positions that are NaN wherever a marker was not seen, notes on zeros and problems on other sentinels.
+    """Return positions with NaN for unseen markers, notes on zeros and problems on other sentinels.
 
-    Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there. Others write one number
-    for all three axes (-9999, 1e6) or nines.
+    Many programs write 0 0 0 for an unseen marker. Others write one number for all three axes (-9999, 1e6) or nines.
 
     Args:
         positions: (F, M, 3) in the file's unit, NaN where missing.
-        labels: one a marker.
+        labels: one per marker.
     """
-    # One coordinate after the other: NumPy is slow to reduce an axis of three.
-    x, y, z = np.moveaxis(positions, -1, 0)
+    x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow to reduce an axis of three
     origin = (x == 0) & (y == 0) & (z == 0)
     seen = (np.abs(x) < LARGEST) & (np.abs(y) < LARGEST) & (np.abs(z) < LARGEST) & ~origin
     found = np.where(seen[..., None], positions, np.nan)
     sentinel = seen & _sentinels(found)
     found[sentinel] = np.nan
     place = f"{positions[sentinel][0].tolist()} or similar" if sentinel.any() else ""
-    return (found, _unseen(Severity.NOTE, "origin", origin, labels), _unseen(Severity.WARNING, place, sentinel, labels))
+    return found, _unseen(Severity.NOTE, "origin", origin, labels), _unseen(Severity.WARNING, place, sentinel, labels)
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
-    """Return (F, M) bool: outside of where the recording is, with digits no measurement has; or absurdly far."""
+    """Return (F, M) bool of positions outside the recorded volume with digits no measurement has, or absurdly far."""
     x, y, z = np.moveaxis(positions, -1, 0)
     alike = (x == y) & (y == z)
     values, counts = np.unique(x[alike], return_counts=True)
@@ -258,15 +253,15 @@ def _sentinels(positions: np.ndarray) -> np.ndarray:
     rest = np.where(often[..., None], np.nan, positions)
     flat = rest[:: max(1, len(rest) // 500)].reshape(-1, 3)
     odd = alike | _is_nines(x) | _is_nines(y) | _is_nines(z)
-    for share in (SHARE, SHARE_WIDE):
+    for share in SHARES:
         low, high = (quantile(flat, q, 0, "nearest") for q in (share, 1.0 - share))
         side = float(np.max(high - low))
         out = np.maximum(low - rest, rest - high)
         out = np.fmax(np.fmax(out[..., 0], out[..., 1]), out[..., 2])
         found = (odd & (out > OUTSIDE * side)) | (out > FAR * side) if side > 0 else np.zeros_like(often)
         if found.any():
-            break
-    return often | found
+            return often | found
+    return often
 
 
 def _is_nines(values: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ from solver_backend.exchange.errors import CaptureNotRecognised
 from solver_backend.io.camera_names import listing
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources, trials_below
 from solver_backend.io.footage import SENSOR_RECORDING, count_recordings
-from solver_backend.io.markers.text_table import delimiter_of, is_number
 from solver_backend.io.reader import Reader
+from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
 
 _NAMED = 5

@@ -1,11 +1,4 @@
-"""Markers in from C3D files of every processor, with integers or floats.
-
-Source: the C3D file format user guide (Motion Lab Systems, c3d.org). A frame is, for every point, four words: x, y, z
-and one that holds the residual in its low byte and a mask of the cameras in its high one; then the analog samples. A
-word has two bytes in a file of integers and four in a file of floats, where the fourth is the same integer as a float.
-It is negative for a point that was not seen. The header's numbers count where a parameter differs, as what cannot be
-read without them is kept right by every writer, but counts above 65,535 are in parameters or nowhere.
-"""
+"""Markers from C3D files of every processor, with integers or floats."""
 
 from __future__ import annotations
 
@@ -14,6 +7,7 @@ import re
 from dataclasses import dataclass
 from enum import IntEnum
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -23,41 +17,37 @@ from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.source import MarkerSource, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output
 
+# Source: the C3D file format user guide (Motion Lab Systems, c3d.org).
+#
+# A file has blocks of 512 bytes, counted from 1. The header is block 1. Its first byte is the block of the parameter
+# section, its second is 0x50. Parameters are a chain of records, each with the distance to the next, so that unknown
+# ones and descriptions are skipped. Real files break most of the rules, so no count is trusted beyond the file's end.
+#
+# A frame has four words for every point: x, y, z, and one with the residual in its low byte and a mask of cameras in
+# its high byte, negative for an unseen point. Analog samples follow. A word has two bytes in a file of integers and
+# four in a file of floats, whose fourth word is the same integer as a float. The header wins over a different
+# parameter, because no program reads a file without a correct header, but counts above 65,535 are in parameters only.
+
 
 class Processor(IntEnum):
-    """What wrote the numbers; the value is the byte in the file."""
+    """Processor that wrote the numbers, as the byte in the file."""
 
     INTEL = 84
     DEC = 85
     MIPS = 86
 
 
-def integers(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return signed 16-bit integers.
-
-    Args:
-        raw: (..., 2 n) bytes as uint8, contiguous along the last axis.
-        processor: what wrote them.
-
-    Returns:
-        (..., n) int16.
-    """
+def _integers(raw: np.ndarray, processor: Processor) -> np.ndarray:
+    """Return (..., n) int16 of (..., 2 n) bytes, contiguous along the last axis."""
     return raw.view(">i2" if processor is Processor.MIPS else "<i2")
 
 
-def floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return 32-bit floats as float64.
+def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
+    """Return (..., n) float64 of (..., 4 n) bytes, contiguous along the last axis.
 
     A VAX F float is two little-endian 16-bit words, the high one first, with an exponent that is 2 larger than that of
     the IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual).
-    Its 2^126 and above, which IEEE keeps for infinity and NaN, come out as those.
-
-    Args:
-        raw: (..., 4 n) bytes as uint8, contiguous along the last axis.
-        processor: what wrote them.
-
-    Returns:
-        (..., n) float64.
+    Values of 2^126 and above, which IEEE uses for infinity and NaN, become those.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:
@@ -67,24 +57,19 @@ def floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
         return ieee.view(np.float32).astype(np.float64) / 4.0
 
 
-def unsigned(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return (..., n) unsigned 16-bit integers of (..., 2 n) bytes."""
-    return integers(raw, processor).view(">u2" if processor is Processor.MIPS else "<u2")
+def _unsigned(raw: np.ndarray, processor: Processor) -> np.ndarray:
+    return raw.view(">u2" if processor is Processor.MIPS else "<u2")
 
 
-BLOCK = 512
-KEY = 0x50
-"""Second byte of every C3D file."""
-MOST_BLOCKS = 255
-"""A parameter section states its length in one byte."""
-
+BLOCK, KEY, MOST_BLOCKS = 512, 0x50, 255
+"""Bytes of a block, second byte of every file, and blocks of a parameter section, whose length is one byte."""
 _BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}
-"""Bytes of an element by the type of a parameter: characters, bytes, integers, floats."""
+"""Bytes of an element by parameter type: characters, bytes, integers, floats."""
 
 
 @dataclass(frozen=True)
 class Header:
-    """What the first block states; counts are unsigned, as files of more than 32,767 frames need them."""
+    """The first block. Counts are unsigned, as files of more than 32,767 frames need them."""
 
     points: int
     """Points in a frame."""
@@ -95,41 +80,39 @@ class Header:
     first: int
     """Number of the first frame."""
     last: int
-    """Number of the last frame; 65,535 where there are more."""
+    """Number of the last frame, 65,535 if there are more."""
     scale: float
-    """Units of an integer; negative where points are floats."""
+    """Units of an integer, negative in files of floats."""
     data_block: int
-    """Block at which the frames start."""
+    """Block of the first frame."""
     rate: float
     """Frames per second."""
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One parameter, decoded when it is asked for."""
+    """One parameter, decoded on demand."""
 
     kind: int
     """-1 characters, 1 bytes, 2 integers, 4 floats."""
     dimensions: tuple[int, ...]
-    """Sizes, the fastest first; none for a single value."""
+    """Sizes, the fastest first, empty for a single value."""
     data: np.ndarray
     """Its bytes."""
 
     def numbers(self, processor: Processor) -> np.ndarray:
-        """Return every value as float64, integers unsigned as counts are; characters have none."""
+        """Return every value as float64, integers unsigned, and nothing for characters."""
         if self.kind == 4:
-            return floats(self.data, processor)
+            return _floats(self.data, processor)
         if self.kind == 2:
-            return unsigned(self.data, processor).astype(np.float64)
+            return _unsigned(self.data, processor).astype(np.float64)
         return self.data.astype(np.float64) if self.kind == 1 else np.zeros(0)
 
     def texts(self) -> tuple[str, ...]:
-        """Return its strings without the blanks that fill them up."""
-        if self.kind != -1:
-            return ()
-        length = self.dimensions[0] if self.dimensions else 1
+        """Return its strings without padding."""
+        length = (self.dimensions[0] if self.dimensions else 1) if self.kind == -1 else 0
         count = len(self.data) // length if length else 0
-        return tuple(_text(row) for row in self.data[: count * length].reshape(count, length)) if length else ()
+        return tuple(_text(row) for row in self.data[: count * length].reshape(count, -1)) if count else ()
 
 
 @dataclass(frozen=True)
@@ -137,40 +120,34 @@ class Parameters:
     """All parameters by 'GROUP:NAME' in capitals."""
 
     processor: Processor
-    """What wrote the file's numbers."""
     by_name: dict[str, Parameter]
-    """The parameters; of two of one name, the first."""
+    """The first parameter of each name."""
     end: int
     """First byte after the section."""
 
     def numbers(self, name: str) -> np.ndarray:
-        """Return a parameter's values, none where it is missing."""
+        """Return a parameter's values, none if it is missing."""
         return self.by_name[name].numbers(self.processor) if name in self.by_name else np.zeros(0)
 
     def number(self, name: str) -> float | None:
-        """Return a parameter's first value, None where it is missing or not finite."""
+        """Return a parameter's first value, None if it is missing or not finite."""
         values = self.numbers(name)
         return float(values[0]) if values.size and np.isfinite(values[0]) else None
 
+    def first_text(self, name: str) -> str:
+        """Return a parameter's first string, empty if it is missing."""
+        return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
+
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return a parameter's strings, none where it is missing."""
-        return self.by_name[name].texts() if name in self.by_name else ()
-
-    def continued_texts(self, name: str) -> tuple[str, ...]:
-        """Return the strings of a list that goes on in NAME2, NAME3, ..., as more than 255 do not fit into one."""
-        texts, part = self.texts(name), 2
-        while f"{name}{part}" in self.by_name:
-            texts += self.texts(f"{name}{part}")
+        """Return the strings of a list that continues in NAME2, NAME3, ..., because a parameter holds at most 255."""
+        found, part = self.by_name[name].texts() if name in self.by_name else (), 2
+        while (key := f"{name}{part}") in self.by_name:
+            found += self.by_name[key].texts()
             part += 1
-        return texts
+        return found
 
 
-def read_parameters(data: np.ndarray, path: Path) -> Parameters:
-    """Find and read the parameter section.
-
-    Raises:
-        FileDamaged: the file is too short, has no key, or its processor is unknown.
-    """
+def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
     if len(data) < BLOCK or data[1] != KEY:
         what = "is empty" if not len(data) else "is truncated or is not a C3D file"
         raise FileDamaged(f"The file {what}.", where=str(path), hint="Export it again.")
@@ -183,11 +160,11 @@ def read_parameters(data: np.ndarray, path: Path) -> Parameters:
     processor = Processor(data[start + 3])
     blocks = int(data[start + 2]) or MOST_BLOCKS
     end = min(start + blocks * BLOCK, len(data))
-    return Parameters(processor, _walk(data[start + 4 : end], processor), end)
+    return Parameters(processor, _follow_chain(data[start + 4 : end], processor), end)
 
 
-def _walk(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
-    """Follow the chain of records; every step goes forward, so it ends.
+def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
+    """Return the parameters of a chain of records. Every step goes forward, so the loop ends.
 
     A record is: length of the name (negative if locked), id of the group (negative for a group's own record), name,
     distance from here to the next record; for a parameter: type, number of dimensions, dimensions, data.
@@ -201,7 +178,7 @@ def _walk(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
         if length == 0 or name_end + 2 > len(section):
             break
         name = _text(section[at + 2 : name_end]).upper()
-        step = int(unsigned(section[name_end : name_end + 2], processor)[0])
+        step = int(_unsigned(section[name_end : name_end + 2], processor)[0])
         if group < 0:
             groups.setdefault(-group, name)
         elif (parameter := _parameter(section[name_end + 2 :])) is not None:
@@ -216,7 +193,7 @@ def _walk(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter whose type starts here, None where it does not fit into the section."""
+    """Return the parameter whose type starts here, None if it does not fit into the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -228,25 +205,11 @@ def _parameter(body: np.ndarray) -> Parameter | None:
     return Parameter(kind, dimensions, body[start : start + size])
 
 
-def read_header(data: np.ndarray, processor: Processor) -> Header:
-    """Read the first block; word ``n`` of the user guide is bytes ``2 n - 2`` and ``2 n - 1``."""
-
-    def word(number: int) -> int:
-        return int(unsigned(data[2 * number - 2 : 2 * number], processor)[0])
-
-    def real(number: int) -> float:
-        return float(floats(data[2 * number - 2 : 2 * number + 2], processor)[0])
-
-    return Header(
-        points=word(2),
-        analog=word(3),
-        first=word(4),
-        last=word(5),
-        scale=real(7),
-        data_block=word(9),
-        analog_per_channel=word(10),
-        rate=real(11),
-    )
+def _read_header(data: np.ndarray, processor: Processor) -> Header:
+    # Word n of the user guide is bytes 2 n - 2 and 2 n - 1.
+    words = [int(value) for value in _unsigned(data[:BLOCK], processor)[:10]]
+    scale, rate = (float(_floats(data[2 * n - 2 : 2 * n + 2], processor)[0]) for n in (7, 11))
+    return Header(words[1], words[2], words[9], words[3], words[4], scale, words[8], rate)
 
 
 def _text(raw: np.ndarray) -> str:
@@ -258,152 +221,131 @@ def _text(raw: np.ndarray) -> str:
 
 
 _WORDS = 17
-_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}
-"""Names of segments as skeletons have them."""
+"""Numbers of a segment in a frame: its matrix by columns and its residual."""
+_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}
+"""Skeletons' names of segments."""
+_MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
+"""Lists of points that are no positions: programs store computed values (joint angles) as points."""
+MOST = 65535
+"""Largest count in the header."""
+SAME_RATE = 0.02
+"""Relative difference of entries of one frame rate at most: 59.94 is 60. No file of 80 recordings has more."""
 
 
 @dataclass(frozen=True)
 class SegmentOrigins:
-    """Where S segments begin and how they are turned, in F frames."""
+    """Origins and rotations of S segments in F frames."""
 
     positions: np.ndarray
-    """(F, S, 3) in the unit of the file's points, NaN where a segment is not seen."""
+    """(F, S, 3) in the unit of the file's points, NaN where unseen."""
     labels: tuple[str, ...]
-    """One a segment, the side in words."""
+    """One per segment, such as ``left_upper_arm``."""
     turns: np.ndarray
     """(F, S, 3, 3) rotations from each segment's axes to the file's."""
     rate: float | None
     """Frames per second."""
 
 
-def read_origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
-    """Return the segments' origins, None where the file holds no rotations."""
-    labels = parameters.continued_texts("ROTATION:LABELS")
+def read_segments(path: Path) -> SegmentOrigins | None:
+    """Return the segments of a file, None if it holds none.
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, or it is truncated or no C3D.
+    """
+    data = np.frombuffer(read_bytes(path), np.uint8)
+    return _origins(data, _read_parameters(data, path))
+
+
+def _origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
+    labels = parameters.texts("ROTATION:LABELS")
     count = min(int(parameters.number("ROTATION:USED") or 0), len(labels))
     block = int(parameters.number("ROTATION:DATA_START") or 0)
     start, stride = (block - 1) * BLOCK, 4 * _WORDS * count
     if count <= 0 or block < 2 or start + stride > len(data):
         return None
-    ratio = max(parameters.number("ROTATION:RATIO") or 1.0, 1.0)
-    stated = parameters.number("POINT:FRAMES")
-    frames = (len(data) - start) // stride
-    frames = min(frames, int(stated * ratio)) if stated else frames
-    values = floats(data[start : start + frames * stride].reshape(frames, stride), parameters.processor)
+    frames, stated = (len(data) - start) // stride, parameters.number("POINT:FRAMES")
+    if stated:
+        frames = min(frames, int(stated * max(parameters.number("ROTATION:RATIO") or 1.0, 1.0)))
+    values = _floats(data[start : start + frames * stride].reshape(frames, stride), parameters.processor)
     values = values.reshape(frames, count, _WORDS)
     kept = [i for i, label in enumerate(labels[:count]) if not label.lower().startswith("world")]
     positions = np.where(values[:, kept, -1:] >= 0, values[:, kept, 12:15], np.nan)
     columns = values[:, kept, :16].reshape(frames, len(kept), 4, 4)[..., :3, :3]
-    names = tuple(_named(labels[i]) for i in kept)
+    names = tuple(_segment_name(labels[i]) for i in kept)
     return SegmentOrigins(positions, names, np.swapaxes(columns, -1, -2), parameters.number("ROTATION:RATE"))
 
 
-def _named(label: str) -> str:
-    """Return a segment's name as skeletons write it: ``left_upper_arm`` for ``l_uarm_4X4``."""
+def _segment_name(label: str) -> str:
+    """Return ``left_upper_arm`` for ``l_uarm_4X4``."""
     name = re.sub(r"_?4x4$", "", label.strip(), flags=re.IGNORECASE).lower()
     side = {"l_": "left_", "r_": "right_"}.get(name[:2], "")
     part = name[2:] if side else name
-    return side + _NAMES.get(part, part)
-
-
-MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Lists of points that are not positions: programs keep what their models compute (joint angles) as points."""
-
-MOST = 65535
-"""Largest count in the header."""
-SAME_RATE = 0.02
-"""Share by which entries of one frame rate differ at most: 59.94 is 60. None of 80 recordings of many programs has
-entries that differ by more."""
+    return side + _SEGMENT_NAMES.get(part, part)
 
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where the frames are."""
+    """Location of the frames."""
 
     start: int
     """First byte."""
     frames: int
-    """Number of frames."""
     stride: int
     """Bytes in a frame."""
     points: int
-    """Points in a frame."""
     word: int
-    """Bytes in a word: 4 in a file of floats, 2 in one of integers."""
+    """Bytes in a word: 4 in a file of floats, 2 in a file of integers."""
     first_frame: int
-    """Number of the first frame."""
     problems: tuple[Diagnostic, ...]
-    """What is wrong with the file's counts."""
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers of a C3D file.
+    """Read the markers of a C3D file, or the origins of its segments if it has no markers.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is truncated, is not C3D.
-        NoDetections: it holds no markers (but forces, perhaps), or none is ever seen.
+        FileMissing, FileDamaged: there is no such file, or it is truncated or no C3D.
     """
     data = np.frombuffer(read_bytes(path), np.uint8)
-    parameters = read_parameters(data, path)
-    header = read_header(data, parameters.processor)
+    parameters = _read_parameters(data, path)
+    header = _read_header(data, parameters.processor)
     layout = _layout(data, header, parameters, path)
-    labels = parameters.continued_texts("POINT:LABELS")[: layout.points]
+    labels = parameters.texts("POINT:LABELS")[: layout.points]
     labels += ("",) * (layout.points - len(labels))
-    kept, notes = _positions_only(labels, parameters)
-    if not len(kept) and (origins := read_origins(data, parameters)) is not None:
-        return _segments(origins, path, parameters)
+    outputs = {label for name in _MODEL_OUTPUTS for label in parameters.texts(f"POINT:{name}")} - {""}
+    kept = [i for i, label in enumerate(labels) if label not in outputs and not is_model_output(label)]
+    common: dict[str, Any] = {"path": path, "default_unit": "mm", "default_up_axis": "z"}
+    common |= {"unit": parameters.first_text("POINT:UNITS"), "up_axis": _screen_up(parameters)}
+    if not kept and (origins := _origins(data, parameters)) is not None:
+        return MarkerSource(
+            format=f"C3D ({parameters.processor.name}, rotations)",
+            positions=origins.positions,
+            labels=origins.labels,
+            rate=origins.rate or parameters.number("POINT:RATE"),
+            notes=(diagnostic("points_computed", kind="segments", count=len(origins.labels)),),
+            **common,
+        )
     positions, residual, problems = _points(data, layout, kept, _scale(header, parameters, path), parameters)
-    kind = "float" if layout.word == 4 else "integer"
     rate = header.rate if header.rate > 0 else (parameters.number("POINT:RATE") or header.rate)
     return MarkerSource(
-        path=path,
-        format=f"C3D ({parameters.processor.name}, {kind})",
+        format=f"C3D ({parameters.processor.name}, {'float' if layout.word == 4 else 'integer'})",
         positions=positions,
         labels=tuple(labels[i] for i in kept),
         rate=rate,
-        default_unit="mm",
-        default_up_axis="z",
-        unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
-        up_axis=_screen_up(parameters),
         residual=residual,
         first_frame=layout.first_frame,
         analog_channels=_analog_channels(header, parameters),
-        notes=notes,
+        notes=left_out_note(len(labels) - len(kept)),
         problems=(*layout.problems, *problems),
         rate_doubts=_contradicted(rate, header, parameters),
-    )
-
-
-def read_segments(path: Path) -> SegmentOrigins | None:
-    """Return origins and rotations of the segments that a file holds, None where it holds none.
-
-    Raises:
-        FileMissing, FileDamaged: it is not there, is truncated, or is no C3D.
-    """
-    data = np.frombuffer(read_bytes(path), np.uint8)
-    return read_origins(data, read_parameters(data, path))
-
-
-def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> MarkerSource:
-    return MarkerSource(
-        path=path,
-        format=f"C3D ({parameters.processor.name}, rotations)",
-        positions=origins.positions,
-        labels=origins.labels,
-        rate=origins.rate or parameters.number("POINT:RATE"),
-        default_unit="mm",
-        default_up_axis="z",
-        unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
-        up_axis=_screen_up(parameters),
-        notes=(diagnostic("points_computed", kind="segments", count=len(origins.labels)),),
+        **common,
     )
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
-    """Find the frames; no count is trusted beyond the file's own length.
+    """Find the frames.
 
-    Where there are more than ``MOST`` frames and no parameter states it, the header's last frame stays at ``MOST`` or
-    begins again at 0: the file's length decides.
+    If there are more than ``MOST`` frames and no parameter states it, the header's last frame is ``MOST`` or starts
+    again at 0. Then the file's length decides.
     """
     word = 4 if header.scale < 0 or math.isnan(header.scale) else 2
     points = header.points or int(np.clip(parameters.number("POINT:USED") or 0, 0, MOST))
@@ -412,7 +354,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
     room = max(len(data) - start, 0)
     claims, first = _frame_counts(header, parameters)
     stride = word * (4 * points + header.analog)
-    # Some writers state the channels where the header wants their samples in a frame; then most of the file is left.
+    # Some writers state the channels instead of their samples in a frame. Then most of the file is left.
     samples = word * (4 * points + len(_analog_channels(header, parameters)) * header.analog_per_channel)
     if max(claims) * stride + BLOCK < room and max(claims) * stride < max(claims) * samples <= room:
         stride = samples
@@ -433,19 +375,16 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
-    first = header.first
-    claims = [header.last - header.first + 1]
+    """Return every stated number of frames, and the number of the first frame."""
+    claims, first = [header.last - header.first + 1], header.first
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
     if start.size >= 2 and end.size >= 2:
-        # Two words, the low one first.
-        low, high = (values[0] + 65536 * values[1] for values in (start, end))
+        low, high = (values[0] + 65536 * values[1] for values in (start, end))  # the low word comes first
         if 0 <= low <= high < 2**32:
             claims.append(int(high - low) + 1)
             first = int(low)
-    for name in ("POINT:LONG_FRAMES", "POINT:FRAMES"):
-        count = parameters.number(name)
-        if count is not None and 0 < count < 2**32:
-            claims.append(int(count))
+    stated = [parameters.number(f"POINT:{name}") for name in ("LONG_FRAMES", "FRAMES")]
+    claims += [int(count) for count in stated if count is not None and 0 < count < 2**32]
     return [count for count in dict.fromkeys(claims) if count > 0] or [1], first
 
 
@@ -466,13 +405,13 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 
 
 def _points(
-    data: np.ndarray, layout: _Layout, kept: np.ndarray, scale: float, parameters: Parameters
+    data: np.ndarray, layout: _Layout, kept: list[int], scale: float, parameters: Parameters
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
-    """Return positions (F, M, 3) and residuals (F, M) of the kept points, NaN where missing, in the file's unit."""
+    """Return positions (F, M, 3) and residuals (F, M) of the kept points in the file's unit, NaN where missing."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
-    raw = frames[:, : 4 * layout.word * layout.points]
-    decode = floats if layout.word == 4 else integers
-    values = decode(raw, parameters.processor).reshape(layout.frames, layout.points, 4)
+    decode = _floats if layout.word == 4 else _integers
+    values = decode(frames[:, : 4 * layout.word * layout.points], parameters.processor)
+    values = values.reshape(layout.frames, layout.points, 4)
     values = values if len(kept) == layout.points else values[:, kept]
     positions = values[..., :3] * (1.0 if layout.word == 4 else scale)
     fourth = np.nan_to_num(values[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
@@ -486,14 +425,8 @@ def _points(
     return positions, residual, problems
 
 
-def _positions_only(labels: tuple[str, ...], parameters: Parameters) -> tuple[np.ndarray, tuple[Diagnostic, ...]]:
-    outputs = {label for name in MODEL_OUTPUTS for label in parameters.continued_texts(f"POINT:{name}")} - {""}
-    kept = [i for i, label in enumerate(labels) if label not in outputs and not is_model_output(label)]
-    return np.array(kept, dtype=np.int64), left_out_note(len(labels) - len(kept))
-
-
 def _screen_up(parameters: Parameters) -> str:
-    axes = [" ".join(parameters.texts(f"POINT:{name}_SCREEN")[:1]).lower().lstrip("+") for name in "XY"]
+    axes = [parameters.first_text(f"POINT:{name}_SCREEN").lower().lstrip("+") for name in "XY"]
     known = all(axis.lstrip("-") in ("x", "y", "z") for axis in axes)
     return axes[1] if known and axes[0][-1] != axes[1][-1] else ""
 
@@ -502,5 +435,5 @@ def _analog_channels(header: Header, parameters: Parameters) -> tuple[str, ...]:
     used = parameters.number("ANALOG:USED")
     count = int(used) if used is not None else header.analog // max(header.analog_per_channel, 1)
     count = min(max(count, 0), header.analog)
-    labels = parameters.continued_texts("ANALOG:LABELS")[:count]
+    labels = parameters.texts("ANALOG:LABELS")[:count]
     return tuple(label or f"channel {i}" for i, label in enumerate(labels + ("",) * (count - len(labels)), 1))

@@ -1,9 +1,4 @@
-"""Markers out to C3D files: Intel, floats, millimetres, Z up.
-
-Source: the C3D file format user guide (Motion Lab Systems, c3d.org). The parameters are those that the guide asks for,
-and no analog data. Counts above 65,535 are kept in TRIAL:ACTUAL_END_FIELD and POINT:LONG_FRAMES, as programs that read
-long files look for them in the one or the other; more than 255 labels go on in POINT:LABELS2.
-"""
+"""Markers to C3D files: Intel, floats, millimetres, Z up."""
 
 from __future__ import annotations
 
@@ -16,50 +11,27 @@ import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
 from solver_backend.exchange.outputs import atomic_output
-from solver_backend.io.markers.c3d import BLOCK, KEY, MOST_BLOCKS, Processor
+from solver_backend.io.markers.c3d import BLOCK, KEY, MOST, MOST_BLOCKS, Processor
 from solver_backend.types import MarkerCloud
 
+# Source: the C3D file format user guide (Motion Lab Systems, c3d.org), with the parameters that it requires and no
+# analog data. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because programs look for
+# them in one or the other. More than 255 labels continue in POINT:LABELS2.
 PER_PARAMETER = 255
 """Most strings in one parameter, and most characters in one."""
-MOST_POINTS = 65535
 LARGEST_M = 1e30
-"""Largest coordinate: single precision ends at 3.4e38, millimetres and the scale included."""
+"""Largest coordinate. Single precision ends at 3.4e38, including millimetres and the scale."""
 _MM = 1000.0
 """Millimetres in a metre."""
 
 
-def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers to a C3D file, whole or not at all; a missing one is 0 0 0 with the residual -1.
-
-    Args:
-        cloud: markers, Z up, in metres.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-        NonFiniteData: the frame rate is not positive, or a number is larger than the file's can be.
-        ShapeMismatch: labels and markers differ in number, or the labels are too many or too long for a C3D file.
-    """
-    positions = np.asarray(cloud.positions, dtype=np.float64)
-    frames, markers = positions.shape[:2]
-    labels = cloud.labels or unnamed_labels(markers)
-    largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
-    size = C3dSize(frames, labels, cloud.fps, largest)
-    if len(labels) != markers:
-        raise ShapeMismatch(f"{len(labels)} labels do not fit {markers} markers.", where=str(path))
-    parts = [(positions, cloud.residual)]
-    return write_c3d_parts(path, size, parts, overwrite=overwrite)
-
-
 @dataclass(frozen=True)
 class C3dSize:
-    """What the head of a file holds before its frames are there."""
+    """Content of a file's head, known before its frames."""
 
     frames: int
-    """Number of frames."""
     labels: Sequence[str]
-    """One label a marker."""
     fps: float
-    """Frames per second."""
     largest_m: float
     """Largest absolute coordinate in metres."""
 
@@ -69,36 +41,53 @@ def unnamed_labels(markers: int) -> tuple[str, ...]:
     return tuple(f"*{i}" for i in range(1, markers + 1))
 
 
+def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
+    """Write markers to a C3D file. A missing marker is 0 0 0 with the residual -1.
+
+    Raises:
+        OutputExists, OutputNotWritable, NonFiniteData, ShapeMismatch: see ``write_c3d_parts``.
+    """
+    positions = np.asarray(cloud.positions, dtype=np.float64)
+    largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
+    size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest)
+    return write_c3d_parts(path, size, [(positions, cloud.residual)], overwrite=overwrite)
+
+
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file whose frames come in parts, which together are never in memory.
+    """Write a C3D file whose frames come in parts, so that not all are in memory.
 
     Args:
-        size: what all parts together are.
-        parts: (F, M, 3) positions in metres and (F, M) residuals, in the order of time.
+        path: of the file.
+        size: of all parts together.
+        parts: (F, M, 3) positions in metres and (F, M) residuals in the order of time.
+        overwrite: an existing file.
 
     Raises:
-        OutputExists, OutputNotWritable, NonFiniteData, ShapeMismatch: see ``write_c3d``.
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+        NonFiniteData: the frame rate is not positive, or a number does not fit the format.
+        ShapeMismatch: there are too many markers, or their labels are too long.
     """
     markers = len(size.labels)
     if not (np.isfinite(size.fps) and size.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {size.fps}.", where=str(path))
     if not (size.largest_m < LARGEST_M and size.fps < LARGEST_M):
-        raise NonFiniteData(
+        what = (
             f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit a C3D file, whose "
-            f"numbers end at {LARGEST_M:g}.",
-            where=str(path),
-            hint="Leave out the marker or the frames where it is.",
         )
-    if markers > MOST_POINTS:
-        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST_POINTS}.", where=str(path))
-    # Half of a 16-bit integer's range, should a program store the points as such.
+        what += f"numbers end at {LARGEST_M:g}."
+        hint = "Leave out the marker or the frames where it is."
+        raise NonFiniteData(what, where=str(path), hint=hint)
+    if markers > MOST:
+        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST}.", where=str(path))
+    # Half of a 16-bit integer's range, for programs that store the points as integers.
     scale = max(0.1, size.largest_m * _MM / 32000.0)
-    section, data_block = _parameter_section(size.fps, size.frames, size.labels, scale)
+    section, data_block = _parameter_section(size, scale)
+    last = min(size.frames, MOST)
+    head = struct.pack("<BBHHHHHfHHf", 2, KEY, markers, 0, 1, last, 10, -scale, data_block, 0, size.fps)
     with atomic_output(path, overwrite=overwrite) as temporary, open(temporary, "wb") as stream:
-        stream.write(_header(size.fps, size.frames, markers, scale, data_block))
-        stream.write(section)
+        stream.write(_padded(head) + section)
         for positions, residual in parts:
             stream.write(_frames(np.asarray(positions, np.float64) * _MM, residual, scale).tobytes())
         stream.write(bytes(-stream.tell() % BLOCK))
@@ -116,42 +105,28 @@ def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) ->
     return values
 
 
-def _header(fps: float, frames: int, markers: int, scale: float, data_block: int) -> bytes:
-    last = min(frames, 65535)
-    return _padded(struct.pack("<BBHHHHHfHHf", 2, KEY, markers, 0, 1, last, 10, -scale, data_block, 0, fps))
+_Value = tuple[int, tuple[int, ...], bytes]
+"""Kind, dimensions and bytes of a parameter."""
 
 
-def _parameter_section(fps: float, frames: int, labels: Sequence[str], scale: float) -> tuple[bytes, int]:
-    """Return the section, filled up to blocks, and the block after it."""
-
-    def records(data_block: int) -> bytes:
-        point = {
-            "USED": _integers(len(labels)), "FRAMES": _integers(min(frames, 65535)), "SCALE": _floats(-scale),
-            "RATE": _floats(fps), "DATA_START": _integers(data_block), "UNITS": _texts(["mm"]),
-            "X_SCREEN": _texts(["+X"]), "Y_SCREEN": _texts(["+Z"]), **_long("LABELS", labels),
-            **_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _floats(frames),
-        }  # fmt: skip
-        trial = {
-            "ACTUAL_START_FIELD": _integers(1, 0),
-            "ACTUAL_END_FIELD": _integers(frames % 65536, frames // 65536),
-            "CAMERA_RATE": _floats(fps),
-        }
-        analog = {
-            "USED": _integers(0), "RATE": _floats(fps), "GEN_SCALE": _floats(1.0), "LABELS": _texts([]),
-            "DESCRIPTIONS": _texts([]), "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": _texts([]),
-        }  # fmt: skip
-        force = {"USED": _integers(0), "TYPE": (2, (0,), b""), "ZERO": _integers(1, 0)}
-        return _records({"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force})
-
-    size = len(records(0)) + 4
-    blocks = -(-size // BLOCK)
+def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
+    """Return the section, padded to blocks, and the block after it."""
+    frames, labels, none = size.frames, size.labels, _texts([])
+    point = {"USED": _integers(len(labels)), "FRAMES": _integers(min(frames, MOST)), "SCALE": _floats(-scale)}
+    point |= {"RATE": _floats(size.fps), "DATA_START": _integers(0), "UNITS": _texts(["mm"])}
+    point |= {"X_SCREEN": _texts(["+X"]), "Y_SCREEN": _texts(["+Z"]), **_long("LABELS", labels)}
+    point |= {**_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _floats(frames)}
+    trial = {"ACTUAL_START_FIELD": _integers(1, 0), "ACTUAL_END_FIELD": _integers(frames % 65536, frames // 65536)}
+    trial["CAMERA_RATE"] = _floats(size.fps)
+    analog = {"USED": _integers(0), "RATE": _floats(size.fps), "GEN_SCALE": _floats(1.0), "LABELS": none}
+    analog |= {"DESCRIPTIONS": none, "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": none}
+    force = {"USED": _integers(0), "TYPE": (2, (0,), b""), "ZERO": _integers(1, 0)}
+    groups = {"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force}
+    blocks = -(-(len(_records(groups)) + 4) // BLOCK)
     if blocks > MOST_BLOCKS:
         raise ShapeMismatch(f"{len(labels)} labels are too long for the head of a C3D file.")
-    head = bytes([1, KEY, blocks, Processor.INTEL])
-    return _padded(head + records(2 + blocks)), 2 + blocks
-
-
-_Value = tuple[int, tuple[int, ...], bytes]
+    point["DATA_START"] = _integers(2 + blocks)
+    return _padded(bytes([1, KEY, blocks, Processor.INTEL]) + _records(groups)), 2 + blocks
 
 
 def _integers(*values: int) -> _Value:
@@ -174,7 +149,7 @@ def _long(name: str, texts: Sequence[str]) -> dict[str, _Value]:
 
 
 def _records(groups: dict[str, dict[str, _Value]]) -> bytes:
-    """Return the chain of records that ``c3d_parameters`` follows, without descriptions."""
+    """Return the chain of records that ``c3d._follow_chain`` reads, without descriptions."""
     chain = [(-i, name, b"\0") for i, name in enumerate(groups, 1)]
     for i, parameters in enumerate(groups.values(), 1):
         for name, (kind, sizes, data) in parameters.items():

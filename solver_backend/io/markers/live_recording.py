@@ -1,9 +1,8 @@
-"""Recordings of live points as they grow: one block a frame, each readable without the others.
+"""Recordings of live points as they grow: one block per frame, each readable without the others.
 
-A block is, little-endian: 8 bytes of mark, the number of points (uint32), the CRC-32 of all that follows, begun with
-that number (uint32), the time in seconds, the nominal rate and the 3 x 3 matrix that turns points into metres, Z up (11
-float64, NaN for what is not known yet), and x, y, z of each point in the source's unit and axes (float32). Every whole
-block is read, whatever happened to the rest of the file: damage is passed over up to the next mark.
+A block is, little-endian: 8 bytes of mark, the number of points (uint32), the CRC-32 of the rest seeded with that
+number (uint32), the time in seconds, the nominal rate and the 3 x 3 transform of points to metres, Z up (11 float64,
+NaN if unknown), and x, y, z of each point in the source's unit and axes (float32). Damage is skipped to the next mark.
 """
 
 from __future__ import annotations
@@ -13,6 +12,7 @@ import zlib
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import BinaryIO
 
@@ -25,17 +25,17 @@ from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
 SUFFIX = ".recording"
-"""Added to the name of the file that the recording becomes."""
+"""Added to the name of the final recording."""
 MARK = b"MMLIVE1\n"
 MOST_POINTS = 400
-"""More in one frame are no marker cloud of a person."""
+"""Points of a frame at most. More are no marker cloud of a person."""
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
 _SEARCHED = 64, 1 << 20
-"""Bytes that are searched first for the next mark, and at most at once: twice as many each time."""
+"""Bytes searched for the next mark at first and at most, doubled each time."""
 MOST_NUMBERS = 400_000_000
-"""Coordinates of a take that is read whole: 1.6 GB, more than six hours of 60 points at 100 Hz."""
+"""Coordinates of a take at most: 1.6 GB, more than six hours of 60 points at 100 Hz."""
 DEFAULT_RATE = 120.0
-"""Frames a second of a recording without times; chosen by hand."""
+"""Frames per second of a recording without times, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -47,14 +47,14 @@ class LiveBlock:
     points: np.ndarray
     """(N, 3) float32 in the source's unit and axes."""
     fps: float | None = None
-    """Nominal rate, None where it is not known."""
+    """Nominal rate, None if unknown."""
     to_metres: np.ndarray | None = None
-    """(3, 3) what turns the points into metres, Z up; None while it is not known."""
+    """(3, 3) transform of the points to metres, Z up, None if unknown."""
 
 
 @dataclass(frozen=True)
 class LiveExtent:
-    """What a recording holds up to where it ends."""
+    """Content of a recording up to its end."""
 
     frames: int
     """Whole blocks."""
@@ -65,11 +65,11 @@ class LiveExtent:
     last: float
     """Time of the last frame, NaN without frames."""
     to_metres: np.ndarray | None
-    """What turns the points into metres, as far as it became known."""
+    """(3, 3) transform of the points to metres, None if unknown."""
     largest: float
     """Largest absolute coordinate."""
     damaged: int
-    """Bytes that belong to no whole block."""
+    """Bytes outside whole blocks."""
 
 
 def pack_block(block: LiveBlock) -> bytes:
@@ -82,7 +82,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield the whole blocks of a stream from where it is, and the number of bytes wherever some belong to none."""
+    """Yield the whole blocks of a stream from its position, and the number of bytes wherever some are damaged."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -100,7 +100,7 @@ def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
 
 
 def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
-    """Return the block that begins with a head, None if it is not whole, and its length."""
+    """Return the block that begins with a head and its length, None and 0 if it is not whole."""
     if len(head) < _HEAD.size:
         return None, 0
     mark, count, check = _HEAD.unpack(head)
@@ -129,7 +129,7 @@ def _next_mark(stream: BinaryIO, at: int) -> int:
 
 
 def measure_recording(stream: BinaryIO) -> LiveExtent:
-    """Return what a recording holds; memory is that of its times."""
+    """Return the content of a recording. Memory use is that of its times."""
     times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
     for block in read_blocks(stream):
         if isinstance(block, int):
@@ -144,7 +144,7 @@ def measure_recording(stream: BinaryIO) -> LiveExtent:
 
 
 def rate_of(times: np.ndarray, fps: float | None) -> float:
-    """Return the nominal rate or, without a possible one, that of the median step between times."""
+    """Return the nominal rate, or the rate of the median step between times if the nominal one is not plausible."""
     with np.errstate(all="ignore"):
         steps = np.diff(times)
         measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
@@ -153,26 +153,20 @@ def rate_of(times: np.ndarray, fps: float | None) -> float:
 
 
 def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
-    """Yield the points of a recording, up to so many frames at once, as (F, most, 3) with NaN behind each frame's."""
-    part, filled = np.full((frames, most, 3), np.nan, np.float32), 0
-    for block in read_blocks(stream):
-        if isinstance(block, int):
-            continue
-        part[filled, : len(block.points)] = block.points
-        filled += 1
-        if filled == frames:
-            yield part
-            part, filled = np.full((frames, most, 3), np.nan, np.float32), 0
-    if filled:
-        yield part[:filled]
+    """Yield the points of a recording as (F, most, 3), at most ``frames`` at once, NaN after each frame's points."""
+    blocks = (block for block in read_blocks(stream) if isinstance(block, LiveBlock))
+    while taken := list(islice(blocks, frames)):
+        part = np.full((len(taken), most, 3), np.nan, np.float32)
+        for row, block in zip(part, taken, strict=True):
+            row[: len(block.points)] = block.points
+        yield part
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read a live recording that was not finished, up to where it ends.
+    """Read a live recording that was not finished.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is larger than a take is, or holds no whole frame.
+        FileMissing, FileDamaged: there is no such file, or it is too large or holds no whole frame.
         NoDetections: no frame has points.
     """
     path = require_file(path)
@@ -187,8 +181,8 @@ def read_live_recording(path: Path) -> MarkerSource:
     problems = [diagnostic("live_recording_incomplete", kind="unfinished", count=extent.frames, time=extent.last)]
     if extent.damaged:
         problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))
-    positions, labels, found = positions.astype(np.float64), ("",) * extent.most, tuple(problems)
-    source = MarkerSource(path, "live recording", positions, labels, extent.rate, "m", "z", problems=found)
+    positions, labels = positions.astype(np.float64), ("",) * extent.most
+    source = MarkerSource(path, "live recording", positions, labels, extent.rate, "m", "z", problems=tuple(problems))
     return replace(source, to_metres=extent.to_metres)
 
 

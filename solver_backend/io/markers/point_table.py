@@ -1,13 +1,7 @@
-"""Tables of 3D points as scripts, spreadsheets, anipose, DeepLabCut and FreeMoCap write them: names above columns.
-
-Three forms are read. Wide with one heading row, ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, ``LASI X
-(mm)``). Wide with two, the names above the first or each of the columns ``X, Y, Z``. Long, a row a point: ``frame,
-marker, x, y, z``. Columns of other quantities (anipose's ``LASI_error``, ``LASI_score``) are left out.
-"""
+"""Tables and arrays of 3D points from scripts, spreadsheets, anipose, DeepLabCut and FreeMoCap."""
 
 from __future__ import annotations
 
-import csv
 import re
 from collections.abc import Sequence
 from dataclasses import replace
@@ -17,57 +11,45 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, FileMissing
-from solver_backend.exchange.json_file import read_json_file
-from solver_backend.io.files import LONGEST_HEADING, read_text
+from solver_backend.io.files import LARGEST_TEXT, LONGEST_HEADING, load_array, read_json, read_text
 from solver_backend.io.markers.source import MarkerSource
-from solver_backend.io.markers.text_table import (
+from solver_backend.io.text_table import (
+    cells_of,
+    csv_rows,
     delimiter_of,
     frame_facts,
-    header_cells,
     read_numbers,
     triples,
     with_whole_decimals,
 )
 from solver_backend.types import JointSet
 
+# Three forms are read. Wide with one heading row, ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, ``LASI X
+# (mm)``). Wide with two, the names above the first or each of the columns ``X, Y, Z``. Long with a row per point:
+# ``frame, marker, x, y, z``. Columns of other quantities (anipose's ``LASI_error``, ``LASI_score``) are left out.
 LEAST_POINTS = 4
-"""Points whose three columns stand side by side; a table of fewer names no person."""
+"""Points with three columns side by side. A table of fewer shows no person."""
 _HEADING_LINES = 12
-"""Lines in which the headings must come."""
+"""Lines within which the headings must come."""
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
 _FRAMES = ("frame", "frames", "bild", "image", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
-_TIMES = (
-    "time",
-    "time (s)",
-    "time (seconds)",
-    "time_s",
-    "timestamp",
-    "timestamps",
-    "seconds",
-    "t",
-    "zeit",
-    "zeit (s)",
-    "temps",
-    "temps (s)",
-)
+_TIMES = ("time", "time (s)", "time (seconds)", "time_s", "timestamp", "timestamps", "seconds", "t", "zeit")
+_TIMES += ("zeit (s)", "temps", "temps (s)")
 _NAMES = ("marker", "name", "label", "keypoint", "landmark", "joint", "bodypart", "point", "marker_name")
-"""Headings in small letters: of the frame's number, of its seconds, and in long tables of the point."""
+"""Headings in small letters of the frame number, of the seconds, and in long tables of the point."""
 
 
 def begins_as_points(head: str) -> bool:
     """Return whether a file begins with the headings of such a table."""
-    lines = head.splitlines()[:_HEADING_LINES]
-    return bool(lines) and _layout(lines) is not None
+    return _layout(head.splitlines()[:_HEADING_LINES]) is not None
 
 
 def read_point_table(path: Path) -> MarkerSource:
     """Read the points of a table.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is no such table, a cell is no number, or the frame rate is neither given nor in it.
-        NoDetections: no point is ever seen.
+        FileMissing, FileDamaged: there is no such file, it is no such table, or a cell is no number.
     """
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     found = _layout(lines[:_HEADING_LINES])
@@ -75,16 +57,12 @@ def read_point_table(path: Path) -> MarkerSource:
         what = "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z."
         raise FileDamaged(what, where=str(path), hint="Export it again with its headings.")
     first, headings, columns, stated = found
-    delimiter = delimiter_of(lines[first - 1])
-    try:
-        rows = list(csv.reader(lines[first:], delimiter=delimiter))
-    except csv.Error as error:
-        raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
+    rows = csv_rows("\n".join(lines[first:]), delimiter_of(lines[first - 1]), path)
     leading = sum(heading in (*_FRAMES, *_NAMES) for heading in headings[:2])
     rows = with_whole_decimals(rows, len(headings), leading, path)
     if columns:
         kept = {x + k for x in columns.values() for k in range(3)}
-        values = read_numbers(_numbers_alone(rows, headings, kept), first + 1, path)
+        values = _numbers(rows, headings, kept, first, path)
         positions, labels = triples(values, list(columns.values())), tuple(columns)
     else:
         values, positions, labels = _from_long(rows, headings, first, path)
@@ -95,16 +73,16 @@ def read_point_table(path: Path) -> MarkerSource:
 
 
 def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
-    """Return the first line of numbers, the headings, the first column of each point, and the unit they state.
+    """Return the first line of numbers, the headings, the first column of each point, and the stated unit.
 
-    Points have no columns in long tables; None where the lines are no headings of a table of points.
+    Long tables have no columns of points. The result is None if the lines are no headings of points.
     """
     for at, line in enumerate(lines):
-        cells = header_cells(line, delimiter_of(line))
+        cells = cells_of(line, delimiter_of(line))
         plain = [cell.lower() for cell in cells]
         if {"x", "y", "z"} <= set(plain) and set(plain) & set(_NAMES) and set(plain) & {*_FRAMES[:-1], *_TIMES}:
             return at + 1, plain, {}, ""
-        above = header_cells(lines[at - 1], delimiter_of(lines[at - 1])) if at else []
+        above = cells_of(lines[at - 1], delimiter_of(lines[at - 1])) if at else []
         for names in (cells, _spread(above, plain)):
             columns, unit = _points(names)
             if len(columns) >= LEAST_POINTS:
@@ -113,7 +91,7 @@ def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] 
 
 
 def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
-    """Return ``NAME_x`` for each column of x, y and z: the name stands above it, or above the x before it."""
+    """Return ``NAME_x`` for each column of x, y and z, with the name above it or above the x before it."""
     names, last = [], ""
     for column, axis in enumerate(axes):
         name = above[column] if column < len(above) else ""
@@ -134,25 +112,27 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
     return columns, unit
 
 
-def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], points: set[int]) -> list[list[str]]:
+def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
+    """Return the numbers of the points' columns and those of frames and times, NaN elsewhere."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
-    return [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
+    plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
+    return read_numbers(plain, first + 1, path)
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under one of the headings, None where there is none or it holds no numbers."""
+    """Return the column under one of the headings, None if there is none or it holds no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 
 
 def _from_long(
-    rows: Sequence[list[str]], headings: Sequence[str], first: int, path: Path
+    rows: list[list[str]], headings: Sequence[str], first: int, path: Path
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
     """Return the numbers of each frame's first row, (F, M, 3) positions and their labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
     axes = [headings.index(axis) for axis in "xyz"]
-    values = read_numbers(_numbers_alone(rows, headings, set(axes)), first + 1, path)
+    values = _numbers(rows, headings, set(axes), first, path)
     values = np.pad(values, ((0, 0), (0, max(0, len(headings) - values.shape[1]))), constant_values=np.nan)
     moment = _column(values, headings, _FRAMES[:-1])
     moment = _column(values, headings, _TIMES) if moment is None else moment
@@ -165,80 +145,64 @@ def _from_long(
     named = [i for i, name in enumerate(names) if name]
     seen: set[tuple[int, str]] = set()
     for i in named:
-        if (key_of_row := (int(frame[i]), names[i])) in seen:
+        if (point := (int(frame[i]), names[i])) in seen:
             hint = "Write one table for each person, or camera, if there are several."
             what = f"'{names[i]}' stands twice in one frame."
             raise FileDamaged(what, where=f"{path}, line {first + 1 + i}", hint=hint)
-        seen.add(key_of_row)
+        seen.add(point)
     positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]
     return values[begins], positions, labels
 
 
-_NAMES_BYTES = 1_000_000
-"""Largest file of names."""
-
-
 def is_point_array(path: Path) -> bool:
-    """Return whether a path is an array of (frames, points, 3) numbers."""
+    """Return whether a path is an array of (frames, points, 3) numbers, or a damaged array."""
     if path.suffix.lower() != ".npy" or not path.is_file():
         return False
     try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError):
-        return True  # a damaged one is named when it is read
+        array = load_array(path)
+    except FileDamaged:
+        return True  # reading it reports the damage
     return array.ndim == 3 and array.shape[-1] == 3
 
 
 def read_point_array(path: Path) -> MarkerSource:
     """Read (F, N, 3) points, NaN where missing, and their N names.
 
-    Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` beside the array ``NAME.npy``: one a line,
-    or a list of texts. Without such a file they are those of the only joint set that has N points.
+    Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` beside the array ``NAME.npy``: one per
+    line, or a list of texts. Without such a file they are those of the only joint set with N points.
 
     Raises:
-        FileDamaged: it is no array of numbers, it has another number of names.
+        FileDamaged: it is no array of numbers, or has another number of names.
         FileMissing: there are no names.
-        NoDetections, JobInvalid: see ``as_take``.
     """
-    try:
-        array = np.load(path, allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise FileDamaged(f"The array cannot be read ({error}).", where=str(path), hint="Save it again.") from error
+    array = load_array(path)
     if array.ndim != 3 or array.shape[-1] != 3 or array.dtype.kind not in "fiu":
         what = f"The array holds {array.dtype} of shape {array.shape}; numbers of (frames, points, 3) are expected."
         raise FileDamaged(what, where=str(path), hint="Save the points of one person.")
-    names, notes = _names(path, array.shape[1])
-    positions = array.astype(np.float64)
-    return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", first_frame=0, notes=notes)
+    names, note = _names(path, array.shape[1])
+    positions = np.array(array, np.float64)
+    return MarkerSource(path, "NumPy array", positions, names, None, "mm", "z", first_frame=0, notes=(note,))
 
 
-def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
+def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
     beside = [path.with_suffix(suffix) for suffix in (".txt", ".json")]
     found = next((p for p in (*beside, path.with_name("names.txt"), path.with_name("names.json")) if p.is_file()), None)
     if found is None:
         sets = [joint_set for joint_set in JointSet.fitting(count) if joint_set.num_keypoints == count]
         if len(sets) == 1:
-            return sets[0].keypoints, (
-                diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value),
-            )
+            note = diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value)
+            return sets[0].keypoints, note
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
         hint = f"Write them into {path.stem}.txt beside it, one a line."
         raise FileMissing(f"The names of the array's {count} points are missing.{several}", where=str(path), hint=hint)
-    names = _json_names(found) if found.suffix == ".json" else _text_names(found)
+    if found.suffix == ".json":
+        names = read_json(found)
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise FileDamaged("A list of names is expected.", where=str(found), hint='Write ["nose", "left_eye", ...].')
+    else:
+        lines = read_text(found, LARGEST_TEXT).replace(",", "\n").splitlines()
+        names = [line.strip() for line in lines if line.strip()]
     if len(names) != count:
         what = f"The file holds {len(names)} names; the array has {count} points."
         raise FileDamaged(what, where=str(found), hint="Write one name for each point, in the array's order.")
-    return names, (diagnostic("point_names_read", source="file", count=count, file=found.name),)
-
-
-def _json_names(path: Path) -> tuple[str, ...]:
-    values = read_json_file(path, _NAMES_BYTES)
-    if not isinstance(values, list) or not all(isinstance(value, str) for value in values):
-        raise FileDamaged("A list of names is expected.", where=str(path), hint='Write ["nose", "left_eye", ...].')
-    return tuple(values)
-
-
-def _text_names(path: Path) -> tuple[str, ...]:
-    with path.open("rb") as stream:
-        text = stream.read(_NAMES_BYTES).decode("utf-8-sig", "replace")
-    return tuple(line.strip() for line in text.replace(",", "\n").splitlines() if line.strip())
+    return tuple(names), diagnostic("point_names_read", source="file", count=count, file=found.name)

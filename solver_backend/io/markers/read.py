@@ -1,4 +1,4 @@
-"""Every kind of file of markers that is read, and reading one whichever it is."""
+"""All kinds of marker files, and reading a file of any kind."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import CaptureNotRecognised
-from solver_backend.exchange.outputs import open_regular, require_file
-from solver_backend.io.files import as_text
+from solver_backend.exchange.outputs import require_file
+from solver_backend.io.files import as_text, first_bytes
 from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.c3d_writer import write_c3d
@@ -28,32 +28,28 @@ from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 
-ReadFile = Callable[[Path], MarkerSource]
-"""Returns what a file says; raises our own errors."""
 _HEAD_BYTES = 65536
-"""A file's format is recognised from so much of it."""
+"""Bytes of a file that show its format."""
 
 
 def _row(
-    kind: str, suffixes: tuple[str, ...], read: ReadFile, begins: Callable[[str], bool] | None = None
+    kind: str,
+    suffixes: tuple[str, ...],
+    read: Callable[[Path], MarkerSource],
+    begins: Callable[[str], bool] | None = None,
 ) -> Reader[MarkerTake]:
-
     def recognises(path: Path) -> bool:
-        return path.suffix.lower() in suffixes and path.is_file() and (begins is None or begins(_head(path)))
+        if path.suffix.lower() not in suffixes or not path.is_file():
+            return False
+        return begins is None or begins(as_text(first_bytes(path, _HEAD_BYTES)).lstrip(' "\r\n\t'))
 
     return _interpreted(f"{kind} ({', '.join(suffixes)})", recognises, read)
 
 
-def _interpreted(kind: str, recognises: Callable[[Path], bool], read: ReadFile) -> Reader[MarkerTake]:
+def _interpreted(
+    kind: str, recognises: Callable[[Path], bool], read: Callable[[Path], MarkerSource]
+) -> Reader[MarkerTake]:
     return Reader(kind, recognises, lambda path, options: interpret_markers(read(path), options), MARKER_OPTIONS)
-
-
-def _head(path: Path) -> str:
-    try:
-        with open_regular(path) as stream:
-            return as_text(stream.read(_HEAD_BYTES)).lstrip(' "\r\n\t')
-    except OSError:
-        return ""
 
 
 MARKERS: tuple[Reader[MarkerTake], ...] = (
@@ -68,21 +64,21 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
-"""Asked in this order; the first that recognises a path reads it."""
+"""Asked in this order. The first that recognises a path reads it."""
 
 
 def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MARKERS, **options: Any) -> MarkerTake:
     """Read a file of markers.
 
     Args:
+        path: of the file.
         readers: asked in this order.
         options: fps, unit and up_axis of ``ReadOptions``.
 
     Raises:
-        FileMissing: there is no such file.
-        CaptureNotRecognised: no reader knows the path.
+        FileMissing, CaptureNotRecognised: there is no such file, or no reader knows it.
         JobInvalid: the frame rate, unit or axis is impossible, or another option is given.
-        MocapError: whatever else the reader raises.
+        MocapError: the reader's own errors.
     """
     path, chosen = require_file(path), ReadOptions(**options)
     reader = next((reader for reader in readers if reader.recognises(path)), None)
@@ -98,14 +94,5 @@ WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers in the format that the path's ending names.
-
-    Args:
-        path: ends in one of ``WRITERS``.
-        cloud: markers, Z up, in metres.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-        NonFiniteData, ShapeMismatch: the format cannot hold them, see its writer.
-    """
+    """Write markers (Z up, metres) in the format of the path's ending, one of ``WRITERS``; see there for errors."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

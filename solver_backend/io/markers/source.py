@@ -1,4 +1,4 @@
-"""The statements of a marker file: what a reader returns, and markers in metres with Z up once they are interpreted."""
+"""Statements of a marker file as its reader returns them, and the interpreted markers in metres with Z up."""
 
 from __future__ import annotations
 
@@ -14,30 +14,26 @@ from solver_backend.types import MarkerCloud
 
 @dataclass(frozen=True)
 class MarkerReport:
-    """What was recognised in a file of markers."""
+    """Facts about a file of markers."""
 
     format: str
     """The file's format, with its kind."""
     frames: int
-    """Number of frames."""
     first_frame: int
     """The file's own number of the first frame."""
     fps: float
-    """Frames per second."""
     unit: str
     """The file's length unit."""
     up_axis: str
     """The file's axis that points up."""
     subjects: tuple[str, ...] = ()
-    """Prefixes of the labels, in the order of the file; empty where labels have none."""
+    """Prefixes of the labels in the order of the file."""
     unlabelled: tuple[str, ...] = ()
-    """Labels that a program gave to points that nobody named."""
+    """Labels that a program gave to unnamed points."""
     analog_channels: tuple[str, ...] = ()
-    """Analog channels (forces, muscles) that are in the file and are not read."""
+    """Analog channels (forces, muscles) in the file, which are not read."""
     notes: tuple[Diagnostic, ...] = ()
-    """What was found and assumed, how unit and axis were found among it."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know before solving."""
 
 
 @dataclass(frozen=True)
@@ -45,15 +41,14 @@ class MarkerTake:
     """Markers of one file, Z up, in metres."""
 
     cloud: MarkerCloud
-    """The markers; without labels where nobody named any."""
+    """The markers, without labels if nobody named any."""
     report: MarkerReport
-    """What was recognised."""
     others: MarkerCloud | None = None
-    """Markers under prefixes of their own that name nobody: props, perhaps."""
+    """Markers under prefixes of their own that name no person: props, perhaps."""
 
 
 ARM_M = 0.1
-"""From a body's origin to the points on its axes: markers on things that people hold are about so far apart."""
+"""Distance of the points on a body's axes from its origin, about that of markers on hand-held things."""
 
 
 @dataclass(frozen=True)
@@ -61,9 +56,9 @@ class RigidBodies:
     """B rigid bodies over F frames, in the unit and axes of their file."""
 
     names: tuple[str, ...]
-    """One a body."""
+    """One per body."""
     positions: np.ndarray
-    """(F, B, 3) their origins, NaN where a body is not seen."""
+    """(F, B, 3) their origins, NaN where unseen."""
     rotations: np.ndarray
     """(F, B, 3, 3) from each body's axes to the file's."""
 
@@ -71,7 +66,7 @@ class RigidBodies:
         """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.
 
         Args:
-            metres: a unit of the file.
+            metres: in a unit of the file.
             to_world: (3, 3) from the file's axes to the world's.
             fps: frames per second.
         """
@@ -85,10 +80,9 @@ class RigidBodies:
 
 @dataclass(frozen=True)
 class MarkerSource:
-    """What a file says, in its own unit and axes; whatever it does not state is unknown."""
+    """Content of a marker file in its own unit and axes."""
 
     path: Path
-    """The file."""
     format: str
     """Name of the format, with its kind."""
     positions: np.ndarray
@@ -96,31 +90,29 @@ class MarkerSource:
     labels: tuple[str, ...]
     """M labels, empty where there is none."""
     rate: float | None
-    """Frames per second, None where the file states none."""
+    """Frames per second, None if the file states none."""
     default_unit: str
     """Unit of most files of the format."""
     default_up_axis: str
     """Axis that points up in most files of the format."""
     unit: str = ""
-    """Unit as the file states it."""
+    """Stated unit."""
     up_axis: str = ""
-    """Axis that points up as the file states it."""
+    """Stated axis that points up."""
     residual: np.ndarray | None = None
     """(F, M) the recording program's residual, in the file's unit."""
     first_frame: int = 1
     """The file's number of the first frame."""
     bodies: RigidBodies | None = None
-    """Rigid bodies whose poses the file holds."""
+    """Rigid bodies with poses in the file."""
     analog_channels: tuple[str, ...] = ()
     """Analog channels, which are not read."""
     notes: tuple[Diagnostic, ...] = ()
-    """What the reader assumed."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the reader found wrong."""
     rate_doubts: tuple[Diagnostic, ...] = ()
     """Contradictions about the rate, which a given rate settles."""
     to_metres: np.ndarray | None = None
-    """(3, 3) what turns the positions into metres, Z up, where the file knows that."""
+    """(3, 3) transform of the positions to metres, Z up, if the file knows it."""
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:

@@ -1,9 +1,9 @@
-"""Markers in from TRC files (track row column), of OpenSim, Cortex, Mokka, MotionBuilder and others.
+"""Markers from and to TRC files (track row column) of OpenSim, Cortex, Mokka, MotionBuilder and others.
 
-Source: the OpenSim user's guide, "Marker (.trc) files", and files of those programs. Lines of cells between tabs: file
-type, names of the header's values, these values, 'Frame#', 'Time' and the labels (each above the first of its three
-columns, though some programs put less or more tabs between them), X1 Y1 Z1 ..., mostly an empty line, then the frames.
-A marker that is not seen is blank, NaN or 0. Counts in the header are often wrong; the rows count.
+Source: the OpenSim user's guide, "Marker (.trc) files". Cells between tabs: file type, names of the header's values,
+these values, 'Frame#', 'Time' and the labels, each above the first of its three columns (some programs write more or
+fewer tabs), X1 Y1 Z1 ..., mostly an empty line, then the frames. An unseen marker is blank, NaN or 0. Counts in the
+header are often wrong, so the rows decide.
 """
 
 from __future__ import annotations
@@ -12,55 +12,56 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.exchange.outputs import write_text
 from solver_backend.io.files import read_text
+from solver_backend.io.markers.c3d_writer import unnamed_labels
 from solver_backend.io.markers.source import MarkerSource
-from solver_backend.io.markers.text_table import (
+from solver_backend.io.recognition.marker_unit import metres_in
+from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
+from solver_backend.io.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,
+    different_count,
     frame_facts,
     is_number,
     number_in,
     read_numbers,
     triples,
 )
-from solver_backend.io.recognition.marker_unit import metres_in
-from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
 FILE_TYPE = "pathfiletype"
-"""How the files begin, in small letters."""
+"""Beginning of the files in small letters."""
 _HEADER_LINES = 20
-"""Lines in which the labels must come."""
+"""Lines within which the labels must come."""
 
 
 def read_trc(path: Path) -> MarkerSource:
     """Read the markers of a TRC file.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is truncated, is not TRC.
-        NoDetections: it holds no markers, or none is ever seen.
+        FileMissing, FileDamaged: there is no such file, or it is truncated or no TRC.
     """
     lines = read_text(path).splitlines()
     heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
     lines = between_tabs(lines, heading)
-    at = _line_of("frame#", lines, path)
-    header = _header(lines[:at])
+    at = _line_of("frame#", lines[:_HEADER_LINES])
+    if at is None:
+        what = "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected."
+        raise FileDamaged(what, where=str(path), hint="Export it again.")
+    names, header = _line_of("datarate", lines[:at]), {}
+    if names is not None and names + 1 < at:
+        pairs = zip(_cells(lines[names]), _cells(lines[names + 1]), strict=False)
+        header = {name.lower(): value for name, value in pairs}
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
-    # Other numbers may be of points without labels, or of a header whose decimal commas shifted it.
+    # Other numbers may be of points without labels, or of a header that decimal commas shifted.
     width = 2 + 3 * len(labels) if labels else 0
     values = read_numbers(rows, first + 1, path, width=width, sure=stated == len(labels))
-    columns = max(values.shape[1] - 2, 0)
-    count = max(len(labels), -(-columns // 3))
-    problems: tuple[Diagnostic, ...] = ()
-    if stated not in (None, count):
-        problems = (diagnostic("count_not_as_stated", items="markers", stated=f"{stated:g}", count=count),)
+    count = max(len(labels), -(-max(values.shape[1] - 2, 0) // 3))
     rate, length = number_in(header.get("datarate")), number_in(header.get("numframes"))
     frames = frame_facts(values[:, :1].ravel(), values[:, 1:2].ravel(), rate, length)
     return MarkerSource(
@@ -73,25 +74,12 @@ def read_trc(path: Path) -> MarkerSource:
         default_up_axis="y",
         unit=header.get("units", ""),
         first_frame=frames.first,
-        problems=(*problems, *frames.problems),
+        problems=(*different_count("markers", stated, count), *frames.problems),
     )
 
 
-def _line_of(start: str, lines: list[str], path: Path) -> int:
-    found = (i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower().startswith(start))
-    at = next(found, None)
-    if at is None:
-        what = "The file is truncated or is not TRC: a line that begins with 'Frame#' is expected."
-        raise FileDamaged(what, where=str(path), hint="Export it again.")
-    return at
-
-
-def _header(lines: list[str]) -> dict[str, str]:
-    names = next((i for i, line in enumerate(lines) if line.strip().lower().startswith("datarate")), None)
-    if names is None or names + 1 >= len(lines):
-        return {}
-    pairs = zip(_cells(lines[names]), _cells(lines[names + 1]), strict=False)
-    return {name.lower(): value for name, value in pairs}
+def _line_of(start: str, lines: list[str]) -> int | None:
+    return next((i for i, line in enumerate(lines) if line.strip().lower().startswith(start)), None)
 
 
 def _labels(line: str) -> list[str]:
@@ -117,12 +105,14 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 def write_trc(
     path: Path | str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y", overwrite: bool = False
 ) -> Path:
-    """Write markers to a TRC file, whole or not at all; missing ones are NaN.
+    """Write markers to a TRC file, missing ones as NaN.
 
     Args:
+        path: of the file.
         cloud: markers, Z up, in metres.
         unit: length unit of the file, a key of ``METRES``.
-        up_axis: axis of the file that points up; OpenSim's is Y.
+        up_axis: axis of the file that points up. OpenSim's is Y.
+        overwrite: an existing file.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
@@ -133,14 +123,12 @@ def write_trc(
         raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
     positions = np.asarray(cloud.positions, dtype=np.float64)
     frames, markers = positions.shape[:2]
-    labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
+    labels = cloud.labels or unnamed_labels(markers)
     values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / metres_in(unit)).reshape(frames, 3 * markers)
     times = np.arange(frames) / cloud.fps
-    # Single numbers as plain as they are: 100, not 100.000000, but 119.88012 in full.
-    rate = f"{cloud.fps:.10g}"
-    name = Path(path).name
+    rate = f"{cloud.fps:.10g}"  # 100, not 100.000000, but 119.88012 in full
     head = [
-        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        f"PathFileType\t4\t(X/Y/Z)\t{Path(path).name}",
         "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
         f"{rate}\t{rate}\t{frames}\t{markers}\t{unit}\t{rate}\t1\t{frames}",
         "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",

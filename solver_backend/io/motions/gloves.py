@@ -18,8 +18,8 @@ from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.files import LONGEST_HEADING, read_text
-from solver_backend.io.markers.text_table import decimal_comma, header_cells, number_table
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
+from solver_backend.io.text_table import decimal_comma, header_cells, number_table
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float

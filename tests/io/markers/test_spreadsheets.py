@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.markers.text_table import with_whole_decimals
+from solver_backend.io.text_table import with_whole_decimals
 
 LABELS = ("LASI", "RASI", "C7", "T10", "STRN")
 POINTS = np.array([[1000.0 * m + 100.5 * axis + 0.25 * frame for axis in range(3)] for frame in range(4) for m in

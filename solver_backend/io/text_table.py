@@ -1,11 +1,9 @@
-"""The core of all readers of text tables: separators, decimal commas, blanks, words for missing, frames and rates.
-
-A format describes where its header, rows and columns are. What is the same in all of them is here.
-"""
+"""The common part of all readers of text tables: separators, decimal commas, missing cells, frames and rates."""
 
 from __future__ import annotations
 
 import csv
+import io
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -15,44 +13,80 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, read_text
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
-"""Cells that stand for no value, beside every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
-
+"""Cells without a value, besides every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
 ROWS_LOOKED_AT = 100
 """Rows that show how numbers are written."""
+_START_BYTES = 1 << 16
+"""Bytes within which the first line of a table ends, chosen by hand."""
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
-"""A number whose thousands are separated, as spreadsheets format them: ``-1,779.458``."""
+"""A number with separated thousands, as spreadsheets format them: ``-1,779.458``."""
 _EXCHANGED = str.maketrans(",.", ".,")
 _MINUS = str.maketrans("\N{MINUS SIGN}", "-")
 _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\d{3})")
-"""What separates thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
+"""Separators of thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
-"""Share by which the rate of a column of times differs from a stated one that it contradicts: times have few decimals,
-and a step of 4 ms may be written as 0.00 or 0.01."""
+"""Relative difference from which the rate of a time column contradicts the stated rate. Times have few decimals, and a
+step of 4 ms may be written as 0.00 or 0.01."""
 LARGEST = 1e30
-"""Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
+"""Larger or infinite numbers are missing values, because nothing in a recording is that large."""
 
 
 def delimiter_of(line: str) -> str:
-    """Return what separates a line's cells: a comma, a semicolon or a tab."""
+    """Return the separator of a line's cells: a comma, a semicolon or a tab."""
     return max(",;\t", key=line.count)
 
 
-def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
-    """Return the cells of lines, quotes around them removed."""
-    return [header_cells(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
-
-
-def header_cells(line: str, delimiter: str) -> list[str]:
-    """Return a header line's cells without blanks and quotes around them."""
+def cells_of(line: str, delimiter: str) -> list[str]:
+    """Return a line's cells without blanks and quotes around them."""
     try:
         cells = next(csv.reader([line], delimiter=delimiter), [])
     except csv.Error:
         cells = line.split(delimiter)
     return [cell.strip() for cell in cells]
+
+
+def split_rows(lines: Iterable[str], delimiter: str) -> list[list[str]]:
+    """Return the cells of lines without the quotes around them."""
+    return [cells_of(line, delimiter) if '"' in line else line.split(delimiter) for line in lines]
+
+
+def heading_of(path: Path) -> list[str]:
+    """Return the cells of a table's first line, or none if the file is no text table."""
+    if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        return []
+    line = as_text(first_bytes(path, _START_BYTES)).partition("\n")[0]
+    return cells_of(line, delimiter_of(line))
+
+
+def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
+    """Return the rows of a table that are not empty.
+
+    Raises:
+        FileDamaged: quotes or line breaks are broken.
+    """
+    try:
+        return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
+    except csv.Error as error:
+        raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
+
+
+def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]], str]:
+    """Return the heading, the rows and the delimiter of a table.
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, or it is no table.
+    """
+    text = read_text(path, largest)
+    delimiter = delimiter_of(text.partition("\n")[0])
+    rows = csv_rows(text, delimiter, path)
+    if not rows:
+        raise FileDamaged("The table has no heading.", where=str(path))
+    return [cell.strip() for cell in rows[0]], rows[1:], delimiter
 
 
 def is_number(cell: str) -> bool:
@@ -67,13 +101,13 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return the numbers of a table whose decimals are written with points or commas, see ``number_table``.
+    """Return the numbers of a table with decimal points or commas, see ``number_table``.
 
     Args:
-        rows: the cells of each row.
-        first_line: the line of the first row, from 1, for messages.
-        width: cells that a row should have, 0 where that is not known.
-        leading: first cells without decimals, such as the frame's number.
+        rows: cells of each row.
+        first_line: line number of the first row, from 1, for messages.
+        width: expected cells per row, 0 if unknown.
+        leading: first cells without decimals, such as the frame number.
         sure: see ``with_whole_decimals``.
     """
     rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
@@ -82,12 +116,7 @@ def read_numbers(
 
 
 def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, comma: bool = False) -> np.ndarray:
-    """Return numbers of shape (rows, columns), NaN for blank and missing cells and for what shorter rows lack.
-
-    Args:
-        rows: the cells of each row.
-        first_line: the line of the first row, from 1, for messages.
-        comma: decimals are written with a comma.
+    """Return (rows, columns) numbers, NaN for missing cells and for the missing end of short rows.
 
     Raises:
         FileDamaged: a cell is no number, or rows differ so much in length that this is no table.
@@ -127,20 +156,18 @@ def _number(cell: str, line: int, path: Path, comma: bool) -> float:
 
 
 def decimal_comma(cells: Iterable[str]) -> bool:
-    """Return whether numbers are written with a decimal comma, as half of the world does, points grouping thousands.
-
-    The last of a cell's commas and points is the decimal one; where cells differ in that, a comma is damage.
-    """
+    """Return whether numbers have decimal commas: the last comma or point of every cell is a comma."""
     last = {text[max(text.rfind(","), text.rfind("."))] for text in cells if "," in text or "." in text}
     return last == {","}
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Return lines with tabs between cells, where a spreadsheet saved them with semicolons, commas or bars and quotes.
+    """Return lines with tabs between cells if a spreadsheet saved them with other separators and quotes.
 
     Args:
-        heading: the line that shows what stands between its cells.
-        least: such marks that it has at least.
+        lines: of the file.
+        heading: the line that shows the separator.
+        least: separators that it has at least.
     """
     separator = next((mark for mark in ("\t", ";", ",", "|") if heading.count(mark) >= least), "\t")
     if separator == "\t" and '"' not in heading:
@@ -154,19 +181,17 @@ def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
 def with_whole_decimals(
     rows: list[list[str]], width: int, leading: int, path: Path, *, sure: bool = True
 ) -> list[list[str]]:
-    """Return rows whose decimal commas were taken for separators of cells, whole again: ``12,50`` of two cells.
-
-    Beside the first cells every value is two cells of digits, or a blank one where it is missing.
+    """Join decimals that were split at their commas, ``12`` and ``50`` to ``12.50``.
 
     Args:
         rows: of cells.
-        width: cells that a row should have.
-        leading: first cells that are no decimal numbers: the frame's, a name.
-        sure: rows should have no further cells; else they may, and are left as they are where they cannot be put
-            together.
+        width: expected cells per row.
+        leading: first cells that are no decimal numbers.
+        path: for errors.
+        sure: rows have no further cells. If not, rows that cannot be joined stay unchanged.
 
     Raises:
-        FileDamaged: some rows are so, and others cannot be put together.
+        FileDamaged: some rows are split, and others cannot be joined.
     """
     most = width + (width - leading) // 2
     if not any(most < _used(row) <= 2 * width and _of_halves(row[leading:]) for row in rows):
@@ -185,7 +210,6 @@ def _of_halves(cells: Sequence[str]) -> bool:
 
 
 def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
-    """Return the first cells and values of two cells each, ``width`` in all; None where they are not so."""
     found, at = list(row[:leading]), leading
     while at < len(row) and len(found) < width:
         pair = [cell.strip() for cell in row[at : at + 2]]
@@ -200,7 +224,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return positions (rows, markers, 3) whose x, y and z begin at these columns; columns that lack are NaN."""
+    """Return (rows, markers, 3) positions whose x, y and z begin at these columns, NaN for missing columns."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]
@@ -209,10 +233,10 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frames per second of a column of seconds, None where it gives none.
+    """Return the frames per second of a column of seconds, None if it gives none.
 
-    Times have few decimals: where the median step, or the mean of all beside it, gives an integer within a part in
-    10,000, it is that integer; else the mean knows more.
+    Times have few decimals. If the median step, or the mean step close to it, gives an integer within a part in 10,000,
+    the rate is that integer. Otherwise the mean is more accurate.
     """
     times = times[np.isfinite(times)]
     steps = np.diff(times)
@@ -224,52 +248,35 @@ def rate_of(times: np.ndarray) -> float | None:
     return next((float(round(rate)) for rate in rates if abs(rate - round(rate)) < 1e-4 * rate), rates[-1])
 
 
-def stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return the frame rate of a file, and a diagnostic where its header and its column of times differ.
-
-    Args:
-        stated: frames a second that the header states, None where it does not.
-        times: (F,) seconds; empty where the file has none.
-    """
+def _stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None, tuple[Diagnostic, ...]]:
     timed = rate_of(times)
     if stated is None or stated <= 0:
         return (timed if timed is not None else stated), ()
     if timed is None or abs(timed - stated) <= OTHER_RATE * stated:
         return stated, ()
-    # A file that was thinned out has new times and the old header; times in another unit give no frame rate.
+    # A file that was thinned out has new times and the old header. Times in another unit give no frame rate.
     used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
     others = f"the header states {stated:g} and the times {timed:.4g}"
     return used, (diagnostic("marker_rates_contradict", rate=used, others=others),)
 
 
-def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnostic, ...]:
-    """Return what is wrong with the frames: their numbers jump, or are others than the file states.
-
-    Args:
-        numbers: (F,) the column of frame numbers.
-        stated: how many frames the file states, None where it does not.
-    """
-    problems: list[Diagnostic] = []
-    if stated is not None and stated != len(numbers):
-        problems.append(diagnostic("count_not_as_stated", items="frames", stated=f"{stated:g}", count=len(numbers)))
-    jumps = np.flatnonzero(np.diff(numbers) != 1)
-    if len(jumps):
-        at = int(jumps[0])
-        before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
-        problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
-    return tuple(problems)
+def different_count(items: str, stated: float | None, count: int) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic if a header states another number of items than the file has."""
+    if stated in (None, count):
+        return ()
+    return (diagnostic("count_not_as_stated", items=items, stated=f"{stated:g}", count=count),)
 
 
 @dataclass(frozen=True)
 class FrameFacts:
-    """What a table states about its frames."""
+    """Statements of a table about its frames."""
 
     first: int
     """The file's number of the first frame."""
     rate: float | None
-    """Frames per second, None where neither header nor times give it."""
+    """Frames per second, None if neither header nor times give it."""
     problems: tuple[Diagnostic, ...]
-    """Frame numbers, counts or times that contradict each other."""
+    """Contradictions of frame numbers, counts and times."""
 
 
 def frame_facts(
@@ -282,20 +289,25 @@ def frame_facts(
     """Return first frame and rate of a table.
 
     Args:
-        numbers: (F,) column of frame numbers, None without one.
-        times: (F,) column of seconds, None without one.
-        rate: frames per second that the header states.
-        count: number of frames that the header states.
-        first: number of the first frame where the column does not give it.
+        numbers: (F,) frame numbers, None without such a column.
+        times: (F,) seconds, None without such a column.
+        rate: frames per second in the header.
+        count: number of frames in the header.
+        first: number of the first frame if the column does not give it.
     """
-    rate, contradicted = (rate, ()) if times is None else stated_rate(rate, times)
+    rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:
         return FrameFacts(first, rate, contradicted)
     known = len(numbers) > 0 and bool(np.isfinite(numbers[0]))
-    return FrameFacts(int(numbers[0]) if known else first, rate, (*frame_problems(numbers, count), *contradicted))
+    problems = list(different_count("frames", count, len(numbers)))
+    if len(jumps := np.flatnonzero(np.diff(numbers) != 1)):
+        at = int(jumps[0])
+        before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
+        problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
+    return FrameFacts(int(numbers[0]) if known else first, rate, (*problems, *contradicted))
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, None where it is none."""
+    """Return the number in a cell, None if it holds none."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None
