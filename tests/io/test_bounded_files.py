@@ -13,7 +13,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.calibration.programs import read_qualisys
 from solver_backend.io.detections.column_table import is_table
-from solver_backend.io.detections.json_documents import people_in_picture, read_document
+from solver_backend.io.detections.json_documents import people_in_picture
 from solver_backend.io.files import read_json, read_toml
 from solver_backend.io.footage import read_video_header
 from solver_backend.io.markers.point_table import begins_as_points
@@ -30,7 +30,7 @@ def sparse(path: Path, size: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("read", [read_json, read_toml, read_document, read_qualisys, read_bvh])
+@pytest.mark.parametrize("read", [read_json, read_toml, read_qualisys, read_bvh])
 def test_ten_gigabytes_are_refused_by_their_size(tmp_path: Path, read: object) -> None:
     with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB; a file of this kind has at most .*big"):
         read(sparse(tmp_path / "big", 10_000_000_000))  # type: ignore[operator]
@@ -85,7 +85,7 @@ def test_people_of_a_million_keypoints_are_refused_before_they_are_stored(tmp_pa
 def test_numbers_that_no_float_holds_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [10**400, 0, 1]}]}))
     with pytest.raises(FileDamaged, match="not numbers"):
-        people_in_picture(read_document(tmp_path / "a.json"), "a.json")
+        people_in_picture(read_json(tmp_path / "a.json"), "a.json")
 
 
 @pytest.mark.parametrize(

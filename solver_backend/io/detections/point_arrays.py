@@ -1,7 +1,4 @@
-"""NumPy arrays of points: (frames, K, 2 or 3) or (frames, people, K, 2 or 3) a camera, x, y and score.
-
-All cameras together are an array with one axis more, cameras first, or an archive of an array a camera.
-"""
+"""Detections as arrays: NumPy's files, FreeMoCap's arrays, and HDF5 of DeepLabCut and SLEAP, read with h5py."""
 
 from __future__ import annotations
 
@@ -15,7 +12,6 @@ from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path
-from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -23,21 +19,21 @@ import numpy as np
 from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import array_names, read_npz
-from solver_backend.exchange.outputs import open_regular
-from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.camera_frames import CameraFrames, is_seen
 from solver_backend.io.detections.column_table import frames_of_columns
+from solver_backend.io.files import first_bytes, load_array
 from solver_backend.types import JointSet
 
+# NumPy: (frames, K, 2 or 3) or (frames, people, K, 2 or 3) of one camera, x, y and score. All cameras are an array with
+# one axis more, cameras first, or an archive with an array per camera.
 _LARGEST_SCORE = 1.5
-"""A third number is a score up to here, and a place in space beyond."""
-
-
+"""A third number is a score up to this value, and a coordinate in space beyond it."""
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
-"""Of four axes the first is the cameras' where it has no more than these, and the second more than people are kept."""
+"""Of four axes the first is the cameras' if it is at most this long and the second longer than people are kept."""
 
 
 def is_array(path: Path) -> bool:
-    """Whether a file holds arrays of as many points as a joint set has, whose third number, if any, is a score."""
+    """Return whether a file holds arrays of as many points as a joint set has, with scores as third numbers, if any."""
     try:
         arrays = list(_arrays(path).values())
     except FileDamaged:
@@ -47,9 +43,9 @@ def is_array(path: Path) -> bool:
 
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
-    """Return the cameras of a file that holds all of them, and how each is read; none where it is one camera's.
+    """Return how each camera of a file of several is read, {} for a file of one camera.
 
-    The cameras of an array have no names: they are ``cam01``, ``cam02`` and so on.
+    The cameras of an array have no names, and are called ``cam01``, ``cam02`` and so on.
 
     Raises:
         FileDamaged: it is no such file.
@@ -65,7 +61,7 @@ def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
 
 
 def read_array(path: Path) -> CameraFrames:
-    """Return the frames of one camera; without scores a point is sure where it is there and not (0, 0).
+    """Return the frames of one camera. Without scores, points other than NaN and (0, 0) have confidence 1.
 
     Raises:
         FileDamaged: it is no array of one camera.
@@ -83,9 +79,7 @@ def _frames(array: np.ndarray, path: Path) -> CameraFrames:
     xy = array[..., :2]
     there = np.isfinite(xy).all(-1) & (xy != 0).any(-1)
     score = np.where(there, array[..., 2] if array.shape[-1] == 3 else 1.0, 0.0)
-    points = np.concatenate([xy, score[..., None]], axis=-1)
-    frames = {f: [person for person in people if (person[:, 2] > 0).any()] for f, people in enumerate(points)}
-    return CameraFrames.in_memory(frames, path)
+    return CameraFrames.of_array(np.concatenate([xy, score[..., None]], axis=-1), path)
 
 
 def _arrays(path: Path) -> dict[str, np.ndarray]:
@@ -97,10 +91,7 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
         raise FileDamaged("The file is not a NumPy array.", where=str(path))
-    try:
-        return {"": _checked(np.load(path, mmap_mode="r", allow_pickle=False), path)}
-    except (OSError, ValueError, EOFError, SyntaxError, TokenError, OverflowError, MemoryError) as error:
-        raise FileDamaged(f"The file is not a NumPy array ({error}).", where=str(path)) from error
+    return {"": _checked(load_array(path), path)}
 
 
 def _checked(array: np.ndarray, path: Path) -> np.ndarray:
@@ -112,78 +103,64 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
     return array
 
 
+# FreeMoCap: (cameras, frames, points, 2 or 3) of MediaPipe's points.
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
-"""Folders of a FreeMoCap recording that hold the array, of today's and of earlier versions."""
+"""Folders of a recording that hold the array, in present and earlier versions."""
 BODY_POINTS = 33
-"""MediaPipe's body; the right hand, the left hand and the face follow."""
+"""MediaPipe's body. The right hand, the left hand and the face follow."""
 _HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)
 """First points of the left and of the right hand."""
 
 
 def find_array(root: Path) -> Path | None:
-    """Return the array of 2D points in a FreeMoCap recording's folder, None where there is none."""
+    """Return the array of 2D points in a FreeMoCap recording's folder, or None."""
     folders = [folder for name in RAW_DATA if (folder := root / name).is_dir()]
-    found = [p for folder in folders for p in sorted(folder.iterdir()) if p.suffix == ".npy" and "2ddata" in _plain(p)]
-    return found[0] if found else None
+    arrays = (p for folder in folders for p in sorted(folder.iterdir()) if p.suffix == ".npy")
+    return next((p for p in arrays if "2ddata" in p.stem.lower().replace("_", "")), None)
 
 
 def camera_names(root: Path, path: Path) -> tuple[str, ...]:
-    """Return the names of an array's cameras: of the recording's videos, or as FreeMoCap numbers them.
+    """Return the names of an array's cameras: of the recording's videos, or FreeMoCap's numbers.
 
     Raises:
         FileDamaged: it is no array of 2D points.
     """
-    count, videos = len(_array(path)), root / "synchronized_videos"
+    count, videos = len(_recorded(path)), root / "synchronized_videos"
     named = sorted(p.stem for p in videos.iterdir() if p.suffix.lower() == ".mp4") if videos.is_dir() else []
     return tuple(named) if len(named) == count else tuple(f"Camera_{c:03d}_synchronized" for c in range(count))
 
 
 def read_camera(path: Path, camera: int) -> CameraFrames:
-    """Return the frames of one camera of an array, by its place in it.
+    """Return the frames of one camera of an array, by its index.
 
     Raises:
         FileDamaged: it is no array of 2D points.
     """
-    array = _array(path)
-    points = np.array(array[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
+    points = np.array(_recorded(path)[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
-    seen = (people[:, :BODY_POINTS, 2] > 0).any(axis=1)
-    frames = CameraFrames.in_memory({f: [p[:BODY_POINTS]] if seen[f] else [] for f, p in enumerate(people)}, path)
+    frames = CameraFrames.of_array(people[:, None, :BODY_POINTS], path)
     if people.shape[1] < BODY_POINTS + 2 * NUM_HAND_POINTS:
         return frames
     hands = np.stack([people[:, first : first + NUM_HAND_POINTS] for first in _HANDS], axis=1)
-    return replace(frames, hands=lambda row: [hands[row]] if seen[row] else [])
+    return replace(frames, hands=lambda row: [hands[row]] if is_seen(people[row, :BODY_POINTS]) else [])
 
 
-def _array(path: Path) -> np.ndarray:
-    try:
-        array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise FileDamaged(f"The array cannot be read ({error}).", where=str(path)) from error
+def _recorded(path: Path) -> np.ndarray:
+    array = load_array(path)
     if array.ndim != 4 or array.shape[2] < BODY_POINTS or array.shape[3] not in (2, 3) or array.dtype.kind != "f":
         what = f"The array has the shape {array.shape}; (cameras, frames, {BODY_POINTS} points or more, 2) is expected."
         raise FileDamaged(what, where=str(path))
     return array
 
 
-def _plain(path: Path) -> str:
-    return path.stem.lower().replace("_", "")
-
-
-_MAGIC = b"\x89HDF\r\n\x1a\n"
-
-
 @contextmanager
-def opened(path: Path, program: str) -> Iterator[Any]:
-    """Open a file; what it lacks inside the block becomes one of our errors.
-
-    Args:
-        program: that wrote it, for messages.
+def _opened(path: Path, program: str) -> Iterator[Any]:
+    """Open an HDF5 file, and turn errors inside the block into ours, naming the program that wrote it.
 
     Raises:
         BackendMissing: h5py is not installed.
-        FileDamaged: it is no HDF5 file, is truncated, or is not as the program writes it.
+        FileDamaged: it is no HDF5 file, is truncated, or differs from the program's files.
     """
     try:
         h5py = import_module("h5py")
@@ -204,27 +181,21 @@ def opened(path: Path, program: str) -> Iterator[Any]:
             raise FileDamaged(what, where=str(path), hint=f"Export it from {program} again.") from error
 
 
-def begins_with(path: Path, text: bytes, length: int) -> bool:
-    """Whether the first bytes of an HDF5 file, so many, hold a text, such as the name of a group."""
-    try:
-        with open_regular(path) as file:
-            start = file.read(length)
-    except OSError:
-        return False
-    return start.startswith(_MAGIC) and text in start
-
-
-_GROUP = b"df_with_missing"
-"""Name of the table that DeepLabCut writes."""
+# DeepLabCut's table of pandas.
+_MAGIC, _GROUP = b"\x89HDF\r\n\x1a\n", b"df_with_missing"
+"""Beginning of HDF5 files, and the name of DeepLabCut's table."""
 _START_BYTES = 1 << 16
 _LEVELS = (3, 4)
-"""Of column names: scorer, individuals (where there are several), bodyparts, coords."""
+"""Levels of column names: scorer, individuals (if there are several), bodyparts, coords."""
 
 
 def is_hdf5_table(path: Path) -> bool:
-    """Whether a file is named, or begins, as DeepLabCut's tables do."""
+    """Return whether a file is named, or begins, like DeepLabCut's tables."""
     name = path.name.lower()
-    return name.endswith((".h5", ".hdf5")) and ("dlc" in name or begins_with(path, _GROUP, _START_BYTES))
+    if not name.endswith((".h5", ".hdf5")):
+        return False
+    start = b"" if "dlc" in name else first_bytes(path, _START_BYTES)
+    return "dlc" in name or (start.startswith(_MAGIC) and _GROUP in start)
 
 
 def read_hdf5_table(path: Path) -> CameraFrames:
@@ -232,62 +203,56 @@ def read_hdf5_table(path: Path) -> CameraFrames:
 
     Raises:
         BackendMissing: h5py is not installed.
-        FileDamaged: it is no such table, or its column names hold anything but texts.
+        FileDamaged: it is no such table, or its column names are no texts.
     """
-    with opened(path, "DeepLabCut") as file:
+    with _opened(path, "DeepLabCut") as file:
         table = next(group["table"] for group in file.values() if "table" in group)
         rows = table[()]
         blocks = [name for name in rows.dtype.names if name.startswith("values_block_")]
-        columns = [tuple(column) for name in blocks for column in _texts_in(table.attrs[f"{name}_kind"])]
+        columns = [column for name in blocks for column in _pickled_texts(table.attrs[f"{name}_kind"])]
         values = np.concatenate([np.asarray(rows[name], np.float64).reshape(len(rows), -1) for name in blocks], axis=1)
         if {len(column) for column in columns} - set(_LEVELS) or values.shape[1] != len(columns):
             raise ValueError(f"{values.shape[1]} columns have {len(columns)} names")
-        people = [str(column[1]) if len(column) == _LEVELS[1] else "single" for column in columns]
-        parts, coords = [str(column[-2]) for column in columns], [str(column[-1]).lower() for column in columns]
+        people = [column[1] if len(column) == _LEVELS[1] else "single" for column in columns]
+        parts, coords = [column[-2] for column in columns], [column[-1].lower() for column in columns]
         return frames_of_columns([int(n) for n in rows["index"]], values, people, parts, coords, path)
 
 
-def _texts_in(pickled: Any) -> list[Any]:
-    """Return a pickled list of tuples of texts; nothing else is made, and no code is run."""
+def _pickled_texts(pickled: Any) -> list[tuple[str, ...]]:
+    """Return a pickled list of tuples of texts, without running any code."""
     try:
         found = _PlainUnpickler(io.BytesIO(bytes(pickled))).load()
     except (pickle.UnpicklingError, EOFError, MemoryError) as error:
         raise ValueError(f"its column names are not a list of texts: {error}") from error
-    if not isinstance(found, list) or not all(isinstance(c, tuple) and all(map(_is_text, c)) for c in found):
+    if not isinstance(found, list) or not all(
+        isinstance(column, tuple) and all(isinstance(text, str) for text in column) for column in found
+    ):
         raise ValueError("its column names are not a list of texts")
     return found
 
 
-def _is_text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
 class _PlainUnpickler(pickle.Unpickler):
-    """Makes lists, tuples, texts and numbers alone: every class and function is refused by name."""
+    """Makes lists, tuples, texts and numbers only, and refuses every class and function."""
 
     def find_class(self, module_name: str, global_name: str, /) -> Any:
-        """Refuse.
-
-        Raises:
-            UnpicklingError: always.
-        """
+        """Raise UnpicklingError."""
         raise pickle.UnpicklingError(f"{module_name}.{global_name}")
 
 
-_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
+_SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
 """``labels.v001.000_cam01.analysis.h5`` is of ``cam01``."""
 _PREDICTED = 1
-"""``instance_type`` of a prediction; 0 is of a person who clicked it, whose points have no score."""
+"""``instance_type`` of a prediction. 0 is of clicked points, which have no score."""
 
 
 def is_sleap(path: Path) -> bool:
-    """Whether a file's name is one that SLEAP gives."""
+    """Return whether a file's name is one of SLEAP's."""
     return path.name.lower().endswith((".analysis.h5", ".slp"))
 
 
 def sleap_camera(path: Path) -> str:
     """Return the video's name in the file's."""
-    found = _NAME.fullmatch(path.name.rpartition(".")[0])
+    found = _SLEAP_NAME.fullmatch(path.name.rpartition(".")[0])
     return found["camera"] if found else path.stem
 
 
@@ -298,14 +263,14 @@ def read_sleap(path: Path) -> CameraFrames:
         BackendMissing: h5py is not installed.
         FileDamaged: it is no such file, or holds several videos.
     """
-    with opened(path, "SLEAP") as file:
-        names, frames = (_labels if path.suffix.lower() == ".slp" else _analysis)(file)
-    return CameraFrames.in_memory(frames, path, names)
+    with _opened(path, "SLEAP") as file:
+        return (_sleap_labels if path.suffix.lower() == ".slp" else _sleap_analysis)(file, path)
 
 
-def _analysis(file: Any) -> tuple[tuple[str, ...], dict[int, People]]:
+def _sleap_analysis(file: Any, path: Path) -> CameraFrames:
     """Read ``tracks`` (tracks, 2, nodes, frames) with ``point_scores`` (tracks, nodes, frames)."""
-    names = _texts(file["node_names"][()])
+    names = file["node_names"][()].tolist()
+    names = tuple(name.decode("utf-8", "replace") if isinstance(name, bytes) else str(name) for name in names)
     tracks = np.asarray(file["tracks"][()], dtype=np.float64)
     if tracks.ndim != 4 or tracks.shape[1:3] != (2, len(names)):
         raise ValueError(f"tracks has the shape {tracks.shape}")
@@ -314,10 +279,10 @@ def _analysis(file: Any) -> tuple[tuple[str, ...], dict[int, People]]:
     confidence = np.where(seen & (scores > 0), np.minimum(scores, 1.0), 0.0)
     xy = np.moveaxis(tracks, (3, 0, 2, 1), (0, 1, 2, 3))
     points = np.concatenate([xy, np.moveaxis(confidence, 2, 0)[..., None]], axis=-1)
-    return names, {f: [person for person in people if (person[:, 2] > 0).any()] for f, people in enumerate(points)}
+    return CameraFrames.of_array(points, path, names)
 
 
-def _labels(file: Any) -> tuple[tuple[str, ...], dict[int, People]]:
+def _sleap_labels(file: Any, path: Path) -> CameraFrames:
     """Read ``frames``, ``instances`` and the points of each, ``pred_points`` with scores or ``points`` without."""
     about = json.loads(file["metadata"].attrs["json"])
     order = [node["id"] for node in about["skeletons"][0]["nodes"]]
@@ -326,23 +291,19 @@ def _labels(file: Any) -> tuple[tuple[str, ...], dict[int, People]]:
     if len(np.unique(table["video"])) > 1:
         raise ValueError("it holds several videos: export an analysis file of each")
     points = {True: file["pred_points"][()], False: file["points"][()]}
-    frames: dict[int, People] = {}
+    frames = {}
     for row in table:
         here = range(int(row["instance_id_start"]), int(row["instance_id_end"]))
         corrected = {int(instances[i]["from_predicted"]) for i in here}
-        people = [_person(instances[i], points) for i in here if i not in corrected]
-        frames[int(row["frame_idx"])] = [p for p in people if len(p) == len(names) and (p[:, 2] > 0).any()]
-    return names, frames
+        people = [_sleap_person(instances[i], points) for i in here if i not in corrected]
+        frames[int(row["frame_idx"])] = [p for p in people if len(p) == len(names) and is_seen(p)]
+    return CameraFrames.in_memory(frames, path, names)
 
 
-def _person(instance: np.void, points: dict[bool, np.ndarray]) -> np.ndarray:
-    """Return (K, 3) of an instance; what a person clicked is sure."""
+def _sleap_person(instance: np.void, points: dict[bool, np.ndarray]) -> np.ndarray:
+    """Return (K, 3) of an instance. Clicked points have confidence 1."""
     predicted = int(instance["instance_type"]) == _PREDICTED
     rows = points[predicted][int(instance["point_id_start"]) : int(instance["point_id_end"])]
     seen = rows["visible"] & np.isfinite(rows["x"]) & np.isfinite(rows["y"])
     score = np.minimum(rows["score"], 1.0) if predicted else np.ones(len(rows))
     return np.column_stack([rows["x"], rows["y"], np.where(seen, score, 0.0)]).astype(np.float64)
-
-
-def _texts(values: np.ndarray) -> tuple[str, ...]:
-    return tuple(v.decode("utf-8", "replace") if isinstance(v, bytes) else str(v) for v in values.tolist())

@@ -1,4 +1,4 @@
-"""Find each camera's detections in a recording's folder, whichever program wrote them."""
+"""Find each camera's detections in a recording's folder, and the settings of a Pose2Sim session."""
 
 from __future__ import annotations
 
@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
-from solver_backend.exchange.outputs import open_regular
 from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
 from solver_backend.io.camera_names import listing, natural_key
 from solver_backend.io.detections import column_table, point_arrays
@@ -27,23 +26,21 @@ from solver_backend.io.detections.json_documents import (
     json_files,
     line_files,
 )
-from solver_backend.io.detections.point_arrays import is_hdf5_table, read_hdf5_table
-from solver_backend.io.files import read_text, read_toml
+from solver_backend.io.files import first_bytes, read_text, read_toml
 from solver_backend.types import JointSet
 
 
 @dataclass(frozen=True)
 class TakeFile:
-    """One kind of such files."""
+    """One kind of files that hold a whole take."""
 
     recognises: Callable[[Path], bool]
     """Whether a file is of the kind, by its name or its first bytes."""
     camera: Callable[[Path], str]
     """The camera in a file's name."""
     read: Callable[[Path], CameraFrames]
-    """Raises our own errors."""
     of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
-    """The cameras of a file that holds all of them, and how each is read; none where it is one camera's."""
+    """Reading of each camera of a file that holds all of them, {} for a file of one camera."""
 
 
 _KINDS = (
@@ -56,110 +53,65 @@ _KINDS = (
         column_table.cameras_in_point_rows,
     ),
     TakeFile(point_arrays.is_sleap, point_arrays.sleap_camera, point_arrays.read_sleap),
-    TakeFile(is_hdf5_table, column_table.deeplabcut_camera, read_hdf5_table),
+    TakeFile(point_arrays.is_hdf5_table, column_table.deeplabcut_camera, point_arrays.read_hdf5_table),
     TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
-"""Asked in this order; a folder holds files of one kind."""
-
-
-def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
-    """Return the files of the first kind of which a folder holds any, None where it holds none."""
-    listed = sorted(p for p in folder.iterdir() if p.is_file())  # of a table and its filtered one the latter stays
-    for kind in _KINDS:
-        if found := [path for path in listed if kind.recognises(path)]:
-            return kind, found
-    return None
-
-
-_VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
-"""``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json`` of OpenCap's pipeline with OpenPose."""
-
-
-def cameras(root: Path) -> dict[str, list[Path]]:
-    """Return the folders of each camera's trials, {} where a folder is no session of OpenCap.
-
-    Args:
-        root: the session's folder.
-    """
-    found: dict[str, list[Path]] = {}
-    videos = root / _VIDEOS
-    for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
-        outputs = camera.glob(_OUTPUT) if camera.is_dir() else ()
-        trials = [folder for output in sorted(outputs) if output.is_dir() for folder in sorted(output.iterdir())]
-        if trials := [folder for folder in trials if folder.is_dir() and has_json_files(folder)]:
-            found[camera.name] = trials
-    return found
-
-
-def refuse_several(folders: Sequence[Path]) -> NoReturn:
-    """Raise CaptureNotRecognised: a camera has the folders of several trials, or of one with several settings."""
-    names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
-    hint = "Copy the folders of one trial of every camera into a session of its own."
-    what = f"The session holds several trials: {listing(names)}."
-    raise CaptureNotRecognised(what, where=str(folders[0].parents[1]), hint=hint)
-
-
+"""Asked in this order. A folder holds files of one kind."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
-"""Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
-DETECTION_FOLDERS = (
-    *POSE_FOLDERS,
-    "annots",
-    "predictions",
-    "preds",
-    "annotations",
-    "keypoints",
-    "detections",
-    "labels",
-)
+"""Folders of a Pose2Sim trial that hold a folder per camera, the latest stage of its pipeline first."""
+DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "preds", "annotations")
+DETECTION_FOLDERS += ("keypoints", "detections", "labels")
 """With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
 _LEVELS_BELOW = 2
-"""Such folders that may lie in one another: ``cam01/openpose/json``."""
+"""Depth of such folders: ``cam01/openpose/json``."""
 _ENDINGS = re.compile(
     r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
 )
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
-"""Files beside one another that may be a camera each; more are frames."""
+"""Files side by side that may be a camera each. More are frames."""
 _LOOKED_AT = 4096
-"""Characters of a file that show which program wrote it."""
+"""Bytes of a file that show its program."""
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
 _PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
-"""Files that begin so are read to see what they hold: lists of OpenPose's documents, points by name."""
+"""Beginnings of files that are read to see their content: lists of OpenPose's documents, points by name."""
+_VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
+"""``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json`` of OpenCap's pipeline with OpenPose."""
 
 
 @dataclass(frozen=True)
 class CameraSource:
-    """Where the detections of one camera lie."""
+    """Place of one camera's detections."""
 
     path: Path
     """Folder or file."""
     frames: Callable[[], CameraFrames]
-    """List its frames; raises our own errors."""
+    """Lists its frames, raises our own errors."""
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
-    """Return where each camera's detections lie, by the camera's name, in natural order; {} where there are none.
+    """Return the place of each camera's detections by the camera's name, in natural order, {} if there are none.
 
-    They lie in one of the folders that programs make, or in the folder itself: a folder or a file a camera, or the
-    files of all cameras together. Nothing but names is read, and the first bytes of tables.
+    They are in one of the folders that programs make, or in the folder itself: a folder or a file per camera, or the
+    files of all cameras together. Only names and the first bytes of tables are read.
     """
     for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
         if found := _frame_folders(parent) or _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
-    return _array(root) or {name: _of_opencap(folders) for name, folders in cameras(root).items()}
+    return _array(root) or _opencap(root)
 
 
 def of_folder(folder: Path) -> CameraSource:
-    """Return the source of a camera that has a folder: a file a picture, or one file of all."""
+    """Return the source of a camera with a folder: a file per picture, or one file for all."""
     return CameraSource(folder, partial(_frames_of_folder, folder))
 
 
 def _frames_of_folder(folder: Path) -> CameraFrames:
-    """Return a folder's frames; a single file may hold all of them."""
+    """Return the frames of a folder, in a file per picture or in a single file."""
     paths = json_files(folder)
     if len(paths) == 1 and (whole := _whole_take(paths[0])) is not None:
         return whole
@@ -171,6 +123,7 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
 
 
 def _frame_folders(parent: Path) -> dict[str, CameraSource]:
+    """Return the cameras of a folder with a folder per frame, which holds a file per camera."""
     below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
     if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
         return {}
@@ -178,12 +131,8 @@ def _frame_folders(parent: Path) -> dict[str, CameraSource]:
     cameras = {name: [folder / name for folder in below if (folder / name).is_file()] for name in names}
     if len(cameras) < 2 or len(cameras) > _MOST_CAMERAS or min(map(len, cameras.values())) <= len(below) // 2:
         return {}
-    return {
-        camera_name(Path(name).stem): CameraSource(
-            parent, partial(frames_in_files, paths, str(parent), [path.parent.name for path in paths])
-        )
-        for name, paths in cameras.items()
-    }
+    read = {n: partial(frames_in_files, p, str(parent), [f.parent.name for f in p]) for n, p in cameras.items()}
+    return {camera_name(Path(name).stem): CameraSource(parent, frames) for name, frames in read.items()}
 
 
 def _folders(parent: Path) -> dict[str, CameraSource]:
@@ -193,7 +142,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
-    """Return the source of one camera's folder, of files of any kind, or in one of the folders ``below`` it."""
+    """Return the source of one camera's folder, with files of any kind, or in one of the folders ``below`` it."""
     if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
@@ -204,6 +153,15 @@ def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BE
     deeper = BELOW if levels > 1 else ()
     sources = (_of_camera(folder / name, deeper, levels - 1) for name in below if (folder / name).is_dir())
     return next((source for source in sources if source is not None), None)
+
+
+def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
+    """Return the files of the first kind of which a folder holds any, or None."""
+    listed = sorted(p for p in folder.iterdir() if p.is_file())  # a filtered table comes after its table and wins
+    for kind in _KINDS:
+        if found := [path for path in listed if kind.recognises(path)]:
+            return kind, found
+    return None
 
 
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
@@ -224,13 +182,12 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
 def _is_whole_take(path: Path) -> bool:
     if path.suffix.lower() in LINES:
         return True
+    head = first_bytes(path, _LOOKED_AT).decode("utf-8", "replace")
+    if _WHOLE.search(head) is not None:
+        return True
     try:
-        with open_regular(path) as file:
-            head = file.read(_LOOKED_AT).decode("utf-8", "replace")
-        if _WHOLE.search(head) is not None:
-            return True
         return _PERHAPS.search(head) is not None and is_take(documents_in(read_text(path), path))
-    except (OSError, MocapError):
+    except MocapError:
         return False
 
 
@@ -245,26 +202,41 @@ def _flat_files(parent: Path) -> dict[str, CameraSource]:
     if cameras := cameras_of_flat_files(json_files(parent)):
         read = partial(frames_in_files, where=str(parent))
     else:
-        cameras, read = column_table.files_of_cameras(parent), partial(column_table.frames_of_files, where=str(parent))
+        cameras = column_table.files_of_cameras(parent)
+        read = partial(column_table.frames_of_files, where=str(parent))
     return {camera_name(name): CameraSource(parent, partial(read, paths)) for name, paths in cameras.items()}
 
 
 def _array(root: Path) -> dict[str, CameraSource]:
-    path = point_arrays.find_array(root)
-    names = () if path is None else point_arrays.camera_names(root, path)
-    return {
-        name: CameraSource(path, partial(point_arrays.read_camera, path, c)) for c, name in enumerate(names) if path
-    }
+    if (path := point_arrays.find_array(root)) is None:
+        return {}
+    names = point_arrays.camera_names(root, path)
+    return {name: CameraSource(path, partial(point_arrays.read_camera, path, c)) for c, name in enumerate(names)}
 
 
-def _of_opencap(folders: Sequence[Path]) -> CameraSource:
-    if len(folders) == 1:
-        return of_folder(folders[0])
-    return CameraSource(folders[0], partial(refuse_several, folders))
+def _opencap(root: Path) -> dict[str, CameraSource]:
+    """Return the cameras of a session of OpenCap. Reading refuses a session of several trials or settings."""
+    found, videos = dict[str, CameraSource](), root / _VIDEOS
+    for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
+        outputs = sorted(output for output in camera.glob(_OUTPUT) if output.is_dir()) if camera.is_dir() else ()
+        trials = [folder for output in outputs for folder in sorted(output.iterdir()) if folder.is_dir()]
+        trials = [folder for folder in trials if has_json_files(folder)]
+        if len(trials) == 1:
+            found[camera.name] = of_folder(trials[0])
+        elif trials:
+            found[camera.name] = CameraSource(trials[0], partial(_refuse_several, trials))
+    return found
+
+
+def _refuse_several(folders: Sequence[Path]) -> NoReturn:
+    names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
+    hint = "Copy the folders of one trial of every camera into a session of its own."
+    what = f"The session holds several trials: {listing(names)}."
+    raise CaptureNotRecognised(what, where=str(folders[0].parents[1]), hint=hint)
 
 
 def camera_name(name: str) -> str:
-    """Return the camera that a folder or file is named after: ``cam01_json`` and ``results_cam01`` are ``cam01``."""
+    """Return the camera in the name of a folder or file: ``cam01_json`` and ``results_cam01`` are ``cam01``."""
     while (shorter := _ENDINGS.sub("", name)) not in ("", name):
         name = shorter
     return _STARTS.sub("", name) or name
@@ -276,7 +248,7 @@ def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
 
 
 SESSION_LEVELS = 3
-"""Trials lie at most so deep in a session: session, participant, trial."""
+"""Depth of trials in a session of Pose2Sim: session, participant, trial."""
 _POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
 _POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
 _POSE_MODELS |= dict.fromkeys(("COCO_133", "WHOLE_BODY"), JointSet.COCO_WHOLEBODY_133)
@@ -285,23 +257,22 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 
 @dataclass(frozen=True)
 class TrialConfig:
-    """Values of Config.toml that concern reading; the nearest file that states a value wins."""
+    """Values of Pose2Sim's Config.toml that concern reading. The nearest file with a value wins."""
 
     fps: float | None = None
-    """Frames per second, None where no file states a number."""
+    """Frames per second, None if no file states a number."""
     joint_set: JointSet | None = None
-    """Joint set of ``pose_model``, None where unknown."""
+    """Joint set of ``pose_model``, None if unknown."""
     frame_range: tuple[int, ...] = ()
-    """Frames Pose2Sim is asked to work on; empty = all."""
+    """Frames that Pose2Sim works on, empty for all."""
     sources: tuple[str, ...] = ()
     """Files that were read."""
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
-    """Return the paths, relative to a session's folder, of those below that are recordings of their own."""
-    below = sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
+    """Return the paths of a session's trials, relative to its folder."""
     found: list[str] = []
-    for path in below:
+    for path in sorted((p for p in root.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name)):
         if any((path / name).is_dir() for name in POSE_FOLDERS):
             found.append(path.name)
         elif levels > 1:
@@ -310,27 +281,22 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Return what the Config.toml files of a trial and the folders above state; all their lines may be comments.
+    """Return the values of the Config.toml files of a trial and the folders above.
 
     Raises:
         FileDamaged: a Config.toml is not TOML.
     """
-    fps: float | None = None
-    joint_set: JointSet | None = None
-    frame_range: tuple[int, ...] = ()
-    sources: list[str] = []
-    for level in levels:
-        path = level / CONFIG
-        if not path.is_file():
-            continue
+    config = TrialConfig()
+    for path in (level / CONFIG for level in levels if (level / CONFIG).is_file()):
         tables = read_toml(path)
-        sources.append(str(path))
-        project, pose = _table(tables, "project"), _table(tables, "pose")
-        fps = fps if fps is not None else _number(project.get("frame_rate"))
-        frame_range = frame_range or _range(project.get("frame_range"))
-        model = pose.get("pose_model")
-        joint_set = joint_set or (_POSE_MODELS.get(model.upper()) if isinstance(model, str) else None)
-    return TrialConfig(fps, joint_set, frame_range, tuple(sources))
+        project, pose = (_table(tables, key) for key in ("project", "pose"))
+        config = TrialConfig(
+            fps=config.fps if config.fps is not None else positive_number(project.get("frame_rate")),
+            joint_set=config.joint_set or _POSE_MODELS.get(str(pose.get("pose_model")).upper()),
+            frame_range=config.frame_range or _range(project.get("frame_range")),
+            sources=(*config.sources, str(path)),
+        )
+    return config
 
 
 def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:
@@ -338,8 +304,8 @@ def _table(tables: dict[str, Any], key: str) -> dict[str, Any]:
     return value if isinstance(value, dict) else {}
 
 
-def _number(value: Any) -> float | None:
-    """Return a positive number; 'auto' and the like give None."""
+def positive_number(value: Any) -> float | None:
+    """Return a frame rate in a TOML file, None for 'auto' and impossible numbers."""
     good = isinstance(value, int | float) and not isinstance(value, bool) and 0 < value < 1e5
     return float(value) if good else None
 

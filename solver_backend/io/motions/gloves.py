@@ -19,7 +19,7 @@ from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.files import LONGEST_HEADING, read_text
 from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
-from solver_backend.io.text_table import decimal_comma, header_cells, number_table
+from solver_backend.io.text_table import cells_of, decimal_comma, number_table
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float
@@ -38,7 +38,7 @@ def headings(path: Path) -> tuple[list[str], str]:
     """
     line = read_text(path, _LARGEST).lstrip("\ufeff").partition("\n")[0]
     delimiter = max(",;\t", key=line.count)
-    return [cell[:LONGEST_HEADING] for cell in header_cells(line.rstrip("\r"), delimiter)], delimiter
+    return [cell[:LONGEST_HEADING] for cell in cells_of(line.rstrip("\r"), delimiter)], delimiter
 
 
 def read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndarray]:
