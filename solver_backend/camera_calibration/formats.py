@@ -19,21 +19,20 @@ from solver_backend.types import Cameras
 
 
 def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: float = 1.0, tool: str = "") -> str:
-    """Return the text of a calibration as Pose2Sim and anipose have it. Ours too.
+    """Return a calibration in the format of Pose2Sim, anipose and this product.
 
     Args:
-        scale: units of length a metre: 1 for Pose2Sim, 1000 for FreeMoCap.
+        scale: units of length per metre: 1 for Pose2Sim, 1000 for FreeMoCap.
     """
     parts = []
     for c, name in enumerate(cameras.names):
-        rotation = log_so3(cameras.R[c])
         parts.append(
             f"[{_key(name)}]\n"
             f"name = {_text(name)}\n"
             f"size = {_list(cameras.image_size[c].astype(float))}\n"
             f"matrix = {_matrix(cameras.K[c])}\n"
             f"distortions = {_list(coefficients(cameras, c))}\n"
-            f"rotation = {_list(rotation)}\n"
+            f"rotation = {_list(log_so3(cameras.R[c]))}\n"
             f"translation = {_list(scale * cameras.t[c])}\n"
             f"fisheye = {str(cameras.models[c] == 'fisheye').lower()}\n"
             f"{_model(cameras.models[c])}"
@@ -44,7 +43,7 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 
 
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return the text of caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
+    """Return caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
     parts = []
     for c in range(len(cameras)):
         fisheye = "fisheye = true\n" if cameras.models[c] == "fisheye" else _model(cameras.models[c])
@@ -65,7 +64,7 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
-    """Return as many coefficients as the lens needs: 4 of a fisheye, else 5, or 8 where the last are not zero."""
+    """Return as many coefficients as the lens needs: 4 for a fisheye, otherwise 5, or 8 if the last are not zero."""
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
@@ -96,11 +95,11 @@ def _number(value: float) -> str:
 
 
 LEAST_TERMS = 4
-"""Simpler models of COLMAP are not written: they have one focal length, or no tangential terms."""
+"""Fewest terms of a COLMAP model that is written. Simpler ones have one focal length, or no tangential terms."""
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
-    """Return the three files' texts by their names. Metres, one image a camera, no points.
+    """Return the texts of COLMAP's three files by name, in metres, with one image per camera and no points.
 
     COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point is half a pixel further. Lenses
     are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.
@@ -118,11 +117,8 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
         lenses.append(f"{c + 1} {model} {width} {height} " + " ".join(repr(float(v)) for v in numbers))
         pose = " ".join(repr(float(v)) for v in (*turns[c], *cameras.t[c]))
         images += [f"{c + 1} {pose} {c + 1} {name.replace(' ', '_')}", ""]
-    return {
-        "cameras.txt": "\n".join([*lenses, ""]),
-        "images.txt": "\n".join([*images, ""]),
-        "points3D.txt": "# no points\n",
-    }
+    texts = {"cameras.txt": "\n".join([*lenses, ""]), "images.txt": "\n".join([*images, ""])}
+    return texts | {"points3D.txt": "# no points\n"}
 
 
 def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
@@ -134,7 +130,7 @@ def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
 
 
 def opencv_yaml(cameras: Cameras) -> str:
-    """Return the text of one file for all cameras, lengths in metres."""
+    """Return one OpenCV file for all cameras, with lengths in metres."""
     lines = ["%YAML:1.0", "---"]
     for c, name in enumerate(cameras.names):
         key = re.sub(r"[^A-Za-z0-9_]", "_", name)
@@ -167,7 +163,7 @@ _INTRINSIC = (
 
 
 def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
-    """Return the text of the file: mm, 1/64 px, camera axes right, up and backward.
+    """Return Qualisys' XML in mm and 1/64 px, with camera axes right, up and backward.
 
     Raises:
         CalibrationInvalid: a lens has more than k1 k2 p1 p2 k3, or is a fisheye.
@@ -181,26 +177,16 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
             hint = "Calibrate with --lens pinhole5, or write another format."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         width, height = cameras.image_size[c].tolist()
-        node = ElementTree.SubElement(
-            group,
-            "camera",
-            {
-                "active": "1",
-                "serial": name,
-                "viewrotation": "0",
-                "model": "none",
-                "avg-residual": f"{rmse_px or 0.0:.6f}",
-            },
-        )
+        about = {"active": "1", "serial": name, "viewrotation": "0", "model": "none"}
+        node = ElementTree.SubElement(group, "camera", about | {"avg-residual": f"{rmse_px or 0.0:.6f}"})
         view = {"left": "0", "top": "0", "right": str(width - 1), "bottom": str(height - 1)}
         for tag in ("fov_marker", "fov_marker_max", "fov_video", "fov_video_max"):
             ElementTree.SubElement(node, tag, view)
         rows = TO_OPENCV_AXES @ cameras.R[c]
         centre = 1000.0 * cameras.centres[c]
         place = {f"r{i + 1}{j + 1}": repr(float(rows[i, j])) for i in range(3) for j in range(3)}
-        ElementTree.SubElement(
-            node, "transform", place | {axis: repr(float(v)) for axis, v in zip("xyz", centre, strict=True)}
-        )
+        place |= {axis: repr(float(v)) for axis, v in zip("xyz", centre, strict=True)}
+        ElementTree.SubElement(node, "transform", place)
         K = cameras.K[c] * SUBPIXELS
         pinhole = K[[0, 1, 0, 1, 0], [0, 1, 2, 2, 1]]
         far = np.array([0.0, 0.0, width - 1, height - 1]) * SUBPIXELS
@@ -220,34 +206,32 @@ _TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
     "opencv": lambda cameras, rmse: opencv_yaml(cameras),
 }
 FORMATS = (*_TEXTS, "colmap")
-"""Names of the formats. Lengths are metres, but mm in FreeMoCap's and Qualisys'."""
+"""Names of the formats. Lengths are in metres, except for FreeMoCap and Qualisys (mm)."""
 
 
 def format_of(path: Path) -> str:
-    """Return the format that a file's name stands for: TOML is Pose2Sim's, no suffix is a COLMAP folder.
+    """Return the format of a file name: TOML is Pose2Sim's, no suffix is a COLMAP folder.
 
     Raises:
-        CommandLineInvalid: the name ends like none of them.
+        CommandLineInvalid: the suffix is unknown.
     """
     name = path.name.lower()
     if name.endswith((".qca.txt", ".qca")):
         return "qualisys"
     found = {".toml": "pose2sim", ".yml": "opencv", ".yaml": "opencv", "": "colmap"}.get(path.suffix.lower())
     if found is None:
-        raise CommandLineInvalid(
-            "A calibration is written as .toml, .yml, .qca.txt, or a folder (COLMAP).", where=str(path)
-        )
+        message = "A calibration is written as .toml, .yml, .qca.txt, or a folder (COLMAP)."
+        raise CommandLineInvalid(message, where=str(path))
     return found
 
 
 def write_calibration(
     path: Path, cameras: Cameras, kind: str | None = None, rmse_px: float | None = None, *, overwrite: bool = False
 ) -> str:
-    """Write cameras to a file, or a folder for COLMAP, and return the format's name.
+    """Write cameras (metres, Z up) to a file, or a folder for COLMAP, and return the format's name.
 
     Args:
-        cameras: metres, Z up.
-        kind: one of ``FORMATS``. Taken from the name if left out.
+        kind: one of ``FORMATS``, by default that of the file name.
 
     Raises:
         CommandLineInvalid: the format is unknown.

@@ -15,11 +15,7 @@ from solver_backend.io.footage import parts_of
 
 
 def opencv() -> Any:
-    """Return the module ``cv2``.
-
-    Raises:
-        BackendMissing: it is not installed. It belongs to the extra ``capture``.
-    """
+    """Import ``cv2``. Raise ``BackendMissing`` if it is not installed. It belongs to the extra ``capture``."""
     try:
         return import_module("cv2")
     except ImportError as error:
@@ -32,21 +28,21 @@ PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 
 
 def is_footage(path: Path) -> bool:
-    """Return whether a path is a video, a picture, or a folder with pictures directly in it."""
+    """Return whether a path is a video, a picture, or a folder of pictures."""
     if path.is_dir():
         return any(p.suffix.lower() in PICTURES for p in path.iterdir())
     return path.suffix.lower() in (*VIDEOS, *PICTURES)
 
 
 def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
-    """Yield the number of each frame that is looked at, from 0, and its grey picture (H, W) uint8.
+    """Yield the numbers of frames from 0, and their grey pictures (H, W) uint8.
 
     Args:
-        step: every how many frames. Videos are read through, as seeking in them is not exact.
+        step: step between the frames. Videos are read through, because seeking is not exact.
 
     Raises:
         FileMissing: there is nothing at the path.
-        FileDamaged: nothing of it can be decoded.
+        FileDamaged: no picture can be decoded.
     """
     if not path.exists():
         raise FileMissing("There is no video, picture or folder of pictures here.", where=str(path))
@@ -56,9 +52,8 @@ def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
         any_frame = True
         yield item
     if not any_frame:
-        raise FileDamaged(
-            "No picture can be decoded.", where=str(path), hint="Play it in a video player, or export it again as MP4."
-        )
+        hint = "Play it in a video player, or export it again as MP4."
+        raise FileDamaged("No picture can be decoded.", where=str(path), hint=hint)
 
 
 def _of_pictures(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:

@@ -101,11 +101,9 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     lines = [f"{args.capture}: {found.verdict}"]
     lines += [
         f"  {name:<11} {rms:5.1f} px, worst part {region} {worst:.1f} px"
-        for name, rms, region, worst in zip(
-            cameras.names, found.camera_px, found.worst_region, found.worst_region_px, strict=True
-        )
+        for name, rms, (region, worst) in zip(cameras.names, found.camera_px, found.worst_regions, strict=True)
     ]
-    lines += [f"  finding     {sentence(item)}" for item in found.findings]
+    lines += [f"  finding     {sentence(item)}" for item in found.diagnostics]
     lines += [f"  problem     {sentence(item)}" for item in capture.problems]
     data = found.as_dict()
     data["problems"] = [sentence(item) for item in capture.problems]

@@ -65,6 +65,6 @@ def _calibration_fit(capture: Capture, progress: Progress) -> CameraFits | None:
     if capture.cameras is None or capture.keypoints is None:
         return None
     try:
-        return check_calibration(capture.cameras, capture.keypoints, progress).fit
+        return check_calibration(capture.cameras, capture.keypoints, progress)
     except MocapError:  # too little is seen together to compare
         return None

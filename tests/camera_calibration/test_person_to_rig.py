@@ -86,11 +86,11 @@ def test_a_camera_that_was_moved_is_found_and_corrected(noisy: Capture) -> None:
     moved = replace(
         cameras, R=R, t=np.where(np.arange(4)[:, None] == 2, (R @ -cameras.centres[..., None])[..., 0], cameras.t)
     )
-    assert not any("moved" in finding.code for finding in check_calibration(cameras, keypoints).findings)
+    assert not any("moved" in finding.code for finding in check_calibration(cameras, keypoints).diagnostics)
     checked = check_calibration(moved, keypoints)
-    [finding] = [item for item in checked.findings if item.code == "camera_moved"]
+    [finding] = [item for item in checked.diagnostics if item.code == "camera_moved"]
     assert sentence(finding).startswith(f"{cameras.names[2]} seems to have moved after calibration")
-    assert checked.camera_px[2] > 3 * checked.refined_camera_px[2]
+    assert checked.camera_px[2] > 3 * checked.best_px[2]
     refined = refine_by_person(moved, keypoints)
     assert apart(refined.cameras, cameras, False)[1] < 0.4
     assert apart(moved, cameras, False)[1] > 1.0
@@ -127,11 +127,11 @@ def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
 @pytest.mark.slow
 def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
-    assert check_calibration(cameras, keypoints).findings == ()
+    assert check_calibration(cameras, keypoints).diagnostics == ()
     small = check_calibration(replace(cameras, t=0.7 * cameras.t), keypoints)
-    assert "world_doubted" in [finding.code for finding in small.findings]
+    assert "world_doubted" in [finding.code for finding in small.diagnostics]
     tipped = check_calibration(replace(cameras, R=cameras.R @ exp_so3(np.array([0.8, 0.0, 0.0]))), keypoints)
-    assert "world_doubted" in [finding.code for finding in tipped.findings]
+    assert "world_doubted" in [finding.code for finding in tipped.diagnostics]
 
 
 def test_the_scale_is_by_stature_or_by_a_known_length(exact: Capture) -> None:

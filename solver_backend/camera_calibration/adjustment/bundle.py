@@ -1,9 +1,6 @@
-"""Adjust lenses, camera poses, boards and points together: Levenberg-Marquardt on the Schur complement.
+"""Adjust lenses, camera poses, boards and points together by Levenberg-Marquardt on the reduced camera system.
 
-A body is a board of many points, or one point without a rotation. Each body has a pose of its own, each camera a pose
-and a lens. Bodies are eliminated, so the equations that are solved are those of the cameras.
-
-Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1 (reduced camera system).
+Reference: Triggs et al. 2000, "Bundle adjustment: a modern synthesis", sec. 6.1.
 """
 
 from __future__ import annotations
@@ -19,7 +16,7 @@ from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float, Int
 
 CAMERA_PARAMETERS = 6 + PARAMETERS + 1
-"""Rotation 3 (rad), translation 3 (m), the lens' 12 and the delay (s), of each camera."""
+"""Unknowns of a camera: rotation (3, rad), translation (3, m), ``PARAMETERS`` of the lens and its delay (s)."""
 
 
 @dataclass(frozen=True)
@@ -27,37 +24,35 @@ class BodySightings:
     """N points of bodies in pictures."""
 
     camera: Int[np.ndarray, " n"]
-    """(N,) which camera sees it."""
+    """(N,) index of the camera."""
     body: Int[np.ndarray, " n"]
-    """(N,) which body it belongs to."""
+    """(N,) index of the body."""
     local: Float[np.ndarray, "n 3"]
-    """(N, 3) metres in the body's axes. Zero for a point alone."""
+    """(N, 3) metres in the body's axes. Zero for a single point."""
     px: Float[np.ndarray, "n 2"]
-    """(N, 2) where it is seen."""
+    """(N, 2) pixels."""
     sigma: Float[np.ndarray, " n"]
-    """(N,) px, standard deviation."""
+    """(N,) standard deviation in pixels."""
     velocity: Float[np.ndarray, "n 2"] | None = None
-    """(N, 2) px/s, how fast each moves in its picture. Needed where delays are unknown."""
+    """(N, 2) px/s in the picture, needed to estimate delays."""
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
-        """Return the chosen ones."""
-        velocity = None if self.velocity is None else self.velocity[chosen]
-        return BodySightings(
-            self.camera[chosen], self.body[chosen], self.local[chosen], self.px[chosen], self.sigma[chosen], velocity
-        )
+        """Select sightings by a mask."""
+        parts = (self.camera, self.body, self.local, self.px, self.sigma, self.velocity)
+        return BodySightings(*(None if part is None else part[chosen] for part in parts))
 
 
 @dataclass(frozen=True)
 class Bodies:
-    """B bodies' poses, ``x_world = R x_local + t``."""
+    """Poses of B bodies, ``x_world = R x_local + t``. A body is a board, or a single point that does not turn."""
 
     R: Float[np.ndarray, "bodies 3 3"]
-    """(B, 3, 3)."""
     t: Float[np.ndarray, "bodies 3"]
     """(B, 3) metres."""
     known: Float[np.ndarray, "bodies 3"] | None = None
-    """(B, 3) metres, NaN where a body's place is not known beforehand."""
+    """(B, 3) measured places in metres, NaN where unknown."""
     known_sigma: float = 0.002
+    """Standard deviation of these places, in metres."""
 
 
 @dataclass(frozen=True)
@@ -69,7 +64,7 @@ class Held:
     centre_sigma_m: float
 
     def step_from(self, cameras: Cameras) -> Float[np.ndarray, "cameras 6"]:
-        """Return (C, 6) the steps ``(ω, τ)`` that lead from the expected poses to these, in standard deviations."""
+        """Return the (C, 6) steps ``(ω, τ)`` from the expected poses to these, in standard deviations."""
         turn = log_so3(cameras.R @ np.swapaxes(self.cameras.R, 1, 2))
         shift = -(cameras.R @ (cameras.centres - self.cameras.centres)[..., None])[..., 0]
         return np.concatenate([turn / self.turn_sigma, shift / self.centre_sigma_m], axis=1)
@@ -89,12 +84,13 @@ class Unknowns:
     lens: Bool[np.ndarray, "cameras 12"]
     """(C, 12) unknown numbers of each lens."""
     one_focal: bool = True
+    """Keep the ratio of fx and fy."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) how far each number is expected from where it starts. None is anywhere."""
+    """(C, 12) expected deviation of each number from its start. None for no limit."""
     delays: Bool[np.ndarray, " cameras"] | None = None
-    """(C,) cameras whose delay against the others is unknown. None is no camera's."""
+    """(C,) cameras whose delay is unknown. None for no camera."""
     held: Held | None = None
-    """Poses that are known beforehand, where all are unknown. A camera far from its own is let go (Cauchy)."""
+    """Expected poses. A camera that is far from its own is released (Cauchy)."""
 
 
 @dataclass(frozen=True)
@@ -106,16 +102,15 @@ class Adjusted:
     error: Float[np.ndarray, "n 2"]
     """(N, 2) px, projected minus seen. NaN behind a camera."""
     covariance: Float[np.ndarray, "numbers numbers"]
-    """(19 C, 19 C) of ``CAMERA_PARAMETERS`` about the solution, the world's own freedom taken out."""
+    """(19 C, 19 C) of ``CAMERA_PARAMETERS``, without the freedom of the world."""
     steps: int
     delays: Float[np.ndarray, " cameras"]
-    """(C,) seconds by which each camera's pictures are later than their frame's number states."""
-
+    """(C,) delay of each camera's pictures in seconds."""
     seen: BodySightings
 
     @property
     def rmse_px(self) -> float:
-        """Root of the mean squared distance."""
+        """Root mean squared error."""
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
 
 
@@ -145,8 +140,8 @@ def adjust(
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
     Args:
-        delays: (C,) seconds at a start, see ``Adjusted``. Zero if left out.
-        gauge: directions that change nothing (6, or 7 where the scale is free), left out of the covariance.
+        delays: (C,) initial delays in seconds, zero by default.
+        gauge: number of directions without effect, which the covariance leaves out: 6, or 7 with a free scale.
 
     Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
     """
@@ -179,14 +174,14 @@ def adjust(
 
 @dataclass(frozen=True)
 class _BundleState:
-    """Cameras, bodies and delays (C,) at one step."""
+    """Cameras, bodies and (C,) delays at one step."""
 
     cameras: Cameras
     bodies: Bodies
     delays: np.ndarray
 
     def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
-        """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) where none turns."""
+        """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) without rotation."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
         t = (turn @ self.cameras.t[..., None])[..., 0] + step[:, 3:6]
@@ -205,19 +200,19 @@ class _Task:
     scale: float
 
     columns: np.ndarray
-    """Numbers of ``CAMERA_PARAMETERS`` that are unknown for any camera."""
+    """``CAMERA_PARAMETERS`` that are unknown for any camera."""
     turning: slice
     """Unknown numbers of a body's six. Single points do not turn."""
 
     def whole(self, values: np.ndarray) -> np.ndarray:
-        """Return values (C columns, ...) of the unknown numbers with zeros for the others, (19C, ...)."""
+        """Return values (C columns, ...) of the unknown numbers as (19C, ...), with zeros for the others."""
         C = len(self.start)
         full = np.zeros((C, CAMERA_PARAMETERS, *values.shape[1:]))
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
     def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return the points in camera axes (N, 3), about their body (N, 3), and what they should project to (N, 2)."""
+        """Return the points in camera axes (N, 3), from their body's origin (N, 3), and their pixels (N, 2)."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
         world = arm + bodies.t[seen.body]
@@ -234,13 +229,13 @@ class _Task:
             return pixels_of(now.cameras, self.seen.camera, x_cam) - target
 
     def of_camera(self, by_pose: np.ndarray, by_lens: np.ndarray, by_delay: np.ndarray) -> np.ndarray:
-        """Return (N, 2, columns) the derivative by the unknown numbers of its camera."""
+        """Return the (N, 2, columns) derivative by the unknown numbers of a point's camera."""
         if self.columns.max(initial=0) < 6:
             return by_pose[..., self.columns]
         return np.concatenate([by_pose, by_lens, by_delay], axis=-1)[..., self.columns]
 
     def lens_change(self, cameras: Cameras) -> np.ndarray:
-        """Return (C, 12) how far the lenses moved, in ``PARAMETERS``."""
+        """Return the (C, 12) change of the lenses in ``PARAMETERS``."""
         before, after = (c.K[:, [0, 1], [0, 1]] for c in (self.start, cameras))
         centre = (cameras.K[:, :2, 2] - self.start.K[:, :2, 2]) / before
         bent = cameras.distortion - self.start.distortion
@@ -348,7 +343,7 @@ class _Equations:
 
 
 def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C P, Q) which step each unknown stands for, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
+    """Return the (C P, Q) step of each unknown, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
     free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), unknowns.lens, late[:, None]], axis=1)
@@ -364,7 +359,7 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sums(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """Return the sums of values (N, ...) by their group: (count, ...)."""
+    """Return the sums of values (N, ...) in each group, (count, ...)."""
     total = np.zeros((count, *values.shape[1:]))
     order = np.argsort(group, kind="stable")
     firsts = np.flatnonzero(np.diff(group[order], prepend=-1))

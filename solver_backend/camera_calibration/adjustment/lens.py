@@ -21,18 +21,18 @@ FOCAL, CENTRE = (0, 1), (2, 3)
 
 @dataclass(frozen=True)
 class FittedLens:
-    """Fitted coefficients of a distortion model. The others are zero."""
+    """Distortion model with fitted coefficients. The others are zero."""
 
     name: str
     distortion_model: str
-    """Name of the lens model, as ``Cameras`` has it."""
+    """Name in ``Cameras``."""
     fitted: tuple[int, ...]
 
 
 LENS_MODELS = {
     name: FittedLens(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
-"""From the simplest to the richest. ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
+"""Ordered by the number of coefficients. ``pinhole5`` has k1 k2 p1 p2 k3, and ``rational8`` also k4 k5 k6."""
 
 
 @dataclass(frozen=True)
@@ -40,11 +40,11 @@ class Lens:
     """The intrinsics of one camera in one mode."""
 
     K: Float[np.ndarray, "3 3"]
-    """(3, 3) px."""
+    """(3, 3) in pixels."""
     distortion: Float[np.ndarray, " 8"]
-    """(8,) coefficients as ``Cameras`` has them."""
+    """(8,) coefficients as in ``Cameras``."""
     image_size: tuple[int, int]
-    """Width and height, px."""
+    """Width and height in pixels."""
     distortion_model: str = lens.DEFAULT_MODEL
 
     def as_camera(self) -> Cameras:
@@ -66,9 +66,9 @@ def lens_of(cameras: Cameras, index: int) -> Lens:
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
-    """Return a lens guessed from the picture's size: ``f = share · longer side``, the centre in the middle.
+    """Guess a lens from the picture's size: ``f = share · longer side`` and the centre in the middle.
 
-    A phone's main camera films at shares of 0.75 to 1.0, a webcam at 0.7 to 0.9.
+    The main cameras of phones have shares of 0.75 to 1.0, webcams of 0.7 to 0.9.
     """
     width, height = image_size
     f = focal_share * max(image_size)
@@ -76,7 +76,7 @@ def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
 
 
 def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
-    """Return the cameras with lenses changed by a step in ``PARAMETERS``: ``f ← f exp(s)``, ``c ← c + f s``."""
+    """Change the lenses by a step in ``PARAMETERS``: ``f ← f exp(s)``, ``c ← c + f s``."""
     K = cameras.K.copy()
     focal = K[:, [0, 1], [0, 1]].copy()
     K[:, [0, 1], [0, 1]] = focal * np.exp(np.clip(step[:, 0:2], -1.0, 1.0))
@@ -87,12 +87,12 @@ def moved(cameras: Cameras, step: Float[np.ndarray, "cameras 12"]) -> Cameras:
 def project_local(
     cameras: Cameras, which: Int[np.ndarray, " n"], x_cam: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 2"], Float[np.ndarray, "n 2 3"], Float[np.ndarray, "n 2 12"]]:
-    """Return pixels of points in camera axes, with their derivatives by the point and by the lens.
+    """Project points in camera axes, with derivatives by the point and by the lens.
 
     Args:
         cameras: C cameras. Their poses are not used.
-        which: (N,) each point's camera.
-        x_cam: (N, 3) metres. A depth of zero or less gives NaN.
+        which: (N,) camera of each point.
+        x_cam: (N, 3) metres. Points behind the camera give NaN.
 
     Returns:
         px (N, 2), by the point (N, 2, 3) px/m, by ``PARAMETERS`` (N, 2, 12).
@@ -128,7 +128,7 @@ def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[
 
 
 def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Any, ...]:
-    """Return distorted coordinates (N,) and their derivative's entries, computed once per lens model."""
+    """Return distorted coordinates (N,) and the entries of their derivative, computed once per lens model."""
     groups = cameras_by_model(cameras.models)
     if len(groups) == 1:
         return distorted(x, y, cameras.distortion[which], cameras.models[:1])
@@ -154,7 +154,7 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 
     Args:
         plane: (n, 2) points on the board, n at least 4.
-        image: (n, 2) the same in a picture.
+        image: (n, 2) the same points in a picture.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", algorithm 4.2.
     """
@@ -169,13 +169,9 @@ def homography(plane: Float[np.ndarray, "n 2"], image: Float[np.ndarray, "n 2"])
 def focal_from_homographies(
     homographies: Float[np.ndarray, "views 3 3"], centre: Float[np.ndarray, " 2"]
 ) -> float | None:
-    """Return the focal length in px that makes the boards' axes orthogonal and equally long, None where none does.
+    """Return the focal length in px that makes the boards' axes orthogonal and equally long, or None.
 
-    With the centre known, ``ω = diag(1/f², 1/f², 1)``: ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
-
-    Args:
-        homographies: (V, 3, 3) board to picture.
-        centre: (2,) px, the principal point.
+    The (2,) principal point is known, so ``ω = diag(1/f², 1/f², 1)``: ``h1ᵀ ω h2 = 0`` and ``h1ᵀ ω h1 = h2ᵀ ω h2``.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", eqs. 3 and 4.
     """
@@ -192,10 +188,7 @@ def focal_from_homographies(
 def planar_pose(
     plane: Float[np.ndarray, "n 2"], normalised: Float[np.ndarray, "n 2"]
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the rotation and translation board to camera from undistorted normalised coordinates.
-
-    Reference: Zhang 2000, sec. 3.1.
-    """
+    """Return the rotation and translation from board to camera from normalised coordinates (Zhang 2000, sec. 3.1)."""
     H = homography(plane, normalised)
     H = H / np.sqrt(np.linalg.norm(H[:, 0]) * np.linalg.norm(H[:, 1]))
     if H[2, 2] < 0:
@@ -205,7 +198,7 @@ def planar_pose(
 
 
 def _centred(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return points about their mean at a mean distance of √2, and the (3, 3) matrix that brings them there."""
+    """Normalise points to zero mean and a mean distance of √2. Return them and the (3, 3) matrix."""
     mean = points.mean(0)
     scale = np.sqrt(2.0) / max(float(np.linalg.norm(points - mean, axis=1).mean()), 1e-12)
     return (points - mean) * scale, np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1.0]])

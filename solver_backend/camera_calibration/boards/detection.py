@@ -14,9 +14,9 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types.shapes import Float, Int
 
 FEWEST_POINTS = 6
-"""Points of a board below which a sighting carries no information."""
+"""Fewest points of a usable sighting."""
 SMALLEST_SPACING_PX = 8.0
-"""Distance of neighbouring points below which a board is too small in the picture."""
+"""Least distance of neighbouring points in a usable sighting, in pixels."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +24,9 @@ class BoardSighting:
     """A board found in one picture."""
 
     ids: Int[np.ndarray, " points"]
-    """(n,) which of the board's points."""
+    """(n,) indices of the board's points."""
     px: Float[np.ndarray, "points 2"]
-    """(n, 2) where they are. (0, 0) is the middle of the first pixel."""
+    """(n, 2) pixels. (0, 0) is the middle of the first pixel."""
     sharpness: float
     """Spread of the Laplacian by the spread of the grey values on the board: about 1 in focus, 0.1 blurred."""
     spacing_px: float
@@ -35,7 +35,7 @@ class BoardSighting:
 
 
 class BoardDetector:
-    """Finds one board in pictures.
+    """Find one board in pictures.
 
     Raises:
         JobInvalid: the dictionary has no such name or too few markers.
@@ -49,7 +49,7 @@ class BoardDetector:
             self._charucos = [self._cv2.aruco.CharucoDetector(b) for b in charuco_boards(board)]
 
     def find(self, grey: np.ndarray) -> BoardSighting | None:
-        """Return the board in a grey picture (H, W) uint8, None where it is not seen whole enough."""
+        """Return the board in a grey picture (H, W) uint8, or None."""
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
@@ -114,7 +114,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return OpenCV's boards: as drawn today, and as OpenCV drew them before 4.6 (which differ for even rows).
+    """Return OpenCV's boards of today and of before version 4.6, which differ for even rows.
 
     Raises:
         JobInvalid: the dictionary has no such name or too few markers.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from xml.sax.saxutils import escape
 
 import numpy as np
@@ -23,8 +24,9 @@ PAPERS = {
 }
 """Width and height in mm, upright."""
 MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0
+"""Margin, height of the foot and length of the ruler, in mm."""
 RING = (0.36, 0.18)
-"""Outer and inner radius of a ring, in distances of two rows' neighbours (half of ``square``)."""
+"""Outer and inner radius of a ring, in distances between two rows (half of ``square``)."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +62,7 @@ class PageText:
     place: tuple[float, float]
     text: str
     size: float = 3.5
-    """Height of a line, mm."""
+    """Height of a line in mm."""
 
 
 Shape = Polygon | Disc | PageLine | PageText
@@ -71,17 +73,17 @@ class Page:
     """A printed page."""
 
     size: tuple[float, float]
-    """Width and height, mm."""
+    """Width and height in mm."""
     shapes: tuple[Shape, ...]
     first_point: tuple[float, float]
-    """Position of the board's first point, mm."""
+    """Position of the board's first point in mm."""
 
 
 def board_page(board: Board, paper: str = "fit") -> Page:
-    """Return the page of a board with a ruler of 100 mm to check the printer's scale by.
+    """Return the page of a board with a ruler of 100 mm to check the printer's scale.
 
     Args:
-        paper: a name of ``PAPERS``, or 'fit' for a page as large as needed. Turned where it then fits.
+        paper: a name of ``PAPERS``, or 'fit' for a page as large as needed. It is turned if needed.
 
     Raises:
         JobInvalid: the paper is unknown, or the board does not fit on it.
@@ -95,9 +97,9 @@ def board_page(board: Board, paper: str = "fit") -> Page:
     if board.inverted:
         shapes.append(_rectangle(left - 5, top - 5, width + 10, height + 10))
     shapes += [_moved(shape, left, top, board.inverted) for shape in _pattern(board)]
-    first = _first(board)
-    shapes += _foot(board, size)
-    return Page(size, tuple(shapes), (left + first[0], top + first[1]))
+    # The first point is in the middle of the first ring's cell, or at the first inner corner.
+    first = 1000.0 * board.square_m / (2 if board.kind == "rings" else 1)
+    return Page(size, (*shapes, *_foot(board, size)), (left + first, top + first))
 
 
 def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float, float]:
@@ -115,12 +117,6 @@ def _paper(paper: str, needed: tuple[float, float], board: Board) -> tuple[float
     message = f"The board needs {needed[0]:.0f} x {needed[1]:.0f} mm; {paper} has {upright[0]:g} x {upright[1]:g}."
     hint = f"Take squares of {int(share * board.square_m * 1000)} mm, larger paper, or --paper fit for a print shop."
     raise JobInvalid(message, hint=hint)
-
-
-def _first(board: Board) -> tuple[float, float]:
-    """Return where the first point lies from the pattern's corner, mm."""
-    side = 1000.0 * board.square_m
-    return (side / 2, side / 2) if board.kind == "rings" else (side, side)
 
 
 def _pattern(board: Board) -> list[Shape]:
@@ -150,9 +146,8 @@ def _charuco(board: Board, side: float) -> list[Shape]:
         for row in range(modules):
             dark = np.flatnonzero(np.diff(np.concatenate([[0], bits[row] < 128, [0]])))
             for start, stop in dark.reshape(-1, 2):
-                shapes.append(
-                    _rectangle(low[0] + start * module, low[1] + row * module, (stop - start) * module, module)
-                )
+                x, y = low[0] + start * module, low[1] + row * module
+                shapes.append(_rectangle(x, y, (stop - start) * module, module))
     return shapes
 
 
@@ -160,13 +155,8 @@ def _foot(board: Board, size: tuple[float, float]) -> list[Shape]:
     base = size[1] - MARGIN_MM
     left = (size[0] - RULER_MM) / 2
     marks = [PageLine((left + i, base), (left + i, base - (4.0 if i % 10 == 0 else 2.0))) for i in range(0, 101, 5)]
-    return [
-        PageLine((left, base), (left + RULER_MM, base)),
-        *marks,
-        PageText(
-            (left, base - 6.0), f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90], 2.8
-        ),
-    ]
+    text = f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90]
+    return [PageLine((left, base), (left + RULER_MM, base)), *marks, PageText((left, base - 6.0), text, 2.8)]
 
 
 def _rectangle(x: float, y: float, width: float, height: float) -> Polygon:
@@ -182,14 +172,15 @@ def _moved(shape: Shape, x: float, y: float, inverted: bool) -> Shape:
 
 
 POINTS_PER_MM = 72.0 / 25.4
+"""PDF units per millimetre (1/72 inch)."""
 _KAPPA = 0.5522847498
-"""Bézier handles of a quarter circle, in radii."""
+"""Length of the Bézier handles of a quarter circle, in radii."""
 _THIN_MM = 0.15
-"""Width of a thin line, millimetres. Chosen by hand."""
+"""Width of a thin line in millimetres. Chosen by hand."""
 
 
 def svg(page: Page) -> str:
-    """Return the page as SVG whose units are millimetres."""
+    """Return the page as SVG in millimetres."""
     width, height = page.size
     shapes = "\n".join(_svg_shape(shape) for shape in page.shapes)
     return (
@@ -200,28 +191,22 @@ def svg(page: Page) -> str:
 
 
 def _svg_shape(shape: Shape) -> str:
-    if isinstance(shape, Polygon):
-        points = " ".join(f"{x:.6g},{y:.6g}" for x, y in shape.points)
-        return f'<polygon points="{points}" fill="{_colour(shape.white)}"/>'
-    if isinstance(shape, Disc):
-        x, y = shape.centre
-        return f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{shape.radius:.6g}" fill="{_colour(shape.white)}"/>'
     if isinstance(shape, PageLine):
         (x1, y1), (x2, y2) = shape.start, shape.end
-        return (
-            f'<line x1="{x1:.6g}" y1="{y1:.6g}" x2="{x2:.6g}" y2="{y2:.6g}" stroke="black" stroke-width="{_THIN_MM}"/>'
-        )
-    x, y = shape.place
-    font = f'font-family="Helvetica, Arial" font-size="{shape.size}"'
-    return f'<text x="{x:.6g}" y="{y:.6g}" {font}>{escape(shape.text)}</text>'
-
-
-def _colour(white: bool) -> str:
-    return "white" if white else "black"
+        ends = f'x1="{x1:.6g}" y1="{y1:.6g}" x2="{x2:.6g}" y2="{y2:.6g}"'
+        return f'<line {ends} stroke="black" stroke-width="{_THIN_MM}"/>'
+    if isinstance(shape, PageText):
+        (x, y), font = shape.place, f'font-family="Helvetica, Arial" font-size="{shape.size}"'
+        return f'<text x="{x:.6g}" y="{y:.6g}" {font}>{escape(shape.text)}</text>'
+    fill = 'fill="white"' if shape.white else 'fill="black"'
+    if isinstance(shape, Polygon):
+        points = " ".join(f"{x:.6g},{y:.6g}" for x, y in shape.points)
+        return f'<polygon points="{points}" {fill}/>'
+    return f'<circle cx="{shape.centre[0]:.6g}" cy="{shape.centre[1]:.6g}" r="{shape.radius:.6g}" {fill}/>'
 
 
 def pdf(page: Page) -> bytes:
-    """Return the page as PDF 1.4: lengths are points of 1/72 inch, Y up, so a matrix turns millimetres into them.
+    """Return the page as PDF 1.4. A matrix turns millimetres with Y down into points with Y up.
 
     Reference: ISO 32000-1, 7.5 (file structure), 8.5 (paths).
     """
@@ -250,31 +235,26 @@ def pdf(page: Page) -> bytes:
 
 
 def _pdf_shape(shape: Shape) -> str:
-    if isinstance(shape, Polygon):
-        (x, y), *rest = shape.points
-        path = [f"{x:.6f} {y:.6f} m", *(f"{a:.6f} {b:.6f} l" for a, b in rest), "h f"]
-        return f"{_grey(shape.white)} " + " ".join(path)
-    if isinstance(shape, Disc):
-        return f"{_grey(shape.white)} {_circle(*shape.centre, shape.radius)} f"
     if isinstance(shape, PageLine):
         (x1, y1), (x2, y2) = shape.start, shape.end
         return f"0 G {x1:.6f} {y1:.6f} m {x2:.6f} {y2:.6f} l S"
-    x, y = shape.place
-    text = shape.text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
-    return f"0 g BT /F1 {shape.size:g} Tf 1 0 0 -1 {x:.6f} {y:.6f} Tm ({text}) Tj ET"
-
-
-def _grey(white: bool) -> str:
-    return "1 g" if white else "0 g"
+    if isinstance(shape, PageText):
+        (x, y), text = shape.place, shape.text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
+        return f"0 g BT /F1 {shape.size:g} Tf 1 0 0 -1 {x:.6f} {y:.6f} Tm ({text}) Tj ET"
+    grey = "1 g" if shape.white else "0 g"
+    if isinstance(shape, Polygon):
+        (x, y), *rest = shape.points
+        path = [f"{x:.6f} {y:.6f} m", *(f"{a:.6f} {b:.6f} l" for a, b in rest), "h f"]
+        return f"{grey} " + " ".join(path)
+    return f"{grey} {_circle(*shape.centre, shape.radius)} f"
 
 
 def _circle(x: float, y: float, r: float) -> str:
     k = _KAPPA * r
+    corners = ((1, 0), (0, 1), (-1, 0), (0, -1), (1, 0))
     quarters = [
-        ((r, k), (k, r), (0, r)),
-        ((-k, r), (-r, k), (-r, 0)),
-        ((-r, -k), (-k, -r), (0, -r)),
-        ((k, -r), (r, -k), (r, 0)),
+        ((r * a + k * c, r * b + k * d), (k * a + r * c, k * b + r * d), (r * c, r * d))
+        for (a, b), (c, d) in pairwise(corners)
     ]
     curves = [" ".join(f"{x + a:.6f} {y + b:.6f}" for a, b in q) + " c" for q in quarters]
     return f"{x + r:.6f} {y:.6f} m " + " ".join(curves)

@@ -15,6 +15,7 @@ from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting
 from solver_backend.camera_calibration.extrinsics.from_board import (
     BoardCalibration,
+    board_world,
     calibrate_from_board,
     widen_by_halves,
     zoom_doubts,
@@ -36,22 +37,22 @@ _EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the l
 
 @dataclass(frozen=True)
 class BoardFootage:
-    """Footage by the camera's name."""
+    """Video or folder of pictures of each camera."""
 
     lens: dict[str, Path]
     extrinsic: dict[str, Path]
-    """Of the board seen by several cameras at once. May be empty."""
+    """Footage of the board seen by several cameras at once. May be empty."""
 
 
 def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage of a folder: ``intrinsics/`` and ``extrinsics/`` in it or below, or its videos themselves.
+    """Return the footage in ``intrinsics/`` and ``extrinsics/`` of a folder or below, or else its own videos.
 
     A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it.
     ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
 
     Raises:
         FileMissing: there is no such folder.
-        CaptureNotRecognised: it holds no videos and no pictures.
+        CaptureNotRecognised: it has no videos and no pictures.
     """
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
@@ -97,7 +98,7 @@ def _footage_in(folder: Path) -> Path | None:
 
 
 def camera_name(path: Path) -> str:
-    """Return the camera's name in a file's or folder's name."""
+    """Return the camera's name from a file's or folder's name."""
     stem = path.stem if path.suffix.lower() in VIDEOS else path.name
     plain = re.sub(r"^(int|ext|intrinsics?|extrinsics?|calib)[_\-]", "", stem, flags=re.IGNORECASE)
     return re.sub(r"[_\-](img|imgs|int|ext|images|calib)$", "", plain, flags=re.IGNORECASE) or stem
@@ -105,7 +106,7 @@ def camera_name(path: Path) -> str:
 
 Sightings = dict[int, BoardSighting]
 GOOD_RMSE_PX = 1.0
-"""Above, a board's calibration is doubtful."""
+"""Largest error of a good board calibration in pixels. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -115,13 +116,13 @@ class BoardOptions:
     models: tuple[str, ...] = tuple(LENS_MODELS)
     """Lens models to choose from."""
     step: int = 1
-    """Every how many frames of lens videos are looked at. Those of the poses are all looked at."""
+    """Step between the used frames of lens videos. All frames for the poses are used."""
     fps: float | None = None
-    """Frames per second of the videos for the poses, by which cameras' delays are found."""
+    """Frames per second of the videos for the poses, needed to estimate delays."""
     origin_frame: int | None = None
-    """Frame at which the board lies on the floor, origin and axes of the world."""
+    """Frame at which the board lies on the floor and defines origin and axes of the world."""
     refine_lenses: bool = False
-    """Lenses change with the poses."""
+    """Adjust lenses together with the poses."""
 
 
 def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tuple[int, int]]:
@@ -131,8 +132,7 @@ def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tup
     size = (0, 0)
     for number, picture in grey_frames(path, step):
         size = (picture.shape[1], picture.shape[0])
-        sighting = detector.find(picture)
-        if sighting is not None:
+        if (sighting := detector.find(picture)) is not None:
             found[number] = sighting
     return found, size
 
@@ -140,10 +140,10 @@ def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tup
 def calibrate_lenses(
     footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
 ) -> tuple[dict[str, CameraLens], dict[str, list[BoardSighting]]]:
-    """Return each camera's lens and the sightings it was found from.
+    """Return each camera's lens, and the sightings that it was fitted to.
 
     Raises:
-        CalibrationInvalid: a camera has too few pictures of the board. Names it.
+        CalibrationInvalid: a camera has too few pictures of the board.
     """
     lenses, used = {}, {}
     for done, (name, path) in enumerate(footage.items()):
@@ -166,15 +166,15 @@ def calibrate_by_board(
     *,
     coverage: Path | None = None,
 ) -> CalibratedCameras:
-    """Return the cameras that a board was carried through.
+    """Calibrate cameras by a board that was carried through their views.
 
     Args:
-        known: lenses by the camera's name.
-        coverage: folder to write pictures of where each camera saw the board, SVG and PNG.
+        known: known lens of each camera.
+        coverage: folder for pictures (SVG and PNG) of the board's places in each view.
 
     Raises:
         CalibrationMissing: there is no footage for the poses.
-        CalibrationInvalid: a lens or a pose cannot be found. Names the camera.
+        CalibrationInvalid: a lens or a pose cannot be found.
     """
     if len(footage.extrinsic) < 2:
         message = f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed."
@@ -222,9 +222,10 @@ def _lenses(
     options: BoardOptions,
     progress: Progress,
 ) -> dict[str, tuple[Lens, CameraLens | None]]:
-    """Return the lens of each camera, and how it was measured: known, from its own footage, or from that for the poses.
+    """Return each camera's lens, and its measurement unless it was known.
 
-    Lenses that the product chooses are of one family: of the known ones, else of the one that predicts best.
+    It is measured in its own footage, or else in that for the poses. All measured lenses have the distortion model of
+    the known lenses, or the one that predicts best.
     """
     own = {n: p for n, p in footage.lens.items() if n in footage.extrinsic and n not in known}
     found, views = calibrate_lenses(own, board, options, progress)
@@ -269,9 +270,8 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
     words: list[Diagnostic] = []
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
-            words.append(
-                diagnostic("camera_off", reference="board", unit="px", cameras=[name], size=found.camera_rmse_px[c])
-            )
+            size = found.camera_rmse_px[c]
+            words.append(diagnostic("camera_off", reference="board", unit="px", cameras=[name], size=size))
         if abs(found.delays_s[c]) > 0.005:
             way = "later" if found.delays_s[c] > 0 else "earlier"
             late_ms = abs(found.delays_s[c]) * 1000
@@ -285,12 +285,7 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
 def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
     bodies = solved.adjusted.bodies
     if origin is not None:
-        if origin not in solved.moments:
-            hint = f"It is at {solved.moments[0]} to {solved.moments[-1]}."
-            raise CalibrationInvalid(f"The board is not seen at frame {origin}.", hint=hint)
-        i = solved.moments.index(origin)
-        R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
-        return R, -R @ bodies.t[i], diagnostic("world_origin", source="board", frame=origin)
+        return board_world(bodies, solved.moments, origin)
     cameras = solved.adjusted.cameras
     up = -cameras.R[:, 1].mean(0)
     z = up / max(float(np.linalg.norm(up)), 1e-9)

@@ -1,8 +1,4 @@
-"""Calibrate cameras from sightings of a board.
-
-Errors of the corners of one picture are correlated (lens model, flatness and print of the board), so the covariance of
-independent corners is too small. The reported deviations are widened to what two halves of the footage show.
-"""
+"""Calibrate cameras from sightings of a board."""
 
 from __future__ import annotations
 
@@ -45,6 +41,7 @@ OUTLIER_SIGMAS = 6.0
 """Larger errors are excluded from the second adjustment, in median errors."""
 
 ZOOM_GAIN = 0.25
+"""A camera has another zoom if a free focal length reduces the error by this share. Chosen by hand."""
 UNKNOWN_VELOCITY = 10.0
 """Factor on the deviation of points without a velocity while delays are estimated."""
 
@@ -54,7 +51,7 @@ class BoardCalibration:
     """Result of a board calibration."""
 
     adjusted: Adjusted
-    """Cameras and the board's poses, in the first camera's axes."""
+    """Cameras and the board's poses in the first camera's axes."""
     moments: tuple[int, ...]
     seen: BodySightings
     together: dict[tuple[int, int], int]
@@ -74,11 +71,11 @@ def calibrate_from_board(
     """Find camera poses from a board: chain the pairs, then adjust all cameras at once.
 
     Args:
-        sightings: for each camera, what it saw by the frame's number. Frames are synchronous.
-        fps: frames per second. Where it is given, each camera's delay against the first is found too.
+        sightings: sightings of each camera by the number of the synchronous frame.
+        fps: frames per second, to estimate each camera's delay against the first. None for no delays.
 
     Raises:
-        CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
+        CalibrationInvalid: cameras never see the board together, or its ends look the same.
     """
     if not board.ends_differ:
         message = f"The {board} looks the same when half turned, so cameras cannot agree on its ends."
@@ -107,10 +104,9 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera that another focal length fits better: its lens was found in another zoom or mode.
+    """Report each camera whose lens was calibrated at another zoom or mode.
 
-    All lenses are freed. Reported are focal lengths that change by more than 3 % and five standard deviations where the
-    error then falls by a quarter or more.
+    A free focal length must differ by more than 3 % and five standard deviations, and reduce the error by a quarter.
     """
     names, stated = solved.adjusted.cameras.names, solved.adjusted.cameras
     lenses = [lens_of(stated, c) for c in range(len(names))]
@@ -118,16 +114,9 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     lens = np.zeros_like(unknowns.lens)
     lens[:, list(FOCAL)] = True
     late = solved.adjusted.delays != 0
-    free = adjust(
-        stated,
-        solved.adjusted.bodies,
-        solved.seen,
-        Unknowns(unknowns.poses, lens, delays=late),
-        delays=solved.adjusted.delays,
-        robust_scale=8.0,
-        tolerance=1e-4,
-        steps=25,
-    )
+    adjusted, free_focal = solved.adjusted, Unknowns(unknowns.poses, lens, delays=late)
+    options = {"delays": adjusted.delays, "robust_scale": 8.0, "tolerance": 1e-4, "steps": 25}
+    free = adjust(stated, adjusted.bodies, solved.seen, free_focal, **options)
     if free.rmse_px > (1.0 - ZOOM_GAIN) * solved.adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
@@ -142,7 +131,7 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
 
 def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
-    """Return unknowns for all poses and lenses: focal length, centre and nonzero coefficients."""
+    """Return unknowns for all poses and lenses: focal length, centre, and coefficients that are not zero."""
     lens = np.zeros((len(cameras), PARAMETERS), bool)
     lens[:, [*FOCAL, *CENTRE]] = True
     for c, one in enumerate(lenses):
@@ -155,7 +144,7 @@ def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
-    """Return the board's pose in a camera's axes at each moment the camera sees it."""
+    """Return the board's pose in a camera's axes at each moment with a sighting."""
     if not seen:
         return {}
     R, t = board_poses(board, list(seen.values()), lens)
@@ -172,7 +161,7 @@ def placed_boards(
 ) -> tuple[Bodies, BodySightings]:
     """Return the board's poses, each from the camera that sees most of it, and all sightings.
 
-    Where delays are asked for, points whose velocity is unknown count little.
+    With ``fps``, points have velocities, and those without one get a small weight.
     """
     number = {frame: i for i, frame in enumerate(moments)}
     best: dict[int, tuple[int, Pose]] = {}
@@ -194,17 +183,36 @@ def placed_boards(
     return bodies, BodySightings(camera, body, local, px, sigma, velocity)
 
 
+def board_world(
+    bodies: Bodies, moments: Sequence[int], origin: int, first: int = 0
+) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
+    """Return the rotation and translation into the world of the board that lies on the floor at a frame, and a note.
+
+    Args:
+        first: index of the body of the first moment.
+
+    Raises:
+        CalibrationInvalid: the board is not seen at that frame.
+    """
+    if origin not in moments:
+        hint = f"It is at {moments[0]} to {moments[-1]}."
+        raise CalibrationInvalid(f"The board is not seen at frame {origin}.", hint=hint)
+    i = first + moments.index(origin)
+    R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
+    return R, -R @ bodies.t[i], diagnostic("world_origin", source="board", frame=origin)
+
+
 def widen_by_halves(
     found: CalibratedCameras, lenses: Sequence[Lens], board: Board, seen: Sequence[Mapping[int, BoardSighting]]
 ) -> CalibratedCameras:
-    """Widen the deviations of a calibration to the difference of two halves of its footage.
+    """Widen the deviations of a calibration to the difference between two halves of its footage.
 
-    A half has twice the variance of the whole, and two halves differ by twice that again: ``σ = |difference| / 2``. The
-    ratio to what the covariance claims is taken over all cameras, for places and for directions. Lenses stay: how sure
-    they are is reported with them.
+    The errors of the corners of one picture are correlated (lens model, flatness, print), so the covariance of
+    independent corners is too small. A half has twice the variance of the whole, and the difference of two halves twice
+    that again, so ``σ = |difference| / 2``. The ratio to the covariance is taken over all cameras. Lenses stay fixed.
 
     Args:
-        seen: of each camera, what it saw by the frame's number.
+        seen: sightings of each camera by the frame's number.
     """
     moments = sorted(set().union(*seen))
     halves: list[Cameras] = []
@@ -214,9 +222,8 @@ def widen_by_halves(
             half = [{f: sighting for f, sighting in one.items() if f in kept} for one in seen]
             halves.append(calibrate_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
     except (CalibrationInvalid, np.linalg.LinAlgError):
-        return replace(
-            found, findings=(*found.findings, diagnostic("halves_differ", result="short", severity=Severity.WARNING))
-        )
+        short = diagnostic("halves_differ", result="short", severity=Severity.WARNING)
+        return replace(found, findings=(*found.findings, short))
     apart, turned = _difference(*halves)
     note = diagnostic("halves_differ", result="size", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
     return replace(

@@ -29,22 +29,24 @@ from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.types import Cameras, Keypoints2D
 
 START_FRAMES, FINAL_FRAMES = 60, 160
-"""Frames at most, spread over the take, by which cameras are started and adjusted."""
+"""Most frames, spread over the take, that start and adjust the cameras."""
+FRAMES_ALIKE = 10
+"""Number of frames with correlated detector errors, which count as one. Chosen on the benchmark's known cameras."""
 LEAST_CONFIDENCE = 0.3
-"""Keypoints below are not used."""
+"""Least confidence of a keypoint that is used."""
 START_SIGMA_PX = 6.0
 """Expected keypoint error at the start, in px."""
 LEAST_MOMENTS = 30
-"""Fewer pictures of a person fit many cameras."""
+"""Fewest moments with a person. Too few fit many cameras."""
 FEWEST_COMMON = 60
-"""Keypoints that two cameras must both see."""
+"""Fewest common keypoints of two cameras."""
 FOCAL_SIGMA = 0.15
-"""Of a focal length that was guessed from the picture's size, as a share."""
+"""Standard deviation of a guessed focal length, as a share."""
 
 
 @dataclass(frozen=True)
 class PersonCalibration:
-    """Cameras found by a person. The first camera's axes, the unit is arbitrary."""
+    """Cameras found by a person, in the first camera's axes and an arbitrary unit."""
 
     adjusted: Adjusted
     """Cameras, points (as bodies) and errors."""
@@ -63,11 +65,11 @@ def calibrate_from_person(
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
     Args:
-        free_focal: focal lengths are unknown too, as where they were guessed from the picture's size.
+        free_focal: estimate focal lengths too, for example if they are guessed.
 
     Raises:
-        NoDetections: no two cameras see enough in common.
-        CalibrationInvalid: a camera fits nowhere. Names it.
+        NoDetections: no two cameras have enough in common.
+        CalibrationInvalid: a camera does not fit.
 
     Reference: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
@@ -88,7 +90,7 @@ def calibrate_from_person(
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
 ) -> PersonCalibration:
-    """Return an earlier calibration adjusted to one person's keypoints. The world drifts a little with it.
+    """Adjust an earlier calibration to one person's keypoints. The world may drift a little.
 
     Raises:
         NoDetections: no two cameras see the person at the same moment.
@@ -103,17 +105,15 @@ def _finished(
 ) -> PersonCalibration:
     everyone = list(range(len(cameras)))
     found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal, watch=watch)
-    sigma = _sigma(found)
-    found, numbers = views.adjusted(
-        everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras, watch
-    )
+    poses = found.cameras.R, found.cameras.t
+    found, numbers = views.adjusted(everyone, poses, _sigma(found), free_focal, found.cameras, watch)
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
     return PersonCalibration(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
 
 @dataclass(frozen=True)
 class _FlatViews:
-    """Keypoints of C views at F frames, flat: N = F K points."""
+    """Keypoints of C views at F frames as N = F K points."""
 
     lenses: Cameras
     xy: np.ndarray
@@ -125,26 +125,17 @@ class _FlatViews:
 
     @classmethod
     def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _FlatViews:
-        seen = (keypoints.confidence >= LEAST_CONFIDENCE).sum(2)
-        useful = np.flatnonzero((seen > 3).sum(0) >= 2)
-        if not len(useful):
-            raise NoDetections(
-                "No two cameras see the person at the same moment.", hint="Check that the videos are synchronised."
-            )
-        if len(useful) < LEAST_MOMENTS:
-            message = f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed."
+        frames, xy, confidence = sample_person(keypoints, most)
+        if len(frames) < LEAST_MOMENTS:
+            message = f"Two cameras see the person together in {len(frames)} pictures; {LEAST_MOMENTS} are needed."
             hint = "Film the person walking through the whole space for half a minute, or film a board."
             raise NoDetections(message, hint=hint)
-        frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
-        xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-        xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)
         C = len(names)
         cameras = build_cameras(names, lenses, np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)))
-        return cls(cameras, xy.reshape(C, -1, 2), confidence.reshape(C, -1), frames, xy.shape[2])
+        return cls(cameras, xy, confidence, frames, keypoints.xy.shape[2])
 
-    def normalised(self, cameras: Cameras | None = None) -> np.ndarray:
-        c = cameras or self.lenses
-        return undistort(c, self.xy)
+    def normalised(self) -> np.ndarray:
+        return undistort(self.lenses, self.xy)
 
     def scale(self, c: int) -> float:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
@@ -182,11 +173,11 @@ class _FlatViews:
         use = common[c]
         name = self.lenses.names[c]
         if use.sum() < FEWEST_COMMON // 2:
-            raise CalibrationInvalid(
-                f"The camera sees {int(use.sum())} keypoints that others see too; {FEWEST_COMMON // 2} are needed.",
-                where=f"camera {name}",
-                hint="Film the person where this camera and two others see them.",
+            message = (
+                f"The camera sees {int(use.sum())} keypoints that others see too; {FEWEST_COMMON // 2} are needed."
             )
+            hint = "Film the person where this camera and two others see them."
+            raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:
             message = f"Only {share:.0%} of what the camera sees fits the other cameras."
@@ -204,8 +195,7 @@ class _FlatViews:
         lenses: Cameras | None = None,
         watch: Watch = unwatched,
     ) -> tuple[Adjusted, np.ndarray]:
-        base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
-        cameras = replace(base, R=poses[0], t=poses[1])
+        cameras = replace(lenses or self.lenses.subset(which), R=poses[0], t=poses[1])
         spread = sigma / np.sqrt(np.clip(self.confidence[which], 0.1, 1.0))
         bodies, sightings, used = point_bodies(cameras, self.xy[which], spread)
         lens = np.zeros((len(which), PARAMETERS), bool)
@@ -215,10 +205,8 @@ class _FlatViews:
             lens_sigma = np.full((len(which), PARAMETERS), 1.0)
             lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
         unknowns = Unknowns(np.ones(len(which), bool), lens, True, lens_sigma)
-        found = adjust(
-            cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40, watch=watch
-        )
-        return found, used
+        options = {"robust_scale": 2.5, "gauge": 7, "tolerance": 1e-6, "steps": 40}
+        return adjust(cameras, bodies, sightings, unknowns, watch=watch, **options), used
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:
         """Return the adjusted keypoints (F, K, 3), NaN where fewer than two cameras see them."""
@@ -227,35 +215,49 @@ class _FlatViews:
         return points.reshape(len(self.frames), self.keypoints, 3)
 
 
+def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return at most F frames that two cameras see, spread over the take, with (C, F K, 2) px and (C, F K) confidence.
+
+    Keypoints below ``LEAST_CONFIDENCE`` are NaN.
+
+    Raises:
+        NoDetections: no two cameras see the person at the same moment.
+    """
+    useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
+    if not len(useful):
+        message, hint = "No two cameras see the person at the same moment.", "Check that the videos are synchronised."
+        raise NoDetections(message, hint=hint)
+    frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
+    confidence = keypoints.confidence[:, frames].reshape(len(keypoints.xy), -1)
+    xy = keypoints.xy[:, frames].reshape(*confidence.shape, 2)
+    return frames, np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan), confidence
+
+
 def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
-    """Return the median angle between the rays of both cameras, radians."""
+    """Return the median angle between the rays of both cameras in radians."""
     rays = [np.concatenate([x, np.ones_like(x[:, :1])], axis=1) for x in (a, b)]
     u, v = (r / np.linalg.norm(r, axis=1, keepdims=True) for r in (rays[0], rays[1] @ R))
     return float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom."""
+    """Return the standard deviation per axis in px, from the median distance (Rayleigh's) and lost freedom."""
     off = np.linalg.norm(found.error, axis=-1)
     known = off[np.isfinite(off)]
     if not len(known):
-        raise CalibrationInvalid(
-            "The cameras see nothing of the person in front of them.", hint="Check which video is which camera's."
-        )
+        message = "The cameras see nothing of the person in front of them."
+        raise CalibrationInvalid(message, hint="Check which video is which camera's.")
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
 
 JUMP = 0.5
-"""A person moves by less than this share of her height from frame to frame."""
+"""Largest movement from frame to frame, as a share of a person's height. Chosen by hand."""
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
-    """Return in every view and frame the detection with the greatest height times mean confidence.
+    """Select the detection with the greatest height times mean confidence in every view and frame.
 
-    A frame where the largest is elsewhere than the one before, by more than half a height, takes the nearest.
-
-    Args:
-        fps: frames per second.
+    If the largest one is more than half a height from the last one, the nearest is selected instead.
     """
     xy, confidence = detections.xy, detections.confidence
     known = confidence > 0
@@ -277,6 +279,5 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
         elsewhere = (mine > JUMP * tall) & (tall > 0) & (distance.min(-1) < JUMP * tall)
         chosen[:, f] = np.where(elsewhere, nearest, chosen[:, f])
     view, frame = np.ogrid[:C, :F]
-    return Keypoints2D(
-        xy[view, frame, chosen].astype(float), confidence[view, frame, chosen].astype(float), detections.joint_set, fps
-    )
+    xy, confidence = (part[view, frame, chosen].astype(float) for part in (xy, confidence))
+    return Keypoints2D(xy, confidence, detections.joint_set, fps)

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.extrinsics.from_person import (
+    FRAMES_ALIKE,
     PersonCalibration,
     calibrate_from_person,
     refined_by_person,
@@ -24,11 +25,9 @@ from solver_backend.io.recognition.person_scale import scale_from_length, scale_
 from solver_backend.types import Cameras, Keypoints2D
 
 SURE_TILT = np.radians(2.0)
+"""Largest standard deviation of a sure up axis, in radians. Chosen by hand."""
 WALKED_M = 0.6
 """Least path of the feet that determines floor and cameras, in metres."""
-
-FRAMES_ALIKE = 10
-"""Number of frames with correlated detector errors, which count as one. Chosen on the benchmark's known cameras."""
 LEAST_GAIN = 0.03
 """Least gain of refined cameras, as a share. They always gain a little, because they are fitted to the take
 (1.3 % on 120 frames with true cameras, 28 % with a slightly wrong real calibration)."""
@@ -57,18 +56,18 @@ def calibrate_by_person(
     """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone."""
     solved = calibrate_from_person(names, lenses, keypoints, free_focal=options.free_focal, seed=options.seed)
     joints = keypoints.joint_set
+    words: list[Diagnostic] = []
     if options.known_length is not None:
         a, b, length = options.known_length
         scale = scale_from_length(solved.points, joints, (a, b), length)
-        note, words = diagnostic("cameras_scale", source="length", joints=[a, b], length=length), list[Diagnostic]()
+        note = diagnostic("cameras_scale", source="length", joints=[a, b], length=length)
     else:
         scale, share = scale_from_stature(solved.points, joints, options.stature_m)
-        percent = 100 * share
         if options.stature_m:
-            note, words = diagnostic("cameras_scale", source="stature", stature=options.stature_m, percent=percent), []
+            note = diagnostic("cameras_scale", source="stature", stature=options.stature_m, percent=100 * share)
         else:
-            note = diagnostic("cameras_scale", source="mean", percent=percent)
-            words = [diagnostic("cameras_stature_unknown", percent=2 * percent)]
+            note = diagnostic("cameras_scale", source="mean", percent=100 * share)
+            words.append(diagnostic("cameras_stature_unknown", percent=200 * share))
     upright = upright_from_person(scale * solved.points, joints)
     found = _result("person", solved)
     calibration = moved_world(found, upright.R, upright.t, scale)
@@ -78,21 +77,14 @@ def calibrate_by_person(
         words.append(diagnostic("cameras_person_stayed", size=upright.walked_m))
     if solved.inlier_share < 0.8:
         words.append(diagnostic("cameras_keypoints_left", percent=100 * (1 - solved.inlier_share)))
-    return replace(
-        calibration,
-        findings=tuple(words),
-        notes=(
-            note,
-            diagnostic("calibration_evidence", evidence="keypoints", count=len(solved.frames), size=solved.sigma_px),
-        ),
-    )
+    used = {"evidence": "keypoints", "count": len(solved.frames), "size": solved.sigma_px}
+    return replace(calibration, findings=tuple(words), notes=(note, diagnostic("calibration_evidence", **used)))
 
 
 def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
     """Fit an earlier calibration to a take in its own world and scale, or keep it if it fits as well.
 
-    Cameras that nobody touched stay where they are, so that those that moved stand out: see ``align_cameras``. One is
-    named where it moved by three of its standard deviations.
+    Unmoved cameras stay where they are, so that moved ones are visible, see ``align_cameras``.
 
     Raises:
         NoDetections: no two cameras see the person at once.
@@ -109,12 +101,10 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
 
 
 def _mean_distance(distances: np.ndarray) -> float:
-    """Return the mean of the finite values."""
     known = distances[np.isfinite(distances)]
     if not len(known):
-        raise NoDetections(
-            "No keypoint is seen by two cameras at once.", hint="Check which video is which camera's, and their times."
-        )
+        hint = "Check which video is which camera's, and their times."
+        raise NoDetections("No keypoint is seen by two cameras at once.", hint=hint)
     return float(known.mean())
 
 
@@ -137,16 +127,16 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:
     """Return rotation, translation and scale that align cameras with others, exactly for unmoved ones.
 
-    Each camera is three points, its centre and two at its axes' ends as far away as cameras are apart. The similarity
-    minimises the sum of the roots of the cameras' distances, by reweighted least squares that start from the sum of the
-    distances, so that one that moved drags no other along.
+    Each camera is represented by its centre and two points on its axes, as far away as cameras are apart. Reweighted
+    least squares minimise the sum of distances, and then the sum of their roots, so that a moved camera does not drag
+    the others along.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
     theirs = to.centres[:, None] + arm * _ARMS @ to.R
     s = arm / np.linalg.norm(cameras.centres - cameras.centres.mean(0), axis=1).mean()
     R, t, weight = np.eye(3), np.zeros(3), np.ones(len(cameras))
     for number in range(_ROUNDS):
-        # Arms as long as the last scale has them: of another length no camera would be met exactly.
+        # Arms must have the length of the last scale, because otherwise no camera fits exactly.
         own = cameras.centres[:, None] + arm / s * _ARMS @ cameras.R
         s, R, t = umeyama(own.reshape(-1, 3), theirs.reshape(-1, 3), np.repeat(weight, 3), with_scale=True)
         off = np.sqrt(((s * own @ R.T + t - theirs) ** 2).sum((-1, -2)))

@@ -1,4 +1,4 @@
-"""The calibration of cameras from points clicked in its pictures, some of them with known places."""
+"""Calibrate cameras from points clicked in their pictures, some of them with known places."""
 
 from __future__ import annotations
 
@@ -29,23 +29,25 @@ CLICK_SIGMA_PX = 1.5
 PLACE_SIGMA_M = 0.003
 """Standard deviation of a measured position, in metres."""
 FLAT = 0.02
-"""Points are in a plane where they leave it by less than this share of their spread."""
+"""Points are in a plane if they leave it by less than this share of their spread. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Clicks:
-    """Points by name: where they are in pictures, and in the world where that is known."""
+    """Clicked points."""
 
     px: dict[str, dict[str, tuple[float, float]]]
+    """Pixels by camera and point."""
     places: dict[str, tuple[float, float, float]]
+    """Known places in metres by point."""
 
 
 def read_clicks(path: Path) -> Clicks:
-    """Return the points of a table: ``point,camera,x,y`` a click, and ``point,world,x,y,z`` a known place.
+    """Read a table with ``point,camera,x,y`` per click and ``point,world,x,y,z`` per known place.
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: a row has too few fields or no numbers. Names its line.
+        FileDamaged: a row has too few fields or no numbers.
     """
     px: dict[str, dict[str, tuple[float, float]]] = {}
     places: dict[str, tuple[float, float, float]] = {}
@@ -68,18 +70,17 @@ def read_clicks(path: Path) -> Clicks:
                 u, v = values
                 px.setdefault(fields[1], {})[fields[0]] = u, v
         except (ValueError, IndexError) as error:
-            raise FileDamaged(
-                f"Line {number} is not point,camera,x,y or point,world,x,y,z.", where=str(path)
-            ) from error
+            message = f"Line {number} is not point,camera,x,y or point,world,x,y,z."
+            raise FileDamaged(message, where=str(path)) from error
     return Clicks(px, places)
 
 
 def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
-    """Return cameras in the world of the known points. Points that are not known take part where two cameras see them.
+    """Return cameras in the world of the known points. Other points take part if two cameras see them.
 
     Args:
-        clicks: at least four known points in each camera, six where they are not in one plane.
-        lenses: by the camera's name, of one distortion model.
+        clicks: at least four known points per camera, or six that are not in one plane.
+        lenses: lens of each camera.
 
     Raises:
         CalibrationInvalid: a camera sees too few known points or has no lens, or the points are in a line.
@@ -111,14 +112,14 @@ def _points_of(clicks: Clicks) -> list[str]:
 
 
 def click_tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
-    """Return the clicks (C, P, 2) px and the places (P, 3) metres, NaN where there is none."""
+    """Return the clicks (C, P, 2) in px and the places (P, 3) in metres, NaN where there is none."""
     points, nowhere = _points_of(clicks), (np.nan, np.nan, np.nan)
     xy = [[clicks.px.get(name, {}).get(p, nowhere[:2]) for p in points] for name in cameras.names]
     return np.array(xy).reshape(len(cameras), -1, 2), np.array([clicks.places.get(p, nowhere) for p in points])
 
 
 def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
-    """Return a camera's pose by the known points it sees: by a homography where they lie in a plane."""
+    """Return a camera's pose by known points, by a homography if they are in a plane."""
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
@@ -133,12 +134,11 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     flat = spread[2] < FLAT * spread[0]
     least = 4 if flat else 6
     if len(seen) < least or spread[1] < FLAT * spread[0] or spread[0] == 0:
-        raise CalibrationInvalid(
-            f"{len(seen)} points with known places were clicked, "
-            f"{'in a plane' if flat else 'not in a plane'}; {least} that are not in a line are needed.",
-            where=f"camera {name}",
-            hint="Click more known points, spread over the whole picture and over different depths.",
-        )
+        shape = "in a plane" if flat else "not in a plane"
+        count = f"{len(seen)} points with known places were clicked"
+        message = f"{count}, {shape}; {least} that are not in a line are needed."
+        hint = "Click more known points, spread over the whole picture and over different depths."
+        raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
     if not flat:
         R, t, _ = resected_pose(world, xy, 3.0 * CLICK_SIGMA_PX / float(lens.K[0, 0]), rng)
         return R, t
@@ -150,7 +150,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
 def _far_clicks(
     error: np.ndarray, seen: BodySightings, names: tuple[str, ...], points: list[str]
 ) -> tuple[Diagnostic, ...]:
-    """Return each click that is far from where the others have it."""
+    """Report each click that is far from where the others expect it."""
     far = np.linalg.norm(error, axis=-1)
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(

@@ -11,8 +11,13 @@ from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
-from solver_backend.camera_calibration.extrinsics.from_board import placed_boards, poses_seen
-from solver_backend.camera_calibration.extrinsics.from_person import LEAST_CONFIDENCE, START_SIGMA_PX
+from solver_backend.camera_calibration.extrinsics.from_board import board_world, placed_boards, poses_seen
+from solver_backend.camera_calibration.extrinsics.from_person import (
+    FINAL_FRAMES,
+    FRAMES_ALIKE,
+    START_SIGMA_PX,
+    sample_person,
+)
 from solver_backend.camera_calibration.extrinsics.points_session import (
     CLICK_SIGMA_PX,
     PLACE_SIGMA_M,
@@ -21,6 +26,7 @@ from solver_backend.camera_calibration.extrinsics.points_session import (
 )
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
+    in_other_world,
     intersected,
     moved_world,
     point_bodies,
@@ -32,12 +38,8 @@ from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.geometry.alignment import nearest_rotation, umeyama
 from solver_backend.types import Cameras, Keypoints2D
 
-PERSON_FRAMES = 160
-"""Frames of a take at most, spread over it."""
-PERSON_ALIKE = 10
-"""Frames that count as one, for a detector's errors are alike from frame to frame."""
 LEAST_PLACES = 3
-"""Known places by which a world is found."""
+"""Fewest known places that determine a world."""
 
 
 @dataclass(frozen=True)
@@ -48,19 +50,21 @@ class Evidence:
     bodies: Bodies
     seen: BodySightings
     alike: float = 1.0
-    """Sightings with correlated errors, by which their weight is reduced."""
+    """Number of sightings with correlated errors, by which their weight is reduced."""
     metric: bool = False
+    """The source determines the scale."""
     moments: tuple[int, ...] = ()
+    """Frame numbers of the bodies of a board."""
 
 
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return the evidence of a carried board. Each pose starts by the camera that sees most of it.
+    """Return the evidence of a carried board. Each pose starts at the camera that sees most of it.
 
     Args:
-        sightings: for each camera, what it saw by the frame's number.
-        fps: frames per second, where cameras may be late.
+        sightings: sightings of each camera by the frame's number.
+        fps: frames per second, to estimate delays. None for no delays.
 
     Raises:
         NoDetections: no camera saw it.
@@ -69,43 +73,30 @@ def board_evidence(
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
         raise NoDetections(f"No camera sees the {board}.", hint="Check that --board names the board that was filmed.")
-    stands = list(zip(cameras.R, cameras.t, strict=True))
-    bodies, seen = placed_boards(board, sightings, poses, stands, moments, fps)
+    bodies, seen = placed_boards(board, sightings, poses, list(zip(cameras.R, cameras.t, strict=True)), moments, fps)
     return Evidence("board", bodies, seen, metric=True, moments=moments)
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return the evidence of one person's keypoints: points alone, of frames spread over the take.
-
-    Raises:
-        NoDetections: no two cameras see the person at the same moment.
-    """
-    useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
-    if not len(useful):
-        raise NoDetections(
-            "No two cameras see the person at the same moment.", hint="Check that the views are synchronised."
-        )
-    frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(PERSON_FRAMES, len(useful))).astype(int))]
-    confidence = keypoints.confidence[:, frames].reshape(len(cameras), -1)
-    xy = keypoints.xy[:, frames].reshape(len(cameras), -1, 2)
-    xy = np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan)
+    """Return the evidence of one person's keypoints as single points. Raises what ``sample_person`` raises."""
+    frames, xy, confidence = sample_person(keypoints, FINAL_FRAMES)
     sigma = START_SIGMA_PX / np.sqrt(np.clip(confidence, 0.1, 1.0))
     bodies, seen, _ = point_bodies(cameras, xy, sigma)
-    return Evidence("person", bodies, seen, alike=float(min(PERSON_ALIKE, len(frames))))
+    return Evidence("person", bodies, seen, alike=float(min(FRAMES_ALIKE, len(frames))))
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
-    """Return the evidence of clicked points. Known places hold them."""
+    """Return the evidence of clicked points, with their known places."""
     xy, known = click_tables(cameras, clicks)
     bodies, seen, _ = point_bodies(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known, PLACE_SIGMA_M)
     return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()))
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known places, as far as these fix it. As they are where none is known.
+    """Return the cameras in the world of the known places, or unchanged if there are none.
 
     Raises:
-        CalibrationInvalid: fewer than three known places are seen by two cameras, or they are in a line.
+        CalibrationInvalid: two cameras see fewer than three known places, or these are in a line.
     """
     xy, known = click_tables(cameras, clicks)
     if not np.isfinite(known).any():
@@ -114,30 +105,27 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     both = np.isfinite(located).all(-1) & np.isfinite(known).all(-1)
     spread = np.linalg.svd(known[both] - known[both].mean(0))[1] if both.sum() >= LEAST_PLACES else np.zeros(2)
     if spread[1] < 0.02 * max(float(spread[0]), 1e-9):
-        raise CalibrationInvalid(
-            f"{int(both.sum())} known places are seen by two cameras; {LEAST_PLACES} that are not in a line are needed "
-            "to know the world.",
-            hint="Click more points with known places, or leave the places out.",
-        )
+        count = f"{int(both.sum())} known places are seen by two cameras"
+        message = f"{count}; {LEAST_PLACES} that are not in a line are needed to know the world."
+        raise CalibrationInvalid(message, hint="Click more points with known places, or leave the places out.")
     scale, R, t = umeyama(located[both], known[both], with_scale=with_scale)
-    turned = cameras.R @ np.asarray(R).T
-    return replace(cameras, R=turned, t=float(scale) * cameras.t - turned @ np.asarray(t))
+    return in_other_world(cameras, np.asarray(R), np.asarray(t), float(scale))
 
 
 HELD_REACH_M = 3.0
-"""A camera whose centre is known to a length is turned by no more than moves a point so far away by the same."""
+"""Distance at which the expected rotation of a held camera moves a point by the deviation of its centre, in metres."""
 CONTRADICTION = 2.0
-"""A camera whose error in one source grows by this factor beside the others contradicts them."""
+"""A camera contradicts the other sources if its error in one source grows by this factor in a common adjustment."""
 LEAST_CONTRADICTION_PX = 3.0
-"""Less is nothing that harms a take. Few points fit anything alone."""
+"""Smaller errors do no harm to a take."""
 WORST_SHARE = 0.6
-"""A moved camera draws the others along. Named are those whose errors grew by this share of the most."""
+"""Cameras are reported if their error grows by this share of the largest growth, because a moved one draws others."""
 FREEDOM = 1.2
-"""Correction of the residuals for the fitted points, as in ``from_person``."""
+"""Correction of the residuals for lost degrees of freedom, as in ``from_person``."""
 LEAST_SIGMA_PX = 0.05
-"""Standard deviation of a source at least, pixels. Chosen by hand."""
+"""Least standard deviation of a source, in pixels. Chosen by hand."""
 _ROBUST = 3.0
-"""Standard deviations at which a residual begins to lose weight. Chosen by hand."""
+"""A residual loses weight from this number of standard deviations. Chosen by hand."""
 
 
 def calibrate_together(
@@ -145,16 +133,15 @@ def calibrate_together(
 ) -> CalibratedCameras:
     """Return cameras that fit all sources at once, with the covariance of all.
 
-    Twice adjusted: with the noise that sources are expected to have, then with what their residuals show (a variance of
-    each source, reduced for sightings with correlated errors). The world is that of known places, else the board's at
-    ``origin_frame``, else the start's.
+    The first adjustment uses the expected noise of the sources, the second one the noise of their residuals. The world
+    is that of known places, or of the board at ``origin_frame``, or of the start.
 
     Args:
-        start: C cameras near the solution, in the world of known places where there are any.
-        hold_m: the start is a source too, its centres known to so many metres.
+        start: C cameras near the solution, in the world of known places if there are any.
+        hold_m: use the start as a source with this standard deviation of its centres, in metres.
 
     Raises:
-        CalibrationInvalid: there is no source, a camera is in none, or the board is not seen at the origin's frame.
+        CalibrationInvalid: there is no source, a camera is in none, or no camera sees the board at the origin's frame.
 
     Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
@@ -179,18 +166,12 @@ def calibrate_together(
         for e, before, after in zip(sources, alone, _by_camera(found, sources), strict=False)
         for word in _contradictions(e.name, start.names, before, after)
     ]
-    notes = [
-        diagnostic(
-            "calibration_evidence",
-            evidence="source",
-            source=e.name,
-            count=len(e.seen.px),
-            size=s * float(np.median(e.seen.sigma)),
-        )
-        for e, s in zip(sources, errors, strict=True)
-    ]
+    notes = []
+    for e, s in zip(sources, errors, strict=True):
+        figures = {"source": e.name, "count": len(e.seen.px), "size": s * float(np.median(e.seen.sigma))}
+        notes.append(diagnostic("calibration_evidence", evidence="source", **figures))
     result = result_of("together", found, measured=True)
-    result, where = _in_world(result, found, start, sources, held=hold_m is not None, origin=origin_frame)
+    result, where = _in_world(result, found, start, sources, hold_m is not None, origin_frame)
     if hold_m is not None:
         moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
         words += [
@@ -202,9 +183,7 @@ def calibrate_together(
 
 
 def _unknowns(start: Cameras, sources: Sequence[Evidence], hold_m: float | None) -> Unknowns:
-    late = None
-    if any(e.seen.velocity is not None for e in sources):
-        late = np.arange(len(start)) > 0
+    late = np.arange(len(start)) > 0 if any(e.seen.velocity is not None for e in sources) else None
     held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
     return Unknowns(np.ones(len(start), bool), np.zeros((len(start), PARAMETERS), bool), delays=late, held=held)
 
@@ -219,29 +198,22 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
     counts = [len(e.bodies.t) for e in sources]
     firsts = np.cumsum([0, *counts[:-1]])
-    known = None
+    known = velocity = None
     if any(e.bodies.known is not None for e in sources):
-        nowhere = [
-            np.full((n, 3), np.nan) if e.bodies.known is None else e.bodies.known
-            for e, n in zip(sources, counts, strict=True)
-        ]
-        known = np.concatenate(nowhere)
-    velocity = None
+        places = [np.full_like(e.bodies.t, np.nan) if e.bodies.known is None else e.bodies.known for e in sources]
+        known = np.concatenate(places)
     if any(e.seen.velocity is not None for e in sources):
-        velocity = np.concatenate(
-            [np.zeros_like(e.seen.px) if e.seen.velocity is None else e.seen.velocity for e in sources]
-        )
+        speeds = [np.zeros_like(e.seen.px) if e.seen.velocity is None else e.seen.velocity for e in sources]
+        velocity = np.concatenate(speeds)
     R, t = (np.concatenate([getattr(e.bodies, k) for e in sources]) for k in ("R", "t"))
-    bodies = Bodies(R, t, known, PLACE_SIGMA_M)
     body = np.concatenate([e.seen.body + first for e, first in zip(sources, firsts, strict=True)])
-    camera, local, px, sigma = (
-        np.concatenate([getattr(e.seen, k) for e in sources]) for k in ("camera", "local", "px", "sigma")
-    )
-    return bodies, BodySightings(camera, body, local, px, sigma, velocity)
+    parts = ("camera", "local", "px", "sigma")
+    camera, local, px, sigma = (np.concatenate([getattr(e.seen, k) for e in sources]) for k in parts)
+    return Bodies(R, t, known, PLACE_SIGMA_M), BodySightings(camera, body, local, px, sigma, velocity)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return the factor by which a source's errors exceed its sightings' stated deviations (median of Rayleigh's)."""
+    """Return the factor of each source's errors to its stated deviations, by Rayleigh's median."""
     parts = np.split(found.error, np.cumsum([len(e.seen.px) for e in sources])[:-1])
     factors = [
         FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
@@ -251,24 +223,18 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Return the cameras whose errors (C,) px in a source grew beside the others, the worst alone."""
+    """Report the cameras whose (C,) errors in a source grew most in the common adjustment."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
-    return [
-        diagnostic(
-            "observations_contradict",
-            kind="source",
-            cameras=[names[int(c)]],
-            source=source,
-            after=after[c],
-            before=before[c],
-        )
-        for c in np.flatnonzero(far)
-    ]
+    found = []
+    for c in np.flatnonzero(far).tolist():
+        figures = {"source": source, "after": after[c], "before": before[c]}
+        found.append(diagnostic("observations_contradict", kind="source", cameras=[names[c]], **figures))
+    return found
 
 
 def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]:
-    """Return (C,) median distances in px of each source, NaN where a camera did not see it."""
+    """Return the (C,) median error in px of each source, NaN where a camera did not see it."""
     parts = np.split(np.linalg.norm(found.error, axis=-1), np.cumsum([len(e.seen.px) for e in sources])[:-1])
     cameras = range(len(found.cameras))
     return [
@@ -282,7 +248,6 @@ def _in_world(
     found: Adjusted,
     start: Cameras,
     sources: Sequence[Evidence],
-    *,
     held: bool,
     origin: int | None,
 ) -> tuple[CalibratedCameras, Diagnostic]:
@@ -292,15 +257,8 @@ def _in_world(
         first = 0
         for e in sources:
             if e.moments:
-                if origin not in e.moments:
-                    raise CalibrationInvalid(
-                        f"The board is not seen at frame {origin}.", hint=f"It is at {e.moments[0]} to {e.moments[-1]}."
-                    )
-                i = first + e.moments.index(origin)
-                R = np.diag([1.0, -1.0, -1.0]) @ found.bodies.R[i].T
-                return moved_world(result, R, -R @ found.bodies.t[i]), diagnostic(
-                    "world_origin", source="board", frame=origin
-                )
+                R, t, note = board_world(found.bodies, e.moments, origin, first)
+                return moved_world(result, R, t), note
             first += len(e.bodies.t)
         raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
     if held:

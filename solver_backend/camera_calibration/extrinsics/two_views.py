@@ -1,4 +1,4 @@
-"""Place cameras: from two views, from known points, and along chains of pairs."""
+"""Find camera poses from two views, from known points, and along chains of pairs."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
 HYPOTHESES = 400
-"""Samples of eight points."""
+"""Number of samples of eight points."""
 COMPARED_POINTS = 600
-"""Points on which the samples are compared."""
+"""Most points on which the samples are compared."""
 _REFINEMENTS = 6
-"""Gauss-Newton steps. Chosen by hand."""
+"""Most rounds of reweighting. Chosen by hand."""
 
 ImagePoints = Float[np.ndarray, "n 2"]
 """Undistorted normalised coordinates."""
@@ -30,15 +30,15 @@ ImagePoints = Float[np.ndarray, "n 2"]
 def essential_matrix(
     first: ImagePoints, second: ImagePoints, scale: float, rng: np.random.Generator
 ) -> tuple[Float[np.ndarray, "3 3"], Bool[np.ndarray, " n"]]:
-    """Return E with ``x2ᵀ E x1 = 0`` and which points agree with it.
+    """Return E with ``x2ᵀ E x1 = 0``, and the mask of points that agree with it.
 
-    Samples of eight points propose, Cauchy's penalty of Sampson's distance decides, and the best is refined with its
-    weights.
+    Samples of eight points give hypotheses. Cauchy's penalty of Sampson's distance selects one, and reweighting
+    refines it.
 
     Args:
-        first: (n, 2) normalised, n at least 8.
+        first: (n, 2) normalised coordinates, n at least 8.
         second: (n, 2) the same points in the other picture.
-        scale: distance at which a point loses its weight, normalised units.
+        scale: normalised distance at which a point loses its weight.
 
     Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
     Zisserman 2004, eq. 11.9 (Sampson's distance).
@@ -67,7 +67,7 @@ def essential_matrix(
 def sampson_distance(
     E: Float[np.ndarray, "m 3 3"], first: ImagePoints, second: ImagePoints
 ) -> Float[np.ndarray, "m n"]:
-    """Return how far pairs of points are from fitting, in normalised units, to first order.
+    """Return the distance of pairs of points from fitting E, normalised, to first order.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9.
     """
@@ -81,7 +81,7 @@ def sampson_distance(
 def pose_from_essential(
     E: Float[np.ndarray, "3 3"], first: ImagePoints, second: ImagePoints
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"]]:
-    """Return the second camera's rotation and unit translation, the first at the origin: most points before both.
+    """Return the second camera's rotation and unit translation that put most points in front of both cameras.
 
     Reference: Hartley and Zisserman 2004, result 9.19.
     """
@@ -101,12 +101,12 @@ def pose_from_essential(
 def intersected(
     R: Float[np.ndarray, "views 3 3"], t: Float[np.ndarray, "views 3"], xy: Float[np.ndarray, "views n 2"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Return the points nearest to the rays of all views that see them, NaN where fewer than two do.
+    """Return the points nearest to all rays, NaN with fewer than two.
 
     Args:
         R: (V, 3, 3) world to camera.
         t: (V, 3).
-        xy: (V, n, 2) normalised, NaN where not seen.
+        xy: (V, n, 2) normalised coordinates, NaN where not seen.
 
     Reference: Slabaugh, Schafer and Livingston 2001, "Optimal ray intersection".
     """
@@ -126,7 +126,7 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None, known_sigma: float = 0.002
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return points without rotation, those that two cameras see or whose places are known, and their numbers.
+    """Return single points that two cameras see or whose places are known, their sightings and their indices.
 
     Args:
         xy: (C, P, 2) px, NaN where not seen.
@@ -152,7 +152,7 @@ def _rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return (m, 3, 3) the nearest essential matrices of those of coordinates that were divided by ``spread``."""
+    """Return the (m, 3, 3) essential matrices nearest to those of coordinates divided by ``spread``."""
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -163,9 +163,9 @@ def _homogeneous(xy: np.ndarray) -> np.ndarray:
 
 
 RESECTION_HYPOTHESES = 300
-"""Samples of six points."""
+"""Number of samples of six points."""
 _RESECTION_REFINEMENTS = 5
-"""Rounds of reweighting at most. Chosen by hand."""
+"""Most rounds of reweighting. Chosen by hand."""
 
 
 def resected_pose(
@@ -173,13 +173,13 @@ def resected_pose(
 ) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
     """Return rotation, translation, and the share of points within three scales.
 
-    Samples of six points propose by the direct linear transform, Cauchy's penalty decides, and the best is refined with
-    its weights.
+    Samples of six points give hypotheses by the direct linear transform. Cauchy's penalty selects one, and reweighting
+    refines it.
 
     Args:
         points: (n, 3) world, n at least 6, not in one plane.
-        xy: (n, 2) normalised.
-        scale: distance at which a point loses its weight, normalised units.
+        xy: (n, 2) normalised coordinates.
+        scale: normalised distance at which a point loses its weight.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """
@@ -188,9 +188,8 @@ def resected_pose(
     local = (points - middle) / size
     rows = _resection_rows(local, xy)
     picks = np.stack([rng.permutation(len(points))[:6] for _ in range(RESECTION_HYPOTHESES)])
-    found = [
-        _pose(P) for P in np.linalg.svd(rows[picks].reshape(RESECTION_HYPOTHESES, 12, 12))[2][:, -1].reshape(-1, 3, 4)
-    ]
+    matrices = np.linalg.svd(rows[picks].reshape(RESECTION_HYPOTHESES, 12, 12))[2][:, -1].reshape(-1, 3, 4)
+    found = [_pose(P) for P in matrices]
     costs = [_cost(pose, local, xy, scale) for pose in found]
     best, cost = found[int(np.argmin(costs))], min(costs)
     for _ in range(_RESECTION_REFINEMENTS):
@@ -208,7 +207,7 @@ def resected_pose(
 
 
 def _resection_rows(points: np.ndarray, xy: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 12): both equations of each point in the entries of a camera's (3, 4) matrix."""
+    """Return (n, 2, 12): the equations of each point for the entries of a camera's (3, 4) matrix."""
     h = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
     none = np.zeros_like(h)
     across = np.concatenate([h, none, -xy[:, :1] * h], axis=1)
@@ -237,7 +236,7 @@ def _cost(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarra
 Pose = tuple[np.ndarray, np.ndarray]
 """Rotation (3, 3) and translation (3,)."""
 BOARD_REACH_M = 0.5
-"""Metres by which a turn is weighed against a shift: one radian is worth so much."""
+"""Length that corresponds to a rotation of one radian, in metres. Chosen by hand."""
 
 
 def composed(a: Pose, b: Pose) -> Pose:
@@ -251,13 +250,10 @@ def inverted(a: Pose) -> Pose:
 
 
 def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
-    """Return the pose first camera to second camera that agrees best with all moments both saw the board.
+    """Return the pose from the first to the second camera that agrees best with all common moments.
 
-    Each moment proposes ``T_second T_first⁻¹``. The proposal whose median distance to all others is least is taken, so
-    that the false of a flat board's two poses does not win.
-
-    Args:
-        second: board to second camera, at the same moments.
+    Each moment proposes ``T_second T_first⁻¹``. The proposal with the least median distance to the others is used, so
+    that the wrong one of a flat board's two poses does not win.
     """
     proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
     R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])
@@ -269,13 +265,13 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
 def chained(
     names: Sequence[str], together: Mapping[tuple[int, int], int], relative: Mapping[tuple[int, int], Pose]
 ) -> list[Pose]:
-    """Return each camera's pose, first camera's axes to its own, along the tree of pairs that saw most together.
+    """Return each camera's pose, from the first one's axes to its own, along the tree of pairs with most in common.
 
     Args:
-        together: how much each pair (i < j) saw together.
+        together: number of common observations of each pair (i < j).
 
     Raises:
-        CalibrationInvalid: some cameras saw nothing together with the others. Names the groups.
+        CalibrationInvalid: some cameras have nothing in common with the others.
 
     Reference: Prim 1957 (maximum spanning tree).
     """
@@ -283,19 +279,16 @@ def chained(
     while len(poses) < len(names):
         edges = [(n, i, j) for (i, j), n in together.items() if (i in poses) != (j in poses)]
         if not edges:
-            raise CalibrationInvalid(_apart(names, poses), hint="Film it where both groups see it at once.")
+            inside = ", ".join(names[c] for c in sorted(poses))
+            outside = ", ".join(name for c, name in enumerate(names) if c not in poses)
+            message = f"No camera of {inside} ever sees the same at the same moment as {outside}."
+            raise CalibrationInvalid(message, hint="Film it where both groups see it at once.")
         _, i, j = max(edges)
         if i in poses:
             poses[j] = composed(relative[i, j], poses[i])
         else:
             poses[i] = composed(inverted(relative[i, j]), poses[j])
     return [poses[c] for c in range(len(names))]
-
-
-def _apart(names: Sequence[str], joined: Mapping[int, Pose]) -> str:
-    inside = ", ".join(names[c] for c in sorted(joined))
-    outside = ", ".join(name for c, name in enumerate(names) if c not in joined)
-    return f"No camera of {inside} ever sees the same at the same moment as {outside}."
 
 
 @dataclass(frozen=True)
@@ -306,25 +299,23 @@ class CalibratedCameras:
     method: str
     rmse_px: float
     camera_rmse_px: Float[np.ndarray, " cameras"]
-    """(C,) of each camera."""
+    """(C,) root mean squared error of each camera."""
     centre_sigma_m: Float[np.ndarray, " cameras"]
-    """(C,) standard deviation of each camera's centre, by the residuals, about the whole array. Metres."""
+    """(C,) standard deviation of each camera's centre in metres."""
     turn_sigma: Float[np.ndarray, " cameras"]
-    """(C,) of its direction, radians."""
+    """(C,) standard deviation of its direction in radians."""
     delays_s: Float[np.ndarray, " cameras"]
-    """(C,) seconds by which each camera's frames are late."""
+    """(C,) delay of each camera's frames in seconds."""
     findings: tuple[Diagnostic, ...] = ()
     notes: tuple[Diagnostic, ...] = ()
     lenses: dict[str, dict[str, object]] = field(default_factory=dict)
 
 
 def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
-    """Return the calibration of an adjustment, the covariance scaled to the residuals where noise was not measured.
-
-    A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
+    """Return the calibration of an adjustment. A step ``x ← exp(ω) x + τ`` moves a centre by ``-Rᵀ exp(-ω) τ``.
 
     Args:
-        measured: the sightings' deviations are those of the residuals already.
+        measured: the sightings' deviations come from the residuals. Otherwise the covariance is scaled to these.
     """
     camera_of, noise_px = found.seen.camera, found.seen.sigma
     C = len(found.cameras)
@@ -332,25 +323,19 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> Calibr
     inflation = float(np.median(square / noise_px**2)) / 1.386 if len(square) and not measured else 1.0
     blocks = found.covariance.reshape(C, CAMERA_PARAMETERS, C, CAMERA_PARAMETERS)[range(C), :, range(C)]
     variance = np.einsum("cii->ci", blocks) * max(inflation, 1e-6)
-    by_camera = np.array(
-        [float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan for c in range(C)]
-    )
-    return CalibratedCameras(
-        found.cameras,
-        method,
-        found.rmse_px,
-        by_camera,
-        np.sqrt(variance[:, 3:6].sum(-1)),
-        np.sqrt(variance[:, :3].sum(-1)),
-        found.delays,
-    )
+    of = [square[camera_of == c] for c in range(C)]
+    by_camera = np.array([float(np.sqrt(part.mean())) if len(part) else np.nan for part in of])
+    sigmas = np.sqrt(variance[:, 3:6].sum(-1)), np.sqrt(variance[:, :3].sum(-1))
+    return CalibratedCameras(found.cameras, method, found.rmse_px, by_camera, *sigmas, found.delays)
+
+
+def in_other_world(cameras: Cameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> Cameras:
+    """Return the cameras in another world, ``x_new = scale R x_old + t``."""
+    turned = cameras.R @ R.T
+    return replace(cameras, R=turned, t=scale * cameras.t - (turned @ t[:, None])[..., 0])
 
 
 def moved_world(calibration: CalibratedCameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> CalibratedCameras:
     """Return the calibration in another world, ``x_new = scale R x_old + t``."""
-    cameras = calibration.cameras
-    turned = cameras.R @ R.T
-    shifted = scale * cameras.t - (turned @ t[:, None])[..., 0]
-    return replace(
-        calibration, cameras=replace(cameras, R=turned, t=shifted), centre_sigma_m=scale * calibration.centre_sigma_m
-    )
+    cameras = in_other_world(calibration.cameras, R, t, scale)
+    return replace(calibration, cameras=cameras, centre_sigma_m=scale * calibration.centre_sigma_m)

@@ -35,16 +35,15 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.camera_names import match_names
 from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
 from solver_backend.io.footage import PLAUSIBLE_MM, recorded_focal_mm
-from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold-mocap-lenses", 1
 
 
 def read_lenses(path: Path) -> dict[str, Lens]:
-    """Return the lenses of a library by their names, such as ``phone wide 1080p60``. None where there is no file.
+    """Read a library of lenses by name, such as ``phone wide 1080p60``. It is empty if there is no file.
 
     Raises:
-        FileDamaged: it is no library, or a lens in it is impossible.
+        FileDamaged: it is not a library, or a lens in it is impossible.
     """
     if not path.exists():
         return {}
@@ -58,10 +57,10 @@ def read_lenses(path: Path) -> dict[str, Lens]:
 
 
 def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
-    """Add lenses to a library, those of the same name replaced, the others kept.
+    """Add lenses to a library. Lenses of the same name are replaced.
 
     Raises:
-        FileDamaged: there is a file that is no library.
+        FileDamaged: the file is not a library.
     """
     kept = read_lenses(path) | lenses
     entries = {name: _entry(lens) for name, lens in sorted(kept.items())}
@@ -72,27 +71,24 @@ def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float]
 
 
 def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
-    """Return the lens of a name, for pictures of a size.
+    """Return a lens by name, for pictures of a size.
 
     Raises:
-        CalibrationMissing: there is none.
-        CalibrationInvalid: it was found in another mode: its pictures have another shape.
+        CalibrationMissing: there is no such lens.
+        CalibrationInvalid: it belongs to another mode, with pictures of another shape.
     """
     if name not in lenses:
-        raise CalibrationMissing(
-            f"There is no lens '{name}'.", where=where, hint=f"There are: {', '.join(lenses) or 'none'}."
-        )
+        hint = f"There are: {', '.join(lenses) or 'none'}."
+        raise CalibrationMissing(f"There is no lens '{name}'.", where=where, hint=hint)
     lens = lenses[name]
     if image_size is None or image_size == lens.image_size:
         return lens
     share = image_size[0] / lens.image_size[0]
     if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
-        raise CalibrationInvalid(
-            f"The lens was found in pictures of {lens.image_size[0]} x {lens.image_size[1]}; these have "
-            f"{image_size[0]} x {image_size[1]}, of another shape, which is another part of the sensor.",
-            where=where,
-            hint="Film the board in the mode that the takes are filmed in.",
-        )
+        own, other = (f"{width} x {height}" for width, height in (lens.image_size, image_size))
+        shape = "of another shape, which is another part of the sensor"
+        message = f"The lens was found in pictures of {own}; these have {other}, {shape}."
+        raise CalibrationInvalid(message, where=where, hint="Film the board in the mode that the takes are filmed in.")
     K = lens.K.copy()
     K[:2] *= share
     K[:2, 2] += (share - 1) / 2
@@ -120,22 +116,21 @@ def _lens(entry: Any, where: str) -> Lens:
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
-    """Return the lenses of cameras by their names, from a library of lenses or any calibration.
+    """Return the lenses of cameras from a library of lenses or a calibration.
 
     Raises:
-        CalibrationMissing, CalibrationMismatch: a camera is not in it.
+        CalibrationMissing, CalibrationMismatch: it does not have a camera.
         CalibrationInvalid: a lens holds NaN.
     """
     if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
         found = {name: lens_named(library, name, None, str(path)) for name in names}
     else:
-        cameras: Cameras = read_calibration(path).cameras
+        cameras = read_calibration(path).cameras
         order = match_names(names, cameras.names)
         if order is None:
-            raise CalibrationMismatch(
-                f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}.", where=str(path)
-            )
+            message = f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}."
+            raise CalibrationMismatch(message, where=str(path))
         found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
         raise CalibrationInvalid("A lens holds NaN.", where=str(path))
@@ -143,12 +138,12 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
 
 
 BAD_VIEW = 4.0
-"""A picture whose error is so many times the median, and above half a pixel, is skipped."""
+"""A picture is skipped if its error is this many times the median, and above half a pixel."""
 
 
 @dataclass(frozen=True)
 class CameraLens:
-    """A lens with what it was found from."""
+    """A lens and the pictures that it was fitted to."""
 
     choice: LensChoice
     frames: tuple[int, ...]
@@ -168,14 +163,13 @@ def camera_lens(
     models: Sequence[str] = tuple(LENS_MODELS),
     name: str = "camera",
 ) -> CameraLens:
-    """Find a lens from the sightings of one camera.
+    """Fit a lens to the sightings of one camera, without pictures with large errors.
 
     Args:
-        image_size: width and height, px.
         models: names of ``LENS_MODELS`` to choose from.
 
     Raises:
-        CalibrationInvalid: fewer than three pictures, or no model fits them.
+        CalibrationInvalid: there are fewer than three pictures, or no model fits them.
     """
     frames = selected_views(board, sightings, image_size)
     kept = list(frames)
@@ -193,13 +187,13 @@ def camera_lens(
 
 
 GUESSED_SIGMA = 0.15
-"""Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""
+"""Standard deviation of a guessed focal length, as a share: phones film at 0.75 to 1.0 of the longer side."""
 EQUIVALENT_SIGMA = 0.08
-"""The same of a 35 mm equivalent: it is of the whole sensor. A video shows a part (16:9 of 4:3, stabilised)."""
+"""Standard deviation of a 35 mm equivalent, as a share. It belongs to the whole sensor, and a video shows a part."""
 FILM_DIAGONAL_MM = 43.27
-"""Of 36 x 24 mm. Equivalents compare diagonals (CIPA DCG-001)."""
+"""Diagonal of 36 x 24 mm, by which equivalents are defined (CIPA DCG-001)."""
 PLAUSIBLE_SHARE = (0.2, 20.0)
-"""Of the picture's longer side: a fisheye, and a telescope."""
+"""Focal lengths of a fisheye and a telescope in longer sides of the picture."""
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
 _FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
 
@@ -210,23 +204,22 @@ class FocalLength:
 
     px: float
     sigma: float
-    """Standard deviation as a share, 0 where it is known."""
+    """Standard deviation as a share, 0 if known."""
     source: str
 
     def lens(self, image_size: tuple[int, int]) -> Lens:
-        """Return a lens without distortion, its centre in the middle of the picture."""
+        """Return a lens without distortion, with the centre in the middle of the picture."""
         return rough_lens(image_size, self.px / max(image_size))
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the focal length that was given, else the one in the file, else a guess.
+    """Return the given focal length, or that of the file, or a guess.
 
     Args:
-        given: such as ``EXAMPLE``; "" where nothing was.
-        image_size: width and height of its pictures, px.
+        given: such as ``EXAMPLE``, or an empty text.
 
     Raises:
-        CommandLineInvalid: what was given is no focal length.
+        CommandLineInvalid: the given text is not a focal length.
     """
     if given:
         return _given(given, image_size)
@@ -246,27 +239,24 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     px = value if unit == "px" else _of_equivalent(value, image_size)
     low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
-        raise CommandLineInvalid(
-            f"A focal length of {text.strip()} is {px:.0f} px in pictures of {image_size[0]} x {image_size[1]}; "
-            f"{low:.0f} to {high:.0f} px are possible.",
-            hint=f"Give it as {EXAMPLE}.",
-        )
+        size = f"{px:.0f} px in pictures of {image_size[0]} x {image_size[1]}"
+        message = f"A focal length of {text.strip()} is {size}; {low:.0f} to {high:.0f} px are possible."
+        raise CommandLineInvalid(message, hint=f"Give it as {EXAMPLE}.")
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 
 
 def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
-    """Return pixels of a 35 mm equivalent: ``f = mm / 43.27 mm * diagonal``."""
+    """Convert a 35 mm equivalent to pixels: ``f = mm / 43.27 mm * diagonal``."""
     return mm / FILM_DIAGONAL_MM * float(np.hypot(*image_size))
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model under which all cameras together predict best. None where one of them lacks it.
+    """Return the distortion model under which all cameras together predict best. None if one of them lacks it.
 
-    With errors of a normal distribution a camera's evidence is ``-n log σ`` for n pictures whose corners are predicted
-    to σ px. That of a family is the sum over cameras of their best model in it.
+    The evidence of a camera is ``-n log σ`` for n pictures whose corners its best model predicts to σ px, if errors are
+    normally distributed.
 
     Args:
-        lenses: by the camera's name, with the errors of pictures left out.
         models: names of ``LENS_MODELS`` that may be chosen.
     """
     families = {LENS_MODELS[name].distortion_model for name in models}
@@ -288,9 +278,6 @@ def in_family(
     board: Board, lens: CameraLens, views: Sequence[BoardSighting], family: str, models: Sequence[str]
 ) -> CameraLens:
     """Return a camera's lens with the best model of a family, fitted to the same pictures.
-
-    Args:
-        models: names of ``LENS_MODELS`` that may be chosen.
 
     Raises:
         CalibrationInvalid: no model of the family fits.

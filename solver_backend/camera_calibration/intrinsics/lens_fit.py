@@ -32,20 +32,20 @@ from solver_backend.exchange.outputs import atomic_output
 from solver_backend.types.shapes import Bool, Float
 
 FEWEST_VIEWS = 3
-"""Pictures of a board from which a lens is fitted."""
+"""Fewest pictures of a board to fit a lens."""
 CORNER_SIGMA_PX = 0.3
 """Expected corner error in px, which sets the scale of the penalty."""
 
 
 @dataclass(frozen=True)
 class LensFit:
-    """A lens and how well it explains the pictures it was fitted to."""
+    """A lens and its errors in the fitted pictures."""
 
     lens: Lens
     model: FittedLens
     rmse_px: float
     view_rmse_px: Float[np.ndarray, " views"]
-    """(V,) of each picture."""
+    """(V,) root mean squared error of each picture."""
     focal_sigma_px: float
     adjusted: Adjusted
 
@@ -58,15 +58,15 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit a lens to pictures of a board: focal lengths, centre and the model's coefficients with the boards' poses.
+    """Fit focal lengths, centre, the model's coefficients and the boards' poses to pictures of a board.
 
-    fx equals fy but for the start's ratio.
+    The ratio of fx and fy stays that of the start.
 
     Args:
-        start: a lens to start from. Found from the homographies if left out.
+        start: lens to start from. By default it is found from the homographies.
 
     Raises:
-        CalibrationInvalid: fewer than three pictures, or all of them show the board alike.
+        CalibrationInvalid: there are fewer than three pictures, or all of them show the board alike.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
@@ -79,35 +79,29 @@ def fitted_lens(
     free = np.zeros((1, PARAMETERS), dtype=bool)
     free[0, [*FOCAL, *CENTRE]] = True
     free[0, [4 + i for i in model.fitted]] = True
-    sigma = np.full((1, PARAMETERS), 1.0)  # a weak bound that keeps richer models from folding where nothing is seen
+    sigma = np.full((1, PARAMETERS), 1.0)  # weak, so that richer models do not fold where nothing is seen
     sigma[0, list(CENTRE)], sigma[0, 4:] = 0.1, 2.0
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, True, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
-    return LensFit(
-        lens_of(found.cameras, 0),
-        model,
-        found.rmse_px,
-        view_errors(found, views),
-        float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX),
-        found,
-    )
+    focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
+    return LensFit(lens_of(found.cameras, 0), model, found.rmse_px, view_errors(found, views), focal_sigma, found)
 
 
 def held_out_rmse(board: Board, views: Sequence[BoardSighting], lens: Lens) -> float:
-    """Return the root mean squared error in px of pictures to which a lens was not fitted, the board's pose apart."""
+    """Return the root mean squared error in px of pictures with a given lens and free board poses."""
     nothing = np.zeros((1, PARAMETERS), dtype=bool)
     return _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), nothing), 30).rmse_px
 
 
 def view_errors(found: Adjusted, views: Sequence[BoardSighting]) -> Float[np.ndarray, " views"]:
-    """Return (V,) px, the root mean squared error of each picture."""
+    """Return the (V,) root mean squared error of each picture in px."""
     firsts = np.cumsum([0, *(len(v.ids) for v in views)])[:-1]
     counts = np.array([len(v.ids) for v in views])
     return np.sqrt(np.add.reduceat((found.error**2).sum(-1), firsts) / counts)
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (V, 3, 3) and translations (V, 3) board to camera, by homographies of undistorted points."""
+    """Return rotations (V, 3, 3) and translations (V, 3) from board to camera, by homographies."""
     poses = []
     for view in views:
         flat = undistort(lens.as_camera(), view.px[None])[0]
@@ -119,7 +113,7 @@ def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tup
 
 
 def tilted(board: Board, views: Sequence[BoardSighting], lens: Lens) -> Bool[np.ndarray, " views"]:
-    """Return (V,) whether the board is turned from the picture's plane by more than 15 degrees."""
+    """Return the (V,) mask of pictures with a board that is tilted by more than 15 degrees."""
     R, _ = board_poses(board, views, lens)
     return np.abs(R[:, 2, 2]) < np.cos(np.radians(15.0))
 
@@ -138,20 +132,15 @@ def _start(board: Board, views: Sequence[BoardSighting], image_size: tuple[int, 
 def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns: Unknowns, steps: int) -> Adjusted:
     R, t = board_poses(board, views, lens)
     which = np.repeat(np.arange(len(views)), [len(v.ids) for v in views])
-    seen = BodySightings(
-        camera=np.zeros(len(which), dtype=int),
-        body=which,
-        local=np.concatenate([board.points[v.ids] for v in views]),
-        px=np.concatenate([v.px for v in views]),
-        sigma=np.full(len(which), CORNER_SIGMA_PX),
-    )
-    return adjust(
-        lens.as_camera(), Bodies(R, t), seen, unknowns, robust_scale=4.0, steps=steps, gauge=0, tolerance=1e-6
-    )
+    n = len(which)
+    local, px = np.concatenate([board.points[v.ids] for v in views]), np.concatenate([v.px for v in views])
+    seen = BodySightings(np.zeros(n, dtype=int), which, local, px, np.full(n, CORNER_SIGMA_PX))
+    options = {"robust_scale": 4.0, "gauge": 0, "tolerance": 1e-6}
+    return adjust(lens.as_camera(), Bodies(R, t), seen, unknowns, steps=steps, **options)
 
 
 FOLDS = 4
-"""Parts of the pictures, each left out once."""
+"""Number of parts of the pictures. Each one is held out once."""
 GAIN = 0.03
 """A richer model must predict better by this share."""
 
@@ -162,11 +151,11 @@ class LensChoice:
 
     fit: LensFit
     held_out_px: dict[str, float]
-    """Root mean squared error of pictures left out, by the model's name."""
+    """Root mean squared error of held-out pictures by the model's name."""
 
     @property
     def held_out(self) -> float:
-        """That of the chosen model."""
+        """Error of the chosen model in held-out pictures."""
         return self.held_out_px[self.fit.model.name]
 
 
@@ -176,23 +165,22 @@ def chosen_lens(
     image_size: tuple[int, int],
     models: Sequence[str] = tuple(LENS_MODELS),
 ) -> LensChoice:
-    """Fit every model without a part of the pictures, evaluate it on that part, and fit the best one to all.
+    """Choose a lens model by cross-validation, and fit it to all pictures.
 
-    Parts are taken in turn (picture i belongs to part i mod 4), so that each spans the recording. Of fewer than twelve
-    pictures each is skipped alone. A richer model is
-    taken only if it predicts better by 3 %.
+    Picture i belongs to part i mod 4, so that each part spans the recording. With fewer than twelve pictures, each one
+    is a part. A richer model is chosen only if it predicts better by 3 %.
 
     Args:
         models: names of ``LENS_MODELS`` to choose from, the simplest first.
 
     Raises:
-        CalibrationInvalid: too few pictures, or no model fits them.
+        CalibrationInvalid: there are too few pictures, or no model fits them.
 
     Reference: Geisser 1975 (cross-validation).
     """
     first = fitted_lens(board, views, image_size, LENS_MODELS[models[0]])
     folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
-    if len(views) <= 3:  # too few to leave one out: the simplest model, evaluated on what it was fitted to
+    if len(views) <= 3:  # too few to hold one out
         return LensChoice(first, {models[0]: first.rmse_px})
     held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
@@ -228,20 +216,17 @@ def _held_out(
 
 
 MOST_VIEWS = 40
-"""Pictures a lens is fitted to."""
+"""Most pictures to fit a lens to."""
 BLUR_SHARE = 0.4
 """A picture less sharp than this share of the camera's 80 % quantile is skipped."""
 CELLS = (8, 6)
-"""Cells of the picture, across and down, that corners should fall into."""
+"""Cells of the picture, across and down, in which corners are counted."""
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
-    """Return frames of sharp pictures, one by one the picture that differs most from those chosen before.
+    """Select sharp pictures, one after the other the picture that differs most from those chosen before.
 
-    Pictures differ by where the board's corners lie, in picture heights. Corners that are seen count.
-
-    Args:
-        image_size: width and height, px.
+    Pictures differ by the places of the board's corners, in picture heights.
 
     Reference: Gonzalez 1985 (farthest point first).
     """
@@ -263,7 +248,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
 
 
 def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
-    """Return how many corners fell into each cell of the picture, (down, across)."""
+    """Return the number of corners in each cell of the picture, (down, across)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
     for view in sightings:
@@ -276,11 +261,10 @@ def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.
 def advice(
     sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Return what to film again. Nothing where the pictures suffice.
+    """Recommend pictures to film again.
 
     Args:
-        image_size: width and height, px.
-        tilted: how many of them show the board turned by more than 15 degrees.
+        tilted: number of pictures with a board that is tilted by more than 15 degrees.
     """
     words: list[Diagnostic] = []
     if len(sightings) < 12:
@@ -305,7 +289,7 @@ def advice(
 
 
 def coverage_svg(sightings: list[BoardSighting], image_size: tuple[int, int], title: str) -> str:
-    """Return a picture of all corners in the camera's picture."""
+    """Draw all corners in the camera's picture."""
     width, height = image_size
     dots = "".join(f'<circle cx="{x:.0f}" cy="{y:.0f}" r="{width / 200:.1f}"/>' for v in sightings for x, y in v.px)
     hulls = "".join(f'<path d="{_outline(v)}"/>' for v in sightings)
@@ -319,7 +303,7 @@ def coverage_svg(sightings: list[BoardSighting], image_size: tuple[int, int], ti
 
 
 def _signature(board: Board, view: BoardSighting) -> np.ndarray:
-    """Return where the board's four corners would lie, by a homography's affine part: (8,) px."""
+    """Return the places of the board's four corners by a homography's affine part, (8,) px."""
     points = board.points
     h = np.concatenate([points[view.ids, :2], np.ones((len(view.ids), 1))], axis=1)
     affine = np.linalg.lstsq(h, view.px, rcond=None)[0]
@@ -340,12 +324,12 @@ def _outline(view: BoardSighting) -> str:
 
 
 WIDTH = 480
-"""Width of the picture, pixels. Chosen by hand."""
+"""Width of the picture in pixels. Chosen by hand."""
 _PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
 
 
 def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
-    """Write a PNG of all corners in the camera's picture. Cells of the picture that the board reached are green.
+    """Write a PNG of all corners in the camera's picture, with the cells that the board reached in green.
 
     Raises:
         OutputNotWritable: the file cannot be written.

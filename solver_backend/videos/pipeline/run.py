@@ -188,7 +188,7 @@ class _TakeRun:
         check = self._check
         if check is None:
             return [diagnostic("calibration_unchecked", reason="single" if self._capture.is_one_view else "short")]
-        return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.findings]
+        return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.diagnostics]
 
     def _of_one(self) -> KnownOfOne:
         """Return the facts for solving a single video."""
@@ -214,9 +214,7 @@ class _TakeRun:
         refuse_errors(found, settings.solve.accept, str(plan.capture))
         record = {**motion.provenance, "diagnostics": [item.as_dict() for item in found]}
         motion = replace(motion, provenance=record)
-        write_report(
-            plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
-        )
+        write_report(plan.folder / "report.html", self._capture, motion, self._check, overwrite=True)
         with self._records.making(plan.motion):
             write_motion(plan.motion, motion, overwrite=True)
         self._records.made(plan.motion, made_of)
