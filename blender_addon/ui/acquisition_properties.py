@@ -9,6 +9,7 @@ import bpy
 from .._exchange.errors import CommandLineInvalid
 from .._exchange.solve_settings import METHODS
 from .._exchange.vmc.sender import VMC, VmcAddress, read_address
+from ..conventions.file_paths import file_of
 from .setting_properties import Items, choice, flags, number, path, switch, text
 
 _SUBJECT = "Calibrated person, empty to learn the body shape while they move"
@@ -126,8 +127,6 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
 
 def _paths(*words: str) -> list[str]:
     """Return an option and a stored path as words of a command line, none for an empty path."""
-    from ..conventions.file_paths import file_of
-
     return [*words[:-1], str(file_of(words[-1]))] if words[-1] else []
 
 

@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from .._exchange.detectors import DETECTORS
+from .._exchange.diagnostics import notes_in, sentence, warnings_in
 from .._exchange.errors import MocapError
 from .._exchange.joint_sets import JointSet
 from .._exchange.setting import defaults_of_class, settings_of_class
 from .._exchange.video_settings import VideoSettings
+from ..conventions.file_paths import file_of
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
 from .acquisition_properties import MocapLive, MocapSensors, MocapStudio
@@ -160,15 +162,11 @@ class MocapVideos(
 
     def detector_arguments(self) -> list[str]:
         """Return the options that choose the detector."""
-        from ..conventions.file_paths import file_of
-
         model = str(file_of(self.model)) if self.detector == "model" else self.detector
         return ["--detector", model, "--people", str(self.people)]
 
     def arguments(self) -> list[str]:
         """Return the options of the solver's command line."""
-        from ..conventions.file_paths import file_of
-
         options = [*self.detector_arguments(), "--sync", self.clocks, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
@@ -178,7 +176,6 @@ class MocapVideos(
 
     def take_steps(self, folder: str) -> None:
         """Show the steps with results in a folder. Open steps stay open."""
-        from .._exchange.diagnostics import notes_in, sentence, warnings_in
         from ..solving.road_file import read_road
 
         opened = {step.name for step in self.steps if step.open}

@@ -10,24 +10,9 @@ import bpy
 
 from ..headless.blender_command import command
 from . import acquisition_properties, adoption, capture_properties, preferences, project_files, properties, viewport
-from .operators import (
-    base,
-    cameras,
-    export,
-    fixes,
-    import_capture,
-    import_motion,
-    live,
-    markers,
-    retarget,
-    review,
-    sensor_array,
-    solve,
-    studio,
-    takes,
-    videos,
-)
-from .panels import acquire, capture, deliver, run
+from .operators import base, capture, export, imports, live, retarget, review, solve, studio, takes, videos
+from .panels import acquire, deliver, run
+from .panels import capture as capture_panels
 from .panels import review as review_panels
 from .panels import solve as solve_panels
 from .panels import videos as videos_panel
@@ -84,13 +69,13 @@ TABLE: tuple[Registrable, ...] = (
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     *_classes(preferences),
     _stop(base.current.abandon),
-    *_classes(base, import_motion, import_capture, solve, review, takes, cameras, videos, fixes, retarget),
+    *_classes(base, imports, solve, review, takes, capture, videos, retarget),
     _stop(live.live.abandon),
-    *_classes(live, sensor_array),
+    *_classes(live),
     _stop(export.playing.stop),
-    *_classes(export, markers, studio),
+    *_classes(export, studio),
     (videos_panel.previews.start, videos_panel.previews.stop),
-    *_classes(run, capture, videos_panel, solve_panels, review_panels, deliver, acquire),
+    *_classes(run, capture_panels, videos_panel, solve_panels, review_panels, deliver, acquire),
     _listed(_HANDLERS.load_pre, live.before_load),
     _listed(_HANDLERS.load_pre, export.before_load),
     _listed(_HANDLERS.frame_change_post, export.on_frame_change),
@@ -102,9 +87,9 @@ TABLE: tuple[Registrable, ...] = (
     _listed(_HANDLERS.save_pre, project_files.before_save),
     _listed(_HANDLERS.save_post, project_files.after_save),
     _listed(_HANDLERS.save_post_fail, project_files.after_failed_save),
-    _listed(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
+    _listed(bpy.types.TOPBAR_MT_file_import, imports.draw_capture_menu),
     _listed(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
-    _listed(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
+    _listed(bpy.types.TOPBAR_MT_file_import, imports.draw_import_menu),
     _listed(bpy.types.TOPBAR_MT_file_export, export.draw_export_menu),
     *(_listed(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
     (command.register, command.unregister),

@@ -8,6 +8,9 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy.app.handlers import persistent
 
+from .._exchange.errors import MocapError
+from ..conventions.skeleton import layout_of
+
 if TYPE_CHECKING:
     import numpy as np
     from mathutils import Vector
@@ -84,7 +87,6 @@ def colour_markers(scene: bpy.types.Scene) -> None:
     capture, take = scene.mocap.capture, scene.mocap.review.take
     if capture.cloud is None:
         return
-    from .._exchange.errors import MocapError
     from .._exchange.motion_file import read_motion
     from ..animation.takes import take_file
     from ..scene.marker_cloud import grade_markers
@@ -165,7 +167,6 @@ def _draw_skins() -> None:
 
 def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
     from ..animation.lanes import current_confidence, resting_bones
-    from ..conventions.skeleton import layout_of
     from ..review.colours import joint_weights, skin_colours
 
     posed = skin.evaluated_get(context.evaluated_depsgraph_get())

@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from ..._exchange.errors import OutputNotWritable
 from ...conventions.naming import counted
 from ...errors import MapInvalid
+from ...solving.take_paths import safe_name
 from ..properties import show_map
 from ..setting_properties import text
 from .base import MocapOperator, Need, operator
@@ -71,10 +73,8 @@ class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> str:
         from dataclasses import replace
 
-        from ..._exchange.errors import OutputNotWritable
         from ...retarget.recognition import user_presets_folder
         from ...retarget.rig_map import write_map
-        from ...solving.take_paths import safe_name
 
         rig, rig_map = chosen_target(context), table_map(context)
         folder = user_presets_folder(make=True)

@@ -8,6 +8,8 @@ from typing import Any
 import bpy
 
 from ..._exchange.errors import FileDamaged, FileMissing
+from ..._exchange.marker_formats import is_report
+from ...body.controls.limbs import LIMBS, limb_of
 from ...conventions.naming import counted
 from ...errors import BodyUnreachable
 from ..setting_properties import choice, number
@@ -96,7 +98,6 @@ def select_body(self: Any, context: bpy.types.Context) -> None:
 @operator("Open Report", TAKE, options=OPENS)
 def open_report(self: Any, context: bpy.types.Context) -> set[str]:
     """Open the page about the solve of this take."""
-    from ..._exchange.marker_formats import is_report
     from ...animation.takes import take_file
 
     take = context.scene.mocap.review.take
@@ -202,7 +203,6 @@ _TO, _LIMB = choice("To", "Controls to switch to", _MODES), choice("Limb", "Limb
 @operator("Switch Limbs", BODY, EDITABLE, to=_TO, limb=_LIMB)
 def switch_limbs(self: Any, context: bpy.types.Context) -> str:
     """Switch limbs between IK and FK with keys that keep the motion, or only the pose if there is no action."""
-    from ...body.controls.limbs import LIMBS, limb_of
     from ...scene.limb_modes import pose_by_joints, pose_from_ends
 
     limbs = LIMBS if self.limb == "ALL" else (limb_of(self.limb),)

@@ -11,10 +11,12 @@ import bpy
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import file_of, stored
 from ...conventions.naming import counted
+from ...solving.take_paths import next_subject
 from ..preferences import chosen_python, preferences_of
 from ..project_files import bring_home
 from ..setting_properties import choice
 from .base import CAPTURE, IDLE, INTERNAL, MARKERS, TAKE, Call, Need, SolverOperator, current, operator, options
+from .review import pin_frame
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
@@ -115,7 +117,6 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
     def call(self, context: bpy.types.Context) -> Call:
         """Pin the edited frames, if the user wants to keep them."""
         from ...review.ranges import SceneRange
-        from .review import pin_frame
 
         scene, review = context.scene, context.scene.mocap.review
         if self.edits == "PIN" and (frames := edited_in_range(context)):
@@ -208,7 +209,6 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
     needs = (MARKERS, IDLE)
 
     def call(self, context: bpy.types.Context) -> Call:
-        from ...solving.take_paths import next_subject
         from ..scene_job import capture_file, folder_of_takes, write_layout
 
         settings = context.scene.mocap

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import bpy
 
 from ..._exchange.errors import CommandLineInvalid, FileMissing
+from ..._exchange.outputs import write_text
 from ...conventions.file_paths import absolute, file_of, stored
 from ...conventions.naming import counted, next_path
 from ..acquisition_properties import FAULTS, OWN
@@ -210,8 +211,6 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
 def write_description(description: dict[str, Any], path: Path) -> Path:
     """Write a description and return its path."""
     import json
-
-    from ..._exchange.outputs import write_text
 
     return write_text(path, json.dumps(description, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 

@@ -11,7 +11,8 @@ from bpy_extras.io_utils import ImportHelper
 from ..._exchange.errors import OutputNotWritable
 from ..._exchange.errors import sentence as failure_sentence
 from ...conventions.file_paths import absolute, file_of, stored
-from ...errors import TakeMissing
+from ...errors import PythonUnsuitable, TakeMissing
+from ...solving.take_paths import capture_folder
 from ..layout import draw_settings
 from ..preferences import detector_for, detector_python, litert_python, note_detector
 from ..project_files import files_folder, usable
@@ -167,8 +168,6 @@ def draw_video_settings(layout: bpy.types.UILayout, context: bpy.types.Context) 
 
 def _results(context: bpy.types.Context, folder: Path, name: str) -> Path:
     """Return the folder of results: in the folder of the videos, or of captures if that cannot be written to."""
-    from ...solving.take_paths import capture_folder
-
     try:
         return usable(folder / name)
     except OutputNotWritable:
@@ -247,7 +246,6 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         import sys
 
-        from ...errors import PythonUnsuitable
         from ...solving.detector import find_python, make_environment
         from ...solving.run import start_script
 

@@ -10,7 +10,7 @@ from ...conventions.kept_findings import findings_in
 from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_lines, draw_next, draw_settings, is_narrow, wrapped
 from ..operators.base import current
-from ..operators.cameras import in_camera_view
+from ..operators.capture import in_camera_view
 from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import READING_ROWS

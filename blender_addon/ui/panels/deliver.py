@@ -9,7 +9,7 @@ from ...export.destinations import DESTINATIONS
 from ...export.formats import FORMATS
 from ..layout import draw_button, draw_lines, draw_next, is_slim, wrapped
 from ..operators.export import exported_armature
-from ..operators.import_motion import foreign_actor
+from ..operators.imports import foreign_actor
 from ..operators.retarget import actor_object
 from ..translation import CONTEXT
 from .parts import draw_progress, has_body, has_markers, panel

@@ -11,7 +11,7 @@ from ..._exchange.diagnostics import Diagnostic, sentence, warnings_in
 from ..._exchange.errors import sentence as failure_sentence
 from ..layout import draw_button, wrapped
 from ..operators.base import current
-from ..operators.fixes import Fix, fix_of, reading_fixes
+from ..operators.capture import Fix, fix_of, reading_fixes
 from ..preferences import shows_acquisition
 from ..project_files import waits_for_saving
 from ..translation import CONTEXT

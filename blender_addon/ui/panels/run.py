@@ -7,7 +7,7 @@ import bpy
 from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_next, fits, is_narrow, is_slim, wrapped
 from ..operators.base import current
-from ..operators.fixes import fix_of
+from ..operators.capture import fix_of
 from ..operators.takes import takes_of_captures
 from ..project_files import following
 from ..properties import STAGES, MocapSettings

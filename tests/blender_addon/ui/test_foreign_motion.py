@@ -17,7 +17,7 @@ from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.review.floor_height import sole_height
 from blender_addon.ui.operators.base import current
-from blender_addon.ui.operators.import_motion import remarks
+from blender_addon.ui.operators.imports import remarks
 from solver_backend.body.body import load_body
 from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.foreign_characters import skinned_rig

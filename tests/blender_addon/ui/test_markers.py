@@ -13,7 +13,7 @@ import pytest
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.scene.marker_cloud import labels_of
 from blender_addon.ui.operators.base import SolverOperator
-from blender_addon.ui.operators.import_capture import SUFFIXES
+from blender_addon.ui.operators.imports import SUFFIXES
 from blender_addon.ui.panels.capture import summarise
 from blender_addon.ui.viewport import name_places
 from solver_backend.body.label_places import read_label_places

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.diagnostics import Diagnostic, diagnostic
-from blender_addon.ui.operators.fixes import fix_of
+from blender_addon.ui.operators.capture import fix_of
 from blender_addon.ui.operators.import_results import take_capture
 from blender_addon.ui.setting_properties import READING_ROWS
 from blender_addon.ui.translation import german
@@ -77,7 +77,7 @@ def test_each_option_that_a_sentence_names_is_set_by_its_button(
     take_capture(scene, solved.read | {"diagnostics": [found.as_dict()]})
     read: list[list[str]] = []
     monkeypatch.setattr(
-        "blender_addon.ui.operators.import_capture.MOCAP_OT_import_capture.launch",
+        "blender_addon.ui.operators.imports.MOCAP_OT_import_capture.launch",
         lambda self, context, verb, arguments, folder: read.append(arguments) or {"FINISHED"},
     )
     mocap.capture.source = str(solved.folder / "capture.npz")

@@ -1,0 +1,358 @@
+"""Correct a capture: its cameras and their calibration, marker labels, and buttons that remedy findings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import bpy
+
+from ..._exchange.diagnostics import Diagnostic, read_diagnostics
+from ..._exchange.errors import CaptureInvalid, ErrorEvent
+from ..._exchange.plain_text import plain
+from ...conventions.file_paths import file_of, stored
+from ...conventions.kept_findings import findings_text
+from ...conventions.naming import next_path
+from ..viewport import name_places
+from .base import CAMERAS, IDLE, MARKERS, Call, MocapOperator, Need, SolverOperator, operator, options
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureResult, CheckResult, RefineResult
+
+_REFINED = Need("The calibration is the recording's own", lambda context: context.scene.mocap.capture.original)
+
+
+def in_camera_view(context: bpy.types.Context) -> bool:
+    """Return whether the viewport looks through a camera."""
+    return _in_viewport(context) and context.space_data.region_3d.view_perspective == "CAMERA"
+
+
+def _in_viewport(context: bpy.types.Context) -> bool:
+    return context.space_data is not None and context.space_data.type == "VIEW_3D"
+
+
+@operator("Leave Out Range", index=int)
+def leave_out_range(self: Any, context: bpy.types.Context) -> None:
+    """Leave this camera out of the range set under Fix a Range."""
+    settings = context.scene.mocap
+    item = settings.capture.left_out.add()
+    item.name = settings.capture.cameras[self.index].name
+    item.first, item.last = settings.review.first, settings.review.last
+
+
+@operator("Use Range Again", index=int)
+def use_range(self: Any, context: bpy.types.Context) -> None:
+    """Use the camera in these frames again."""
+    context.scene.mocap.capture.left_out.remove(self.index)
+
+
+class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
+    """Compare each camera, the scale and the up axis of the calibration with the take, without any change."""
+
+    bl_label = "Check Calibration"
+    verb = "check-cameras"
+    needs = (CAMERAS, IDLE)
+
+    def call(self, context: bpy.types.Context) -> Call:
+        from ..scene_job import capture_file
+
+        source = capture_file(context.scene.mocap.capture)
+        return Call([str(source)], source.parent)
+
+    def received(self, context: bpy.types.Context, result: CheckResult) -> set[str]:
+        capture, verdict = context.scene.mocap.capture, result["verdict"]
+        lines = [
+            f"{verdict[:1].upper()}{verdict[1:]}",
+            f"Its scale makes the person {result['stature_m']:.2f} m tall.",
+            f"Up differs by {result['tilt_deg']:.1f}° from the upright person (± {result['tilt_sigma_deg']:.1f}°).",
+        ]
+        capture.checked = "\n".join(map(plain, lines))
+        found = read_diagnostics(result.get("diagnostics"))
+        capture.check_findings = findings_text(found) if found else ""
+        capture.suspect_cameras = "\n".join(dict.fromkeys(name for item in found for name in item.where.cameras))
+        return self.finish(lines[0], warn=result["findings"])
+
+
+class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
+    """Correct the camera calibration with the people in the images, to solve the capture again."""
+
+    bl_label = "Refine Calibration"
+    verb = "refine-cameras"
+    needs = (CAMERAS, IDLE)
+
+    def call(self, context: bpy.types.Context) -> Call:
+        from ..scene_job import capture_file, folder_of_takes
+
+        source = capture_file(context.scene.mocap.capture)
+        folder = folder_of_takes(context.scene, source.parent)
+        return Call([str(source), *options(out=next_path(folder, "capture_refined", ".npz"))], folder)
+
+    def received(self, context: bpy.types.Context, result: RefineResult) -> str:
+        capture = context.scene.mocap.capture
+        rows = {row["name"]: row for row in result["refined"]}
+        original = capture.original or capture.file
+        capture = _replace_cameras(context.scene, capture, result)
+        capture.original = original
+        for item in capture.cameras:
+            row = rows[item.name]
+            item.before_px, item.after_px = row["before_px"] or 0.0, row["after_px"] or 0.0
+        return f"Refined: {capture.refined_text()}. Solve again to use it"
+
+
+class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
+    """Restore the recording's own calibration."""
+
+    bl_label = "Restore Calibration"
+    verb = "convert"
+    needs = (_REFINED, IDLE)
+
+    def call(self, context: bpy.types.Context) -> Call:
+        source = file_of(context.scene.mocap.capture.original)
+        copy = options(out=source.with_name("capture_restored.npz"), overwrite=True)
+        return Call([str(source), *copy], source.parent)
+
+    def received(self, context: bpy.types.Context, result: CaptureResult) -> str:
+        capture = context.scene.mocap.capture
+        Path(result["capture"]).unlink(missing_ok=True)
+        original = str(file_of(capture.original))
+        capture = _replace_cameras(context.scene, capture, {**result, "capture": original})
+        capture.original = ""
+        return "The cameras are restored to the recording's calibration"
+
+
+def _replace_cameras(
+    scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: CaptureResult
+) -> bpy.types.PropertyGroup:
+    """Replace a capture's cameras with those of another file, and return the capture's settings."""
+    from .import_results import take_capture
+
+    source = capture.source
+    capture.file = stored(result["capture"])
+    take_capture(scene, result, file_of(source) if source else None)  # the footage is in the recording's folder
+    capture = scene.mocap.capture
+    capture.source = source
+    capture.checked = capture.check_findings = capture.suspect_cameras = ""
+    return capture
+
+
+@operator("Look Through Camera", index=int)
+def view_camera(self: Any, context: bpy.types.Context) -> None:
+    """Look through this camera, with the body over its footage."""
+    from ...scene.cameras import look_through
+
+    cameras = context.scene.mocap.capture.cameras
+    chosen = cameras[self.index].object if self.index < len(cameras) else None
+    if chosen is None:
+        raise CaptureInvalid("This camera was deleted.", hint="Import the capture again.")
+    look_through(context.scene, chosen)
+    _show_detections(context.scene, chosen)
+    if _in_viewport(context):
+        context.space_data.region_3d.view_perspective = "CAMERA"
+
+
+@operator("Leave Camera", Need("The viewport does not look through a camera", in_camera_view))
+def leave_camera(self: Any, context: bpy.types.Context) -> None:
+    """Return to the free view, with the detections of all cameras and the whole floor."""
+    _show_detections(context.scene, None)
+    context.space_data.region_3d.view_perspective = "PERSP"
+
+
+@operator("Show Capture", index=int)
+def show_capture(self: Any, context: bpy.types.Context) -> None:
+    """Show this capture in the panels, as an active object of the capture does."""
+    context.scene.mocap.show(self.index)
+
+
+def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) -> None:
+    """Show the detections of one camera with the floor as lines, or of all cameras."""
+    capture = scene.mocap.capture
+    for item in capture.cameras:
+        if item.detections is not None:
+            item.detections.hide_viewport = camera is not None and item.object != camera
+    if capture.floor is not None:
+        capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
+
+
+_REACH_PX = 25.0
+"""Maximum distance of a click from a point, chosen by hand."""
+_SHOWN = Need(MARKERS.message, lambda context: context.scene.mocap.capture.cloud is not None)
+
+
+class MOCAP_OT_pick_point(MocapOperator, bpy.types.Operator):
+    """Select a point with a click in the viewport."""
+
+    bl_label = "Pick"
+    needs = (MARKERS, _SHOWN)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        context.window.cursor_modal_set("EYEDROPPER")
+        context.window_manager.modal_handler_add(self)
+        return {"RUNNING_MODAL"}
+
+    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Select the point nearest to the click, and let the user move the view before."""
+        is_click = event.type == "LEFTMOUSE" and event.value == "PRESS"
+        if not is_click and event.type not in ("ESC", "RIGHTMOUSE"):
+            return {"PASS_THROUGH"}
+        context.window.cursor_modal_restore()
+        return {"FINISHED"} if is_click and _pick(context, event) else {"CANCELLED"}
+
+
+def _pick(context: bpy.types.Context, event: bpy.types.Event) -> bool:
+    for area in context.screen.areas:
+        region = next((r for r in area.regions if r.type == "WINDOW"), None)
+        if area.type != "VIEW_3D" or region is None:
+            continue
+        x, y = event.mouse_x - region.x, event.mouse_y - region.y
+        if 0 <= x < region.width and 0 <= y < region.height:
+            with context.temp_override(area=area, region=region, region_data=area.spaces.active.region_3d):
+                places = name_places(bpy.context, context.scene.mocap.capture.cloud)
+            return choose_nearest(context.scene.mocap.capture, places, x, y)
+    return False
+
+
+def choose_nearest(
+    capture: bpy.types.PropertyGroup, places: dict[str, tuple[float, float]], x: float, y: float
+) -> bool:
+    """Select the point nearest to a position in a region, and return whether one is within reach."""
+    apart = {label: ((px - x) ** 2 + (py - y) ** 2) ** 0.5 for label, (px, py) in places.items()}
+    label = min(apart, key=lambda name: apart[name], default=None)
+    if label is None or apart[label] > _REACH_PX:
+        return False
+    capture.marker_index = capture.marker_items.find(label)
+    return True
+
+
+@operator("Label Point", MARKERS, _SHOWN)
+def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
+    """Label the selected point in this frame, so that the next solve labels the recording around it."""
+    from ...scene.marker_cloud import marker_positions, played_row
+
+    capture = context.scene.mocap.capture
+    index = capture.marker_index
+    if not 0 <= index < len(capture.marker_items):
+        return self.give_up("Select a point first, with Pick or in the list", "ERROR")
+    label, frame = capture.marker_items[index].name, context.scene.frame_current_final
+    if label not in marker_positions(capture.cloud, frame):
+        return self.give_up(f"{label} is not visible in this frame; go to a frame with this point", "ERROR")
+    row = played_row(capture.cloud, frame)
+    item = next((item for item in capture.point_labels if (item.point, item.frame) == (index, row)), None)
+    item = item or capture.point_labels.add()
+    item.name, item.point, item.frame = label, index, row
+    item.marker = "" if capture.label_name == "NONE" else capture.label_name
+    return None
+
+
+@operator("Remove Label", index=int)
+def remove_point_label(self: Any, context: bpy.types.Context) -> None:
+    """Remove the label from this point."""
+    labels = context.scene.mocap.capture.point_labels
+    if 0 <= self.index < len(labels):
+        labels.remove(self.index)
+
+
+@operator("Leave Out", camera=str)
+def leave_camera_out(self: Any, context: bpy.types.Context) -> str | set[str]:
+    """Solve without this camera, until you tick it under Cameras again."""
+    item = next((item for item in context.scene.mocap.capture.cameras if item.name == self.camera), None)
+    if item is None:
+        return self.give_up(f"The capture has no camera '{self.camera}'")
+    item.use = False
+    return f"'{self.camera}' is excluded: solve again"
+
+
+class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
+    """Change the reading option behind this problem, and read the capture again."""
+
+    bl_label = "Read Again"
+    needs = (IDLE,)
+
+    option: str
+    value: str = "on"
+
+    @classmethod
+    def description(cls, context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        prop = _group_of(context, properties.option).bl_rna.properties.get(properties.option)
+        name = properties.option if prop is None else prop.name
+        return f"Set {name} to {properties.value}, and read the capture again"
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        group = _group_of(context, self.option)
+        try:
+            setattr(group, self.option, type(getattr(group, self.option))(self.value))
+        except (AttributeError, TypeError, ValueError):  # the option or its value comes from a file
+            return self.give_up(f"Reading Options have no {self.option} '{self.value}'", "ERROR")
+        source = context.scene.mocap.capture.source
+        started = bpy.ops.mocap.import_capture("INVOKE_DEFAULT", filepath=source)
+        return {"CANCELLED"} if started == {"CANCELLED"} else {"FINISHED"}
+
+
+def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGroup:
+    """Return the group with a reading option. Synchronisation is also a setting of the solve."""
+    settings = context.scene.mocap
+    return settings.solve if option == "sync" else settings.reading
+
+
+@dataclass(frozen=True)
+class Fix:
+    """A button that remedies a finding."""
+
+    operator: str
+    """Its ``bl_idname``."""
+    text: str
+    values: tuple[tuple[str, str], ...] = ()
+    """Properties of the operator."""
+    is_choice: bool = False
+    """Whether only the user can decide, as the fix undoes a correction or suits one of two causes."""
+
+
+def _again(text: str, option: str, value: str, *, is_choice: bool = True) -> Fix:
+    return Fix("mocap.read_again", text, (("option", option), ("value", value)), is_choice)
+
+
+_REFINE = Fix("mocap.refine_cameras", "Refine Calibration")
+_FLOOR = Fix("mocap.feet_to_floor", "Feet to Floor")
+_FIXES = {
+    _REFINE: "camera_turned camera_disagrees camera_moved cameras_shifted",
+    _FLOOR: "feet_above_floor floor_too_high foot_below_floor",
+    _again("As Written", "as_calibrated", "on"): (
+        "calibration_corrected camera_placed detections_corrected camera_names_exchanged"
+    ),
+    _again("Keep Its Level", "level", "off"): "world_levelled floor_by_feet",
+    _again("Level by the Person", "level", "on", is_choice=False): "floor_off person_tilted",
+    _again("As Recorded", "sync", "off"): "starts_apart start_ambiguous",
+    _again("Read as {guessed}", "unit", "{guessed}"): "unit_by_person",
+    _again("Read as {stated}", "unit", "{stated}"): "marker_unit_not_as_stated",
+    _again("Keep Z Up", "up_axis", "z"): "up_by_person",
+    _again("Take {axis} as Up", "up_axis", "{axis}", is_choice=False): "person_along_axis",
+    _again("Read at {video:g} fps", "fps", "{video:g}"): "frame_rate_contradicts",
+    _again("Frames 0-{first_end}", "frames", "0 {first_end}"): "takes_joined",
+}
+"""Codes of the diagnostics that each fix remedies. Texts and values contain the diagnostic's values."""
+_FIX_OF = {code: fix for fix, codes in _FIXES.items() for code in codes.split()}
+_LEFT_OUT = ("contradicts", "camera_sees_little", "image_mirrored", "delay_beyond", "camera_sees_elsewhere")
+"""Codes of diagnostics about a camera that makes the solve worse."""
+
+
+def fix_of(found: Diagnostic) -> Fix | None:
+    """Return the fix of a diagnostic, None if it has no button."""
+    if found.code in _LEFT_OUT and found.where.cameras:
+        camera = found.where.cameras[0]
+        return Fix("mocap.leave_camera_out", f"Leave Out {camera}", (("camera", camera),))
+    fix = _FIX_OF.get(found.code)
+    if fix is None:
+        return None
+    try:
+        values = tuple((name, value.format(**found.values).lower()) for name, value in fix.values)
+        return replace(fix, text=fix.text.format(**found.values), values=values)
+    except (KeyError, TypeError, ValueError):  # a file with other values
+        return None
+
+
+def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
+    """Return the fixes of a failed reading."""
+    if error.get("code") != "frame_count_mismatch":
+        return ()
+    trim = (_again("Cut to the Shortest", "trim", "on"),) if "--trim" in error["hint"] else ()
+    return (*trim, _again("Frames by Order", "by_order", "on"))
