@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 
 NEIGHBOURS = 4
 """Markers of a cluster at most."""

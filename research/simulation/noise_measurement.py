@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.evaluation.evaluate import triangulate_and_filter
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics.generation import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 

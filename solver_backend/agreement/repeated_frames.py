@@ -11,8 +11,7 @@ import numpy as np
 from solver_backend.agreement.detections import MIN_CONFIDENCE, MIN_POINTS, Detections, main_person
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 

@@ -11,7 +11,7 @@ from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 

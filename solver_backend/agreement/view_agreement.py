@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.agreement.detections import MIN_POINTS, Sightings
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 TOLERANCE_M = 0.15

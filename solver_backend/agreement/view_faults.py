@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.cameras.refinement import estimated_rotation, rotated_back
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Cameras, Keypoints2D
 
 OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING = 0.15, 0.7

@@ -14,7 +14,7 @@ import numpy as np
 from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.label_words import Affixes, LabelWords, Letters, bare_label, prefixes, spelt, suffixes
 from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key, load_layouts
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import MarkerCloud
 
 _ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")

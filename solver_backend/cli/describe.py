@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.verb_results import CameraSummary, CaptureSummary, MotionSummary, PersonSummary
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 
 NEIGHBOURS = 6
 """Markers around each, which move nearly as it does."""

@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged, NoDetections
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, StatedCameras, build_cameras, meant_entries
 from solver_backend.io.markers.source import MarkerReport, MarkerSource, MarkerTake
 from solver_backend.io.reader import ReadOptions

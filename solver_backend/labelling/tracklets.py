@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 
 SPLIT_GAP_S = 0.1
 """A point that is missing for longer may come back as another."""

@@ -12,8 +12,7 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.hand_points import FINGERS, SIDES
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.one_view.depth import LIMB_ENDS
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.report.markup import facts, figure, heat_table, number, section, text

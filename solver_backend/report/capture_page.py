@@ -10,7 +10,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import INLIER_SIGMAS, triangulate
 from solver_backend.exchange.diagnostics import warnings_in
 from solver_backend.exchange.outputs import write_text
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.report.checks import by_gravity, capture_diagnostics
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of

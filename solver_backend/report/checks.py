@@ -17,8 +17,7 @@ from solver_backend.body.marker_names import limb_of, of_one_limb
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, load_table, read_diagnostics
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import LEG_SHARE

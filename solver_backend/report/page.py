@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.evaluation.evaluate import Evaluation, evaluate
 from solver_backend.exchange.marker_formats import REPORT_MARK
 from solver_backend.exchange.outputs import write_text
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import sections
 from solver_backend.report.body_sections import hands_section, one_view_section, rest_pose_section

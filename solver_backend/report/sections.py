@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, warnings_in, word
 from solver_backend.exchange.hand_points import SIDES
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
 from solver_backend.report.markup import facts, heat_table, number, section, text

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics import reprojection_px
 from solver_backend.types import Capture, Motion
 

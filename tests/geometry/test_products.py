@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.geometry import products
-from solver_backend.geometry.products import has_fast_blas, times_transposed
+from solver_backend.geometry import arrays
+from solver_backend.geometry.arrays import has_fast_blas, times_transposed
 from solver_backend.priors.sposer import load_sposer
 
 
@@ -19,7 +19,7 @@ def built_with(monkeypatch: pytest.MonkeyPatch) -> Iterator[Any]:
 
     def state(name: str | None) -> None:
         blas = {} if name is None else {"name": name}
-        monkeypatch.setattr(products.np, "show_config", lambda mode: {"Build Dependencies": {"blas": blas}})
+        monkeypatch.setattr(arrays.np, "show_config", lambda mode: {"Build Dependencies": {"blas": blas}})
         has_fast_blas.cache_clear()
 
     yield state

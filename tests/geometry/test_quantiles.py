@@ -7,7 +7,7 @@ import warnings
 import numpy as np
 import pytest
 
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 
 
 @pytest.mark.parametrize("share", [0.0, 0.05, 0.5, 0.9, 1.0])

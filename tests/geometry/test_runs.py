@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 
 
 @pytest.mark.parametrize(

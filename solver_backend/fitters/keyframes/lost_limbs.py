@@ -12,8 +12,7 @@ from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import points_of
-from solver_backend.geometry.arrays import Array, array_namespace, to_numpy
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import Array, array_namespace, to_numpy, true_runs
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
 """A landmark is lost where it is this far from its point, and in frames beside it still so far: what detectors mean by

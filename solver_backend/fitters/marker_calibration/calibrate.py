@@ -30,8 +30,7 @@ from solver_backend.fitters.partial_body.rest_parts import uninformed_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points
 from solver_backend.fitters.subject_calibration.shape import moved
-from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, to_numpy, zeros
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, quantile, to_numpy, zeros
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.priors.base import AutoencodingPrior, PosePrior
 from solver_backend.residuals.robust import geman_mcclure, graduated_scales

@@ -26,8 +26,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
 from solver_backend.fitters.measurements.markers import assign_person, measured_at
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import posed
-from solver_backend.geometry.arrays import to_numpy
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.priors.sposer import load_sposer

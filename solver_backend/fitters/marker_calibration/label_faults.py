@@ -19,10 +19,8 @@ from solver_backend.fitters.marker_calibration.person_doubts import mirror_image
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_to_points, posed
-from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.geometry.arrays import Array, quantile, to_numpy, true_runs
 from solver_backend.geometry.marker_jumps import neighbours_of
-from solver_backend.geometry.quantiles import quantile
-from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes, names_over_takes, with_exchanged
 from solver_backend.residuals.robust import geman_mcclure

@@ -12,8 +12,7 @@ from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import ON_BONE
 from solver_backend.fitters.marker_calibration.calibrate import SubjectCalibration
 from solver_backend.fitters.model.subject import pose
-from solver_backend.geometry.arrays import to_numpy
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile, to_numpy
 
 FARTHEST_M = {"shaft": 0.19, "hand": 0.15, "trunk": 0.15, "head": 0.15, "bone": 0.13, "foot": 0.11}
 """Largest distance of a marker from its name's place, by the kind of place: of 1,900 markers in 60 recordings, wands on

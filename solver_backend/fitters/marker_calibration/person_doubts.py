@@ -13,7 +13,7 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, listed
 from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.labelling.names_over_takes import NameChange
 from solver_backend.types import MarkerCloud, MarkerSubject
 

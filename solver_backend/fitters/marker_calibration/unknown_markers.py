@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
 LEAST_MARKERS = 3

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, LOOKED_AT = 4, 12

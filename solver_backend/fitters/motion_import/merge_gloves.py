@@ -13,8 +13,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.hands.wide_motion import FINGERS, finger_turns_of, with_finger_turns
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.runs import true_runs
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion
 from solver_backend.types.motion import GloveTake

@@ -19,9 +19,8 @@ from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.one_view.faults import glides
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle
-from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.arrays import constant, to_numpy, true_runs
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
 from solver_backend.residuals.relative_positions import RelativePositionTerm

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Keypoints2D
 
 CUT_SHARE, CUT_TIMES = 0.3, 6.0

@@ -30,9 +30,8 @@ from solver_backend.fitters.partial_body.resting_spread import (
     with_resting_spread,
 )
 from solver_backend.fitters.problem import SolvedFrames
-from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, to_numpy, true_runs
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.geometry.runs import true_runs
 
 LEADS: dict[str, tuple[str, float]] = {
     "trunk": ("spine1", 0.08),

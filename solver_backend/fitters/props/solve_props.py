@@ -29,10 +29,8 @@ from solver_backend.fitters.props.prop_equations import (
     unrest_of,
 )
 from solver_backend.geometry.alignment import nearest_rotation
-from solver_backend.geometry.arrays import to_numpy
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile, to_numpy, true_runs
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.graduated import minimise

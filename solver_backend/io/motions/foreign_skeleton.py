@@ -15,8 +15,8 @@ from solver_backend.exchange.rigs.skeleton import LIMBS, Skeleton, is_plausible
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.exchange.so3 import matrix_from_quat
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.geometry.runs import true_runs
 from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions.bvh import BvhClip, bvh_motion, bvh_skeleton, read_bvh

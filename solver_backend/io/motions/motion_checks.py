@@ -14,8 +14,8 @@ from solver_backend.body.joint_limits import posture_excess_deg
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.recognition.range_checks import FRAME_RATES, IMPOSSIBLE_M, POSSIBLE_FRAME_RATES

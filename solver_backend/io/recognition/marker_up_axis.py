@@ -11,7 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {

@@ -14,7 +14,7 @@ from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.reading_settings import AUTO, OFF, WorldSettings
-from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.arrays import quantile
 from solver_backend.io.recognition.gravity import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up, with_up_axis
 from solver_backend.io.recognition.one_camera import fit_one_camera

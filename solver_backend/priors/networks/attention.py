@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.geometry.products import times_transposed
+from solver_backend.geometry.arrays import times_transposed
 
 Arrays = dict[str, np.ndarray]
 """Parameters by name."""

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.geometry.products import times_transposed
+from solver_backend.geometry.arrays import Array, array_namespace, constant, times_transposed
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")
 """Names of the activations: ``x sigmoid(x)``; ``x`` or ``exp(x) - 1``; ``x`` or ``0.01 x``."""

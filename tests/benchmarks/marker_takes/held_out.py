@@ -8,7 +8,7 @@ import numpy as np
 
 from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.metric import Metric
 

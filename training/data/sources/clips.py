@@ -17,9 +17,9 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.exchange.outputs import open_regular
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, rotvec_from_quat
-from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, recorded_from_bvh
 from training.data.sources.amc_clips import read_amc, read_asf
