@@ -11,13 +11,7 @@ import numpy as np
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.geometry.quaternions import (
-    quat_conjugate,
-    quat_from_matrix,
-    quat_multiply,
-    rotvec_from_quat,
-)
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.rotations import exp_so3, quat_conjugate, quat_from_matrix, quat_multiply, rotvec_from_quat
 
 _POSES = 2000
 """Poses looked at at a time."""

@@ -12,8 +12,7 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid
 from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS
 from solver_backend.exchange.outputs import atomic_output, atomic_outputs
-from solver_backend.geometry.quaternions import quat_from_matrix
-from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.rotations import log_so3, quat_from_matrix
 from solver_backend.io.calibration.programs import SUBPIXELS, TO_OPENCV_AXES
 from solver_backend.types import Cameras
 

@@ -8,8 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace
-from solver_backend.geometry.quaternions import matrix_from_quat
-from solver_backend.geometry.rotations import matrix_from_6d
+from solver_backend.geometry.rotations import matrix_from_6d, matrix_from_quat
 from solver_backend.priors.base import Codes, Energies, Poses
 from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights

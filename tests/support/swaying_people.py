@@ -8,8 +8,7 @@ import numpy as np
 import torch
 
 from solver_backend.exchange.progress import silent
-from solver_backend.geometry.quaternions import quat_from_rotvec
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.rotations import exp_so3, quat_from_rotvec
 from tests.support.swaying_corpus import CARD_DATA
 from training.data.corpus import Corpus, build_corpus
 from training.data.sources.clips import Clip

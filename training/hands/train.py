@@ -13,7 +13,7 @@ from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, measure_angles
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.npz import read_npz
 from solver_backend.exchange.outputs import write_text
-from solver_backend.geometry.quaternions import matrix_from_quat
+from solver_backend.geometry.rotations import matrix_from_quat
 from solver_backend.priors.hand_prior import PRIOR
 from solver_backend.priors.weights import PriorWeights, write_weights
 

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
+from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
 from solver_backend.priors.pose_ndf.pose_ndf import (
     JOINT_WEIGHTS,
     JointSpread,

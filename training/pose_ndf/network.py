@@ -14,7 +14,7 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.quaternions import upper_hemisphere
+from solver_backend.geometry.rotations import upper_hemisphere
 from solver_backend.metrics.generation import spearman
 from solver_backend.priors.pose_ndf.pose_ndf import (
     JointSpread,

@@ -38,8 +38,7 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
-from solver_backend.geometry.quaternions import quat_from_matrix
-from solver_backend.geometry.rotations import exp_so3, skew
+from solver_backend.geometry.rotations import exp_so3, quat_from_matrix, skew
 from solver_backend.types import Motion
 from solver_backend.types.shapes import Float, Int
 

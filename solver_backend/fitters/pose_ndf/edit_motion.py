@@ -28,8 +28,7 @@ from solver_backend.fitters.pose_ndf.complete import (
 )
 from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, fit_keypoints
 from solver_backend.geometry.interpolation import slerp
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
-from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion

@@ -8,8 +8,15 @@ import numpy as np
 
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import quantile
-from solver_backend.geometry.quaternions import quat_from_matrix
-from solver_backend.geometry.rotations import cross, exp_so3, left_jacobian_inverse_so3, log_so3, matrix_from_quat, skew
+from solver_backend.geometry.rotations import (
+    cross,
+    exp_so3,
+    left_jacobian_inverse_so3,
+    log_so3,
+    matrix_from_quat,
+    quat_from_matrix,
+    skew,
+)
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 

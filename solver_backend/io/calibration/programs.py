@@ -12,7 +12,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.exchange.lens_model import MOST_TERMS
-from solver_backend.geometry.quaternions import matrix_from_quat
+from solver_backend.geometry.rotations import matrix_from_quat
 from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import LARGEST_TEXT, read_bytes, read_text
 

@@ -14,8 +14,14 @@ from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_left_tangent, upper_hemisphere
-from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.geometry.rotations import (
+    exp_so3,
+    log_so3,
+    matrix_from_quat,
+    quat_from_matrix,
+    quat_left_tangent,
+    upper_hemisphere,
+)
 from solver_backend.priors.base import (
     CodeJacobian,
     Codes,

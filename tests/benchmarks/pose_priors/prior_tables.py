@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.interpolation import sider2, sider_n, slerp
-from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.rotations import exp_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.metrics import diversity, frechet_distance
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gmm import GaussianMixture
