@@ -15,7 +15,7 @@ from solver_backend.fitters.model.subject import FrameObjective, frame_equations
 from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
-from solver_backend.residuals.relative_positions import RelativePositionTerm
+from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.terms import PointEvidence, PoseEvidence
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from tests.support.layouts import POSE, WHOLE

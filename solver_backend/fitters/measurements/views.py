@@ -28,7 +28,7 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.residuals.relative_positions import RelativePositionTerm
+from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 

@@ -18,7 +18,7 @@ from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.small_matrices import sum_of_rows
-from solver_backend.residuals.relative_positions import without_shift
+from solver_backend.residuals.positions import without_shift
 from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
 
 

@@ -23,7 +23,7 @@ from solver_backend.geometry.arrays import constant, to_numpy, true_runs
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
-from solver_backend.residuals.relative_positions import RelativePositionTerm
+from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.terms import DataTerm, PointTerm
 from solver_backend.types import Motion
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.stands import stands, steps
 from solver_backend.geometry.arrays import Array
-from solver_backend.residuals.foot_contact import SIGMA_M, foot_contact_term
-from solver_backend.residuals.positions import PositionTerm
+from solver_backend.residuals.positions import SIGMA_M, PositionTerm, foot_contact_term
 
 ALONG_SIGHT = 3.0
 """So many times as fast it may seem along the line of sight of a single camera, which sees no depth. On 48 filmed takes

@@ -3,7 +3,7 @@
 import numpy as np
 
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
-from solver_backend.residuals.foot_contact import SIGMA_M
+from solver_backend.residuals.positions import SIGMA_M
 
 NAMES = ("nose", "left_big_toe", "left_heel", "right_big_toe")
 FPS, FRAMES = 60.0, 120
