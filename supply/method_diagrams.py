@@ -13,7 +13,7 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.geometry.interpolation import sider_n
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.synthesis.embedded.demo import demo_capture
 from supply.svg_parts import ACCENT, INK, QUIET, WARM, arrow, box, dot, ellipse, picture, polyline, text
 

@@ -23,7 +23,7 @@ from solver_backend.fitters.problem import Convergence, MethodResult, Problem, S
 from solver_backend.fitters.recipes.whole_take import solve_known_person, solve_one_view, solve_views
 from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.residuals.robust import graduated_scales
+from solver_backend.residuals.terms import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture
 

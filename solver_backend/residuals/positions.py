@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
 from solver_backend.geometry.small_matrices import dot, inverse_symmetric_3x3
-from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.residuals.terms import PointEvidence, Residuals
+from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 
 
 @dataclass(frozen=True)

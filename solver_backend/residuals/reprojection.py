@@ -11,8 +11,7 @@ import numpy as np
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
 from solver_backend.geometry.small_matrices import all_coordinates, squared_length
-from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.residuals.terms import PointEvidence, Residuals
+from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
 
 

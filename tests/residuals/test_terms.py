@@ -5,7 +5,7 @@ import pytest
 
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.residuals.robust import geman_mcclure, graduated_scales
+from solver_backend.residuals.terms import geman_mcclure, graduated_scales
 from solver_backend.types import Keypoints2D
 from tests.support.filmed_points import POINTS, reprojection
 

@@ -14,8 +14,7 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.residuals.terms import PointEvidence, Residuals
+from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types.shapes import Bool, Float
 
 ROUNDS = 3

@@ -30,8 +30,7 @@ from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
-from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.residuals.terms import PointTerm
+from solver_backend.residuals.terms import PointTerm, geman_mcclure
 
 FADING_S = 0.15
 """Where nobody is seen, speeds fade within this time; chosen by hand."""

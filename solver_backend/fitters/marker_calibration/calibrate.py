@@ -33,8 +33,7 @@ from solver_backend.fitters.subject_calibration.shape import moved
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, quantile, to_numpy, zeros
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.priors.base import AutoencodingPrior, PosePrior
-from solver_backend.residuals.robust import geman_mcclure, graduated_scales
-from solver_backend.residuals.terms import DataTerm, PointEvidence
+from solver_backend.residuals.terms import DataTerm, PointEvidence, geman_mcclure, graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead
 

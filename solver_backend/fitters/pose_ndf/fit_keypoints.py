@@ -12,8 +12,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import TURN_METRIC, PoseNDF
-from solver_backend.residuals.robust import graduated_scales
-from solver_backend.residuals.terms import PointTerm
+from solver_backend.residuals.terms import PointTerm, graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead
 

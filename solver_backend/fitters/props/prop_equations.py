@@ -17,7 +17,7 @@ from solver_backend.geometry.rotations import (
     quat_from_matrix,
     skew,
 )
-from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 SIZE = 12

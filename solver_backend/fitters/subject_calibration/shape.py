@@ -15,7 +15,7 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points, lifted_betas, posed, sample_frames
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
-from solver_backend.residuals.robust import graduated_scales
+from solver_backend.residuals.terms import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 

@@ -19,7 +19,7 @@ from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import matrix_from_quat, quat_from_matrix, quat_left_tangent
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.residuals.robust import geman_mcclure
+from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import NUM_BODY_JOINTS
 
 NEAREST = 16

@@ -18,8 +18,7 @@ from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.residuals.robust import graduated_scales
-from solver_backend.residuals.terms import PointTerm
+from solver_backend.residuals.terms import PointTerm, graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead
 from solver_backend.types import Cameras, JointSet, Keypoints2D
