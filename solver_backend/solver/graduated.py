@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 from solver_backend.geometry.arrays import Array
-from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, levenberg_marquardt
+from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, State, levenberg_marquardt
 from solver_backend.solver.normal_equations import NormalEquations
-
-State = TypeVar("State")
 
 
 class RobustProblem(Protocol[State]):
