@@ -24,8 +24,7 @@ from solver_backend.priors.lifter import Lifted, load_lifter
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.solver.graduated import minimise
-from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings
+from solver_backend.solver.levenberg_marquardt import LMResult, LMSettings, minimise
 from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquations
 
 

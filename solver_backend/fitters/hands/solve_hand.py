@@ -26,8 +26,7 @@ from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES, Converg
 from solver_backend.fitters.subject_calibration.variances import reweighted_by_points
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior
-from solver_backend.solver.graduated import minimise
-from solver_backend.solver.levenberg_marquardt import LMSettings
+from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
 NEAR, DONE = 1e-2, 1e-3

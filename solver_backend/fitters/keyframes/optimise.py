@@ -25,8 +25,7 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Convergence
 from solver_backend.geometry.arrays import Array, array_namespace, index
 from solver_backend.priors.base import PosePrior
-from solver_backend.solver.graduated import minimise
-from solver_backend.solver.levenberg_marquardt import LMSettings
+from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.solver.normal_equations import LazyNormalEquations
 
 

@@ -33,8 +33,7 @@ from solver_backend.geometry.arrays import quantile, to_numpy, true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.residuals.terms import graduated_scales
-from solver_backend.solver.graduated import minimise
-from solver_backend.solver.levenberg_marquardt import LMSettings
+from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types import MarkerCloud, Motion
 
 
