@@ -13,7 +13,7 @@ from typing import Any
 
 from solver_backend.geometry.arrays import Array, array_namespace
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.solver.manifold import ZeroMeanSphere, householder_basis, identities
+from solver_backend.geometry.sphere import ZeroMeanSphere, householder_basis, identities
 
 State = Any
 """An array, or a tuple of states on a product."""

@@ -11,9 +11,8 @@ import numpy as np
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, PoseLayout, StateLayout
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity, index, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, quat_from_rotvec, quat_multiply
-from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.geometry.sphere import ZeroMeanSphere, spherical_normalisation
 from solver_backend.priors.base import PosePrior
-from solver_backend.solver.manifold import ZeroMeanSphere
 from solver_backend.types import Motion
 
 CODES = ZeroMeanSphere()
