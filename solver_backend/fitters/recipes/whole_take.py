@@ -16,16 +16,21 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem
-from solver_backend.fitters.recipes.bundle import FIXED_CODES, Bundle, Pass, Step, run_passes, start_take
-from solver_backend.fitters.recipes.steps import (
+from solver_backend.fitters.recipes.bundle import (
+    FIXED_CODES,
     STAGE,
+    Bundle,
+    Pass,
+    Step,
     find_standing_feet,
     learn_noise,
     refit_shape,
     resolve_lost_limbs,
     resolve_outlier_markers,
+    run_passes,
     solved_take,
     space_keys,
+    start_take,
 )
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from solver_backend.fitters.measurements.markers import assign_person, known_mar
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes import steps
+from solver_backend.fitters.recipes import bundle
 from solver_backend.fitters.recipes.bundle import FIXED_CODES, ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.whole_take import CLOSEST, KnownPersonPlan
 from solver_backend.priors.sposer import load_sposer
@@ -76,5 +76,5 @@ def test_outlier_markers_draw_again_where_the_person_was_calibrated_and_nowhere_
     problem = Problem.of(body, load_sposer(), measured)
     plan = KnownPersonPlan.of(problem, SolveSettings(residual_rotations=residuals))
     found = [step.func for step in plan.after if isinstance(step, partial)]
-    assert found == ([steps.resolve_outlier_markers] if residuals and marker_sigma is not None else [])
+    assert found == ([bundle.resolve_outlier_markers] if residuals and marker_sigma is not None else [])
     assert plan.passes[-1].free == (FIXED_CODES if residuals else ON_THE_MANIFOLD)
