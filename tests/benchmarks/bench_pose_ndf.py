@@ -36,8 +36,7 @@ from solver_backend.fitters.pose_ndf.complete import (
     missing_joints,
 )
 from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
-from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
-from solver_backend.fitters.pose_ndf.sequence_solver import ManifoldWeights
+from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, ManifoldWeights
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.metrics.self_intersection import self_intersection_percent
 from solver_backend.priors.gaussian_vae import VaeName, load_vae

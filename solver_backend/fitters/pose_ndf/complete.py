@@ -9,7 +9,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.pose_ndf.sequence_solver import ManifoldWeights, PoseSequence, solve_sequence
+from solver_backend.fitters.pose_ndf.fit_keypoints import ManifoldWeights, PoseSequence, solve_sequence
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
