@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.io.png import read_png
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.writers.pictures import exr_bytes
+from solver_backend.synthesis.studio.write_pictures import exr_bytes
 
 
 def colours(path: Path) -> np.ndarray:
