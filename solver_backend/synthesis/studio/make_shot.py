@@ -38,8 +38,14 @@ from solver_backend.synthesis.studio.shots import Shot
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
 from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
-from solver_backend.synthesis.studio.write_pictures import EXR, PictureWriter
-from solver_backend.synthesis.studio.writers.annotations import coco_text, write_body, write_scene, write_trial
+from solver_backend.synthesis.studio.write_pictures import (
+    EXR,
+    PictureWriter,
+    coco_text,
+    write_body,
+    write_scene,
+    write_trial,
+)
 from solver_backend.types import Capture, Motion
 
 Keep = Callable[[str, int, int, np.ndarray], None]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import struct
 import zlib
 from collections import deque
@@ -12,7 +13,15 @@ from types import TracebackType
 
 import numpy as np
 
+from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import FAMILY
+from solver_backend.exchange.npz import write_npz
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.png import png_bytes
+from solver_backend.synthesis.studio.costume import LABELS
+from solver_backend.synthesis.studio.stage import Stage
+from solver_backend.synthesis.studio.truth import OUTSIDE, VISIBLE, Truth
+from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
 
 _MAGIC, _VERSION = 20000630, 2
 _FLOAT, _ZIP = 2, 3
@@ -116,3 +125,165 @@ def _write(path: Path, picture: np.ndarray, noisy: bool) -> int:
         data = png_bytes(picture, noisy=noisy)
     path.write_bytes(data)
     return len(data)
+
+
+_SKELETON = [
+    [16, 14], [14, 12], [17, 15], [15, 13], [12, 13], [6, 12], [7, 13], [6, 7], [6, 8], [7, 9], [8, 10], [9, 11],
+    [2, 3], [1, 2], [1, 3], [2, 4], [3, 5], [4, 6], [5, 7],
+]  # fmt: skip
+
+
+def coco_text(cameras: Cameras, truth: Truth, pictures: str, shot: str) -> str:
+    """Return the JSON of a shot.
+
+    Args:
+        cameras: C cameras.
+        truth: of F frames.
+        pictures: folder of the kind of pictures that are annotated, such as 'rgb'.
+        shot: name of the shot.
+    """
+    chosen = JointSet.COCO_17
+    xy, visibility = truth.xy[chosen], truth.visibility[chosen]
+    state = np.where(visibility == VISIBLE, 2, np.where(visibility == OUTSIDE, 0, 1))
+    images, annotations = [], []
+    for view, name in enumerate(cameras.names):
+        width, height = cameras.image_size[view].tolist()
+        for frame in range(xy.shape[1]):
+            number = view * xy.shape[1] + frame
+            images.append(
+                {"id": number, "file_name": f"{pictures}/{name}/{frame:06d}.png", "width": width, "height": height}
+            )
+            box = truth.boxes[view, frame]
+            if not np.isfinite(box).all():
+                continue
+            known = state[view, frame] > 0
+            rows = np.where(known[:, None], np.round(xy[view, frame], 2), 0.0)
+            flat = np.concatenate([rows, state[view, frame][:, None]], axis=1).ravel().tolist()
+            size = np.round([box[0], box[1], box[2] - box[0], box[3] - box[1]], 2)
+            annotations.append(
+                {
+                    "id": number, "image_id": number, "category_id": 1, "iscrowd": 0, "bbox": size.tolist(),
+                    "area": round(float(size[2] * size[3]), 1), "num_keypoints": int(known.sum()),
+                    "keypoints": [int(v) if i % 3 == 2 else v for i, v in enumerate(flat)],
+                    "truncation": round(1.0 - float(truth.inside[view, frame]), 4),
+                }
+            )  # fmt: skip
+    category = {
+        "id": 1, "name": "person", "supercategory": "person", "keypoints": list(chosen.keypoints),
+        "skeleton": _SKELETON,
+    }  # fmt: skip
+    info = {"description": shot, "note": "pixel (0, 0) is the centre of the top-left pixel"}
+    return json.dumps({"info": info, "images": images, "annotations": annotations, "categories": [category]})
+
+
+_MODELS = {
+    JointSet.BODY_25: "BODY_25", JointSet.BODY_25B: "BODY_25B", JointSet.COCO_17: "COCO_17",
+    JointSet.COCO_WHOLEBODY_133: "COCO_133", JointSet.HALPE_26: "HALPE_26", JointSet.MEDIAPIPE_33: "BLAZEPOSE",
+}  # fmt: skip
+_TRIANGULATION = """
+[triangulation]
+reproj_error_threshold_triangulation = 15
+likelihood_threshold_triangulation = 0.3
+min_cameras_for_triangulation = 2
+undistort_points = true
+interp_if_gap_smaller_than = 20
+interpolation = 'linear'
+remove_incomplete_frames = false
+sections_to_keep = 'all'
+min_chunk_size = 10
+fill_large_gaps_with = 'last_value'
+show_interp_indices = true
+make_c3d = false
+"""
+"""What Pose2Sim's step of that name asks for, at its own values; without this section it ends with an error."""
+_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}
+"""Keypoints that a file holds, where they are fewer than the set's."""
+
+
+def write_trial(folder: Path, capture: Capture) -> Path:
+    """Write a capture's keypoints as a trial into a folder that is new.
+
+    Raises:
+        TooFewViews, NoDetections: see ``Capture.require_multiview``.
+    """
+    cameras, keypoints = capture.require_multiview()
+    (folder / "calibration").mkdir(parents=True)
+    (folder / "calibration" / "Calib.toml").write_text(calibration_text(cameras), encoding="utf-8", newline="\n")
+    for view, name in enumerate(cameras.names):
+        target = folder / "pose" / f"{name}_json"
+        target.mkdir(parents=True)
+        for frame in range(keypoints.num_frames):
+            path = target / f"{name}_{frame:012d}_keypoints.json"
+            path.write_text(frame_text(keypoints, view, frame), encoding="utf-8", newline="\n")
+    model = _MODELS.get(keypoints.joint_set, keypoints.joint_set.value)
+    config = (
+        f"[project]\nmulti_person = false\nframe_rate = {keypoints.fps:g}\nframe_range = []\n\n"
+        f"[pose]\npose_model = '{model}'\n{_TRIANGULATION}"
+    )
+    (folder / "Config.toml").write_text(config, encoding="utf-8", newline="\n")
+    return folder
+
+
+def calibration_text(cameras: Cameras) -> str:
+    """Return the cameras as Pose2Sim's TOML: metres, Rodrigues vectors world to camera, Z up."""
+    lines = []
+    for view, name in enumerate(cameras.names):
+        # Pose2Sim hands four or five coefficients to OpenCV; the rational model's others are written where they are.
+        lens = cameras.distortion[view]
+        count = 8 if lens[5:].any() else 5 if lens[4] else 4
+        fields = {
+            "name": name, "size": cameras.image_size[view].astype(float).tolist(), "matrix": cameras.K[view].tolist(),
+            "distortions": lens[:count].tolist(), "rotation": log_so3(cameras.R[view]).tolist(),
+            "translation": cameras.t[view].tolist(), "fisheye": cameras.models[view] == "fisheye",
+        }  # fmt: skip
+        lines.append(f'["{name}"]')
+        lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
+        lines.append("")
+    return "\n".join([*lines, "[metadata]", "adjusted = false", "error = 0.0", ""])
+
+
+def frame_text(keypoints: Keypoints2D, view: int, frame: int) -> str:
+    """Return OpenPose's JSON of one frame; a keypoint that is missing is 0 0 0, and nobody at all an empty list."""
+    xy, confidence = keypoints.xy[view, frame], keypoints.confidence[view, frame]
+    count = _WRITTEN.get(keypoints.joint_set, len(xy))
+    rows = np.zeros((count, 3))
+    rows[: len(xy), :2], rows[: len(xy), 2] = np.nan_to_num(xy), confidence
+    flat = [round(float(v), 3) for v in rows.ravel()]
+    people = [{"person_id": [-1], "pose_keypoints_2d": flat}] if (confidence > 0).any() else []
+    return json.dumps({"version": 1.3, "people": people})
+
+
+FORMAT, VERSION = "manifold_mocap_studio_scene", 1
+
+
+def write_scene(path: Path, stage: Stage) -> Path:
+    """Write the parts of a scene that do not move; motion and cameras are in the motion and the capture file."""
+    costume, room = stage.costume, stage.room
+    return write_npz(
+        path,
+        {
+            "format": np.array(FORMAT), "version": np.array(VERSION), "base": costume.base.astype(np.int32),
+            "offset_m": costume.offset_m.astype(np.float32), "faces": costume.faces.astype(np.int32),
+            "label": costume.label, "labels": np.array(LABELS), "outfit": np.array(stage.outfit),
+            "rest": stage.person.body.v_template[costume.base].astype(np.float32),
+            "room": np.stack([room.low, room.high]), "walls": np.array(room.walls), "furniture": room.furniture,
+        },
+    )  # fmt: skip
+
+
+def write_body(path: Path, body: Body) -> Path:
+    """Write a body that is not the one that ships, as ``load_body`` reads it; joints outside SMPL's by their names."""
+    layout = body.layout
+    known = FAMILY.get(layout.num_joints)
+    own = known is None or known.joints != layout.joints
+    joints = {"joint_names": np.array(layout.joints), "joint_groups": np.array(layout.groups)} if own else {}
+    return write_npz(
+        path,
+        joints
+        | {
+            "v_template": body.v_template.astype(np.float32), "shapedirs": body.shapedirs.astype(np.float32),
+            "posedirs": body.posedirs.astype(np.float32), "J_regressor": body.J_regressor.astype(np.float32),
+            "weights": body.weights.astype(np.float32), "f": body.faces.astype(np.int32),
+            "kintree_table": np.stack([layout.parents, np.arange(layout.num_joints)]), "body_id": np.array(body.id),
+        },
+    )  # fmt: skip

@@ -18,7 +18,7 @@ from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import set_up
 from solver_backend.synthesis.studio.truth import SELF_HIDDEN, VISIBLE, find_truth, true_motion
-from solver_backend.synthesis.studio.writers.annotations import write_body
+from solver_backend.synthesis.studio.write_pictures import write_body
 from solver_backend.synthesis.studio.z_buffer import in_camera, rasterise
 from solver_backend.types import SMPL_JOINTS, JointSet
 
