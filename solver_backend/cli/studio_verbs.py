@@ -17,9 +17,9 @@ if TYPE_CHECKING:
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or report what would be made."""
+    from solver_backend.synthesis.studio.contact_sheet import write_card
     from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
     from solver_backend.synthesis.studio.spec import read_spec
-    from solver_backend.synthesis.studio.writers.contact_sheet import write_card
 
     spec = read_spec(args.description)
     begin = open_data_set if args.claim else check_data_set

@@ -23,9 +23,9 @@ from solver_backend.synthesis.studio.benchmark.page import page_html, table
 from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
 from solver_backend.synthesis.studio.camera_arrays import build_camera_array
+from solver_backend.synthesis.studio.contact_sheet import card_text
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set, plan, read_data_set
 from solver_backend.synthesis.studio.spec import read_faults, spec_of
-from solver_backend.synthesis.studio.writers.contact_sheet import card_text
 from solver_backend.types import Motion
 
 ARRAY = {"preset": "azure_kinect_3", "scale": 0.3}

@@ -17,8 +17,8 @@ from solver_backend.report.markup import heat_table, section, text
 from solver_backend.report.plots import PlotCurve, time_plot
 from solver_backend.synthesis.studio.benchmark.place_errors import PlaceErrors
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import Verdict
+from solver_backend.synthesis.studio.contact_sheet import shown
 from solver_backend.synthesis.studio.data_set import SHOTS
-from solver_backend.synthesis.studio.writers.contact_sheet import shown
 from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import SMPL_PARENTS
 
