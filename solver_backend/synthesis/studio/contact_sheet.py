@@ -10,7 +10,7 @@ from solver_backend.exchange.verb_results import ShotRecord
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.synthesis.studio.costume import LABELS
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
-from solver_backend.synthesis.studio.histograms import SECTOR_DEG
+from solver_backend.synthesis.studio.sensor_pictures import SECTOR_DEG
 from solver_backend.synthesis.studio.spec import Spec
 
 SHEET, CARD = "contact_sheet.png", "card.md"

@@ -20,7 +20,6 @@ from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthesis.studio.histograms import poses_of, views_of
 from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.person_hands import finger_turns, hidden_of, with_found_hands, with_true_hands
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
@@ -32,7 +31,9 @@ from solver_backend.synthesis.studio.sensor_pictures import (
     infrared,
     look,
     measure_depth,
+    poses_of,
     sphere_light,
+    views_of,
 )
 from solver_backend.synthesis.studio.shots import Shot
 from solver_backend.synthesis.studio.spec import Spec
