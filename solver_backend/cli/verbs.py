@@ -188,7 +188,7 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
     overwrite = args.overwrite
     if args.markers:
-        from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+        from solver_backend.synthesis.embedded.demo import DEMO_TAKE
 
         return Outcome(*_write(args.out, load(DEMO_TAKE, {}, progress), overwrite))
     from solver_backend.synthesis.embedded.demo import demo_capture as make_capture

@@ -25,7 +25,7 @@ from solver_backend.cli.live_sources import open_source
 from solver_backend.exchange.progress import silent
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.read import write_markers
-from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+from solver_backend.synthesis.embedded.demo import DEMO_TAKE
 
 FPS = 120.0
 WITHIN = 1.2

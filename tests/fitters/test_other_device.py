@@ -10,8 +10,7 @@ import pytest
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import pipeline
 from solver_backend.io.load import load_capture
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture
 from solver_backend.types import Capture
 from tests.support.short_solves import cut
 

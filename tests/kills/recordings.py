@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.markers.read import write_markers
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 from tests.kills.operation import Operation
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots

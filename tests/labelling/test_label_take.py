@@ -22,7 +22,7 @@ from solver_backend.labelling.label_take import LabelledTake, _frames_to_read, l
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.labelling.tracklets import tracklets_of
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.unlabelled_takes import score, stripped
 from tests.support.words import words

@@ -8,7 +8,7 @@ import pytest
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.labelling.point_network import load_network
 from solver_backend.live.session import AXES, up_axis_of
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 
 
 @pytest.mark.parametrize("axis", AXES)

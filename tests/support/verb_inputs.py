@@ -13,8 +13,7 @@ from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import demo_capture, record_markers
 from solver_backend.synthesis.studio.data_set import make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.types import Cameras

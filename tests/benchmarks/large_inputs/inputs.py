@@ -12,8 +12,7 @@ import numpy as np
 
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import demo_capture, record_markers
 from solver_backend.types import Cameras, JointSet, MarkerCloud
 from tests.support.calibration_files import toml_text
 from tests.support.many_views import ring, seen_by

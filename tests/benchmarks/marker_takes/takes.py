@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.markers.read import read_markers
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import MarkerCloud
 from tests.benchmarks.metric import BenchmarkSkipped
 from tests.support.recordings import ABSENT, recordings_folder

@@ -21,7 +21,7 @@ from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.trc import write_trc
 from solver_backend.job import Job
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import MarkerCloud
 from tests.support.kept_scenes import KeptScene, registered
 

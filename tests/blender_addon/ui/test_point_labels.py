@@ -16,7 +16,7 @@ from blender_addon.ui.operators.capture import choose_nearest
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.job import Job
 from solver_backend.labelling import outputs
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 
 
 @pytest.fixture(scope="module")

@@ -10,7 +10,7 @@ from solver_backend.fitters.measurements.markers import measure_motion
 from solver_backend.fitters.measurements.sources import CONSTANT_M, OF_MARKERS_M
 from solver_backend.fitters.problem import Problem
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import SMPL_JOINTS, Capture
 from tests.support.short_solves import QUICK
 

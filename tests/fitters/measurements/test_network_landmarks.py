@@ -18,8 +18,7 @@ from solver_backend.fitters.prepare import prepare
 from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.outputs import JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import load_network
-from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE, record_markers
+from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture, record_markers
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
 DIRECT = SolveSettings(method="noise-aware", landmarks="network")

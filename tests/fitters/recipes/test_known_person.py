@@ -18,7 +18,7 @@ from solver_backend.fitters.recipes import bundle
 from solver_backend.fitters.recipes.bundle import FIXED_CODES, ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.whole_take import CLOSEST, KnownPersonPlan
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.demo import record_markers
 
 ROUGH = RoughMotion(np.arange(1), FrameStates(np.zeros((1, 32)), np.eye(3)[None], np.zeros((1, 3))))
 

@@ -14,7 +14,7 @@ from solver_backend.body.marker_names import name_markers
 from solver_backend.io.markers.read import read_markers, write_markers
 from solver_backend.io.native.motion_file import write_motion, write_subject
 from solver_backend.live.frames import from_lines
-from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+from solver_backend.synthesis.embedded.demo import DEMO_TAKE
 from solver_backend.types import MarkerCloud
 from tests.fuzz.odd_motions import worn_subject
 from tests.fuzz.odd_values import LINES

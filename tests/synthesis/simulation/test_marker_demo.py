@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE, record_markers
+from solver_backend.synthesis.embedded.demo import DEMO_TAKE, record_markers
 
 
 def test_the_committed_file_is_the_seeded_take_and_small() -> None:
