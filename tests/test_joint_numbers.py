@@ -15,19 +15,11 @@ from solver_backend.exchange.errors import BodyInvalid
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "assets_procedural", "research", "supply")
 OTHER_NUMBERS = {
-<<<<<<< ours
     "solver_backend/synthesis/studio/write_pictures.py": "pairs of COCO's keypoints, as its annotations list them",
     "solver_backend/videos/detect/child/pose_workers/litert_hands.py": "points of a hand, in a Python of its own",
     "solver_backend/videos/detect/child/pose_workers/mediapipe_pose.py": "points of a hand, in a Python of its own",
     "solver_backend/synthesis/studio/contact_sheet.py": "a grey value",
     "solver_backend/io/markers/camera_systems.py": "lines of a file",
-=======
-    "solver_backend/synthesis/studio/write_pictures.py": "pairs of COCO's keypoints and grey values",
-    "solver_backend/videos/detect/child/pose_workers/litert_hands.py": "points of a hand, in a Python of its own",
-    "solver_backend/videos/detect/child/pose_workers/mediapipe_pose.py": "points of a hand, in a Python of its own",
-    "solver_backend/synthesis/studio/contact_sheet.py": "a grey value",
-    "solver_backend/io/markers/motive_csv.py": "lines of a file",
->>>>>>> theirs
     "blender_addon/export/writers/blender_exporters.py": "bytes of a file",
     "blender_addon/studio/room.py": "corners of a box",
     "supply/method_diagrams.py": "frames of a picture",

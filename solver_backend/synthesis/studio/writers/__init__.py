@@ -1,1 +1,0 @@
-"""A shot written as other programs read it."""
