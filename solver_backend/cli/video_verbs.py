@@ -193,7 +193,7 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     choice = chosen_hand_detector(args.model, python=args.python)
     capture = hands.find_hands(load_capture(args.capture, progress=progress), choice, progress)
     write_capture(args.out, capture, overwrite=overwrite)
-    shares = hands.seen_by_two(capture)
+    shares = hands.seen_by(capture, 2)
     rows = [f"  {side:<11} seen by two views in {share:.0f} % of the frames" for side, share in shares.items()]
     text = "\n".join([f"Hands of {capture.name}", *rows, f"  written     {args.out}"])
     return Outcome(text, {"capture": str(args.out), "seen_by_two_percent": shares})

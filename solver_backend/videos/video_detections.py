@@ -17,36 +17,36 @@ from solver_backend.videos.files.video import TimedPictures
 
 FORMAT, VERSION = "manifold_mocap_detections", 1
 _STORED = (
-    "format", "version", "video", "video_hash", "detector", "joint_set", "size", "times_s", "xy", "confidence",
-    "track", "hands",
-)  # fmt: skip
+    *("format", "version", "video", "video_hash", "detector", "joint_set"),
+    *("size", "times_s", "xy", "confidence", "track", "hands"),
+)
 
 
 @dataclass(frozen=True)
 class VideoDetections(TimedPictures):
-    """Everybody in every picture of one video: F pictures, up to P people, K keypoints."""
+    """All people in each picture of one video: F pictures, up to P people, K keypoints."""
 
     video: Path
     video_hash: str
     detector: str
     joint_set: JointSet
     size: tuple[int, int]
-    """Width and height of the upright pictures, px."""
+    """Width and height of the upright pictures in pixels."""
     times_s: np.ndarray
-    """(F,) when the pictures were filmed, on the video's clock."""
+    """(F,) times of the pictures on the video's clock."""
     xy: np.ndarray
     """(F, P, K, 2) px, NaN where missing."""
     confidence: np.ndarray
     """(F, P, K) in 0..1, 0 where missing."""
     track: np.ndarray
-    """(F, P) number of the person over time, -1 where there is none."""
+    """(F, P) number of the person over time, -1 for none."""
     camera: str = ""
-    """Name of the camera, where it is not the video's."""
+    """Name of the camera if it differs from the video's."""
     hands: np.ndarray | None = None
     """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
 
     def __post_init__(self) -> None:
-        """Make sure that there are pictures, one after the other. Points beyond any picture are missing ones."""
+        """Check the times, and treat implausible points as missing."""
         times = self.times_s
         if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
             raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
@@ -66,30 +66,29 @@ class VideoDetections(TimedPictures):
 
     def of_track(self, number: int) -> tuple[np.ndarray, np.ndarray]:
         """Return xy (F, K, 2) and confidence (F, K) of one person."""
-        is_it = self.track == number
-        frames, slots = np.nonzero(is_it)
+        frames, slots = np.nonzero(self.track == number)
         xy = np.full((self.num_frames, *self.xy.shape[2:]), np.nan)
         confidence = np.zeros(xy.shape[:2])
         xy[frames], confidence[frames] = self.xy[frames, slots], self.confidence[frames, slots]
         return xy, confidence
 
     def main_track(self) -> int:
-        """Return the number of the person who is seen most: the largest sum of confidences times size; -1 if nobody."""
-        size = np.nan_to_num(_extent(self.xy))
+        """Return the person with the largest sum of confidences times size, -1 for nobody."""
+        size = np.nan_to_num(extent(self.xy))
         weight = self.confidence.mean(axis=-1) * size
         totals = {int(n): float(weight[self.track == n].sum()) for n in np.unique(self.track) if n >= 0}
         return max(totals, key=lambda n: totals[n]) if totals else -1
 
 
-def _extent(xy: np.ndarray) -> np.ndarray:
-    """Return (F, P) the diagonal of the box around each person, px. NaN where nobody."""
+def extent(xy: np.ndarray) -> np.ndarray:
+    """Return the diagonals of the boxes around people with (..., K, 2) px, NaN for nobody."""
     known = np.isfinite(xy).all(-1)[..., None]
     span = np.where(known, xy, -np.inf).max(-2) - np.where(known, xy, np.inf).min(-2)
     return np.where(known.any((-1, -2)), np.hypot(span[..., 0], span[..., 1]), np.nan)
 
 
 def write_detections(path: Path, found: VideoDetections) -> None:
-    """Write the detections of a video, in place of earlier ones."""
+    """Write the detections of a video over earlier ones."""
     arrays = {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
@@ -112,7 +111,7 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
     """Read the detections of a video.
 
     Raises:
-        FileMissing, FileDamaged, CaptureInvalid: the file is not there, damaged or of another format.
+        FileMissing, FileDamaged, CaptureInvalid: the file is missing, damaged or has another format.
     """
     fields = read_fields(path, _STORED)
     fields.require_format(FORMAT, VERSION)

@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
 from solver_backend.videos.detect.detector import chosen_hand_detector
-from solver_backend.videos.detect.find_hands import find_hands, pictures_of, seen_by_two
+from solver_backend.videos.detect.find_hands import find_hands, pictures_of, seen_by
 from solver_backend.videos.detect.search_hands import second_crop
 from tests.benchmarks.metric import Metric
 from tests.support.recordings import recordings_folder
@@ -41,7 +41,7 @@ def run() -> list[Metric]:
     spent = _cpu_s()
     found = find_hands(capture, chosen_hand_detector(Path(model), python=Path(python)))
     spent = _cpu_s() - spent - decoding
-    shares = seen_by_two(found)
+    shares = seen_by(found, 2)
     sys.stdout.write(f"  seen by two views: {shares}\n")
     pictures = _num_pictures(capture)
     return [

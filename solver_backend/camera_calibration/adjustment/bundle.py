@@ -38,8 +38,9 @@ class BodySightings:
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
         """Select sightings by a mask."""
-        parts = (self.camera, self.body, self.local, self.px, self.sigma, self.velocity)
-        return BodySightings(*(None if part is None else part[chosen] for part in parts))
+        camera, body, local, px, sigma = (getattr(self, k)[chosen] for k in ("camera", "body", "local", "px", "sigma"))
+        velocity = None if self.velocity is None else self.velocity[chosen]
+        return BodySightings(camera, body, local, px, sigma, velocity)
 
 
 @dataclass(frozen=True)

@@ -227,7 +227,7 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []
-    for c in np.flatnonzero(far).tolist():
+    for c in map(int, np.flatnonzero(far)):
         figures = {"source": source, "after": after[c], "before": before[c]}
         found.append(diagnostic("observations_contradict", kind="source", cameras=[names[c]], **figures))
     return found

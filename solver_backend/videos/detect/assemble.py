@@ -22,10 +22,10 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
-from solver_backend.videos.video_detections import VideoDetections
+from solver_backend.videos.video_detections import VideoDetections, extent
 
 CROPPED_SHARE = 0.02
-"""Smaller differences from the calibrated size come from coders that cut pictures to whole blocks."""
+"""Largest difference from the calibrated size of a cropped picture, as a share. Coders cut pictures to whole blocks."""
 SHORT_SHARE = 0.5
 """Least common time of the videos without a warning, as a share of the longest."""
 
@@ -45,14 +45,13 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     """Return the detections of all people at common moments, and the moments per second.
 
     Raises:
-        KeypointCountMismatch: the videos were done by detectors of different joint sets.
-        NoDetections: nobody was found in any video, or no moment is in all of them.
+        KeypointCountMismatch: the detectors have different joint sets.
+        NoDetections: nobody was found in any video, or the videos have no common moment.
     """
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
-        raise KeypointCountMismatch(
-            f"The detections are of different joint sets: {', '.join(sorted(sets))}.", hint="Use one detector for all."
-        )
+        message = f"The detections are of different joint sets: {', '.join(sorted(sets))}."
+        raise KeypointCountMismatch(message, hint="Use one detector for all.")
     if not any((item.confidence > 0).any() for item in found):
         message = "The detector found nobody in any video."
         hint = "Check in a preview that the person is in sight, upright and large enough, or try another detector."
@@ -102,11 +101,11 @@ def assembled(
 ) -> Capture:
     """Return the capture of a take.
 
-    With cameras, the person whom most views agree on. Without, whoever is seen most in each view.
+    With cameras it shows the person on whom most views agree. Otherwise it shows the most visible person of each view.
 
     Args:
-        calibration: of the cameras, in the same order. None where there is none yet.
-        one: what is known where one video alone is solved.
+        calibration: of the cameras in the same order, or None.
+        one: facts about a single camera.
     """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
@@ -135,29 +134,18 @@ def assembled(
     cameras, people, scaled = find_people(cameras, select, world)
     person = people[0]
     fitted = fit_world(cameras, person.keypoints, world)
+    notes = (*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(scaled))
+    notes = (*notes, *fitted.notes, *fitted.check.notes())
+    problems = (*calibration.problems, *detections.problems, *person.problems, *warnings_in(scaled))
+    problems = (*problems, *fitted.problems, *fitted.check.problems())
     return Capture(
         name,
         fitted.cameras,
         person.keypoints,
         footage=footage,
         sources=(*sources, str(calibration.source)),
-        notes=(
-            *calibration.notes,
-            *size_notes,
-            *detections.notes,
-            *person.notes,
-            *notes_in(scaled),
-            *fitted.notes,
-            *fitted.check.notes(),
-        ),
-        problems=(
-            *calibration.problems,
-            *detections.problems,
-            *person.problems,
-            *warnings_in(scaled),
-            *fitted.problems,
-            *fitted.check.problems(),
-        ),
+        notes=notes,
+        problems=problems,
         stature_m=one.stature_m,
         floor_from_person=one.floor_from_person or fitted.from_person,
         focal_sigma=one.focal_sigma,
@@ -167,11 +155,9 @@ def assembled(
 
 
 def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3), with one slot per person.
+    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3) with one slot per person.
 
-    A place is kept as long as it is free.
-
-    Interpolation joins the same place of neighbouring frames, which must be the same person.
+    Interpolation joins the same slot of neighbouring frames, so a person keeps it.
     """
     frames, people = item.track.shape
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
@@ -179,7 +165,7 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
     hands = np.full((frames, most, 2, NUM_HAND_POINTS, 3), np.nan)
     changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
     place_of: dict[int, int] = {}
-    for first, stop in pairwise([0, *changed.tolist(), frames]):  # whoever is there stays in these frames
+    for first, stop in pairwise([0, *changed.tolist(), frames]):  # the same people are present in these frames
         present = item.track[first].tolist() if stop > first else []
         place_of = {n: place for n, place in place_of.items() if n in present}
         for slot in range(people):
@@ -188,17 +174,15 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
                 continue
             free = (p for p in range(most) if p not in place_of.values())
             place = place_of.setdefault(number, next(free, 0)) if number not in place_of else place_of[number]
-            xy[first:stop, place], confidence[first:stop, place] = (
-                item.xy[first:stop, slot],
-                item.confidence[first:stop, slot],
-            )
+            xy[first:stop, place] = item.xy[first:stop, slot]
+            confidence[first:stop, place] = item.confidence[first:stop, slot]
             if item.hands is not None:
                 hands[first:stop, place] = item.hands[first:stop, slot]
     return xy, confidence, hands
 
 
 def _main_person(detections: Detections, fps: float) -> Keypoints2D:
-    strength = (detections.confidence.mean(-1) * _sizes(detections.xy))[..., None]
+    strength = (detections.confidence.mean(-1) * extent(detections.xy))[..., None]
     best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]
     xy = np.take_along_axis(detections.xy, best[..., None], axis=2)[:, :, 0]
     confidence = np.take_along_axis(detections.confidence, best, axis=2)[:, :, 0]
@@ -208,19 +192,13 @@ def _main_person(detections: Detections, fps: float) -> Keypoints2D:
     return Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
 
 
-def _sizes(xy: np.ndarray) -> np.ndarray:
-    known = np.isfinite(xy).all(-1)
-    span = np.where(known[..., None], xy, -np.inf).max(-2) - np.where(known[..., None], xy, np.inf).min(-2)
-    return np.where(known.any(-1), np.hypot(span[..., 0], span[..., 1]), 0.0)
-
-
 @dataclass(frozen=True)
 class FilmedSize:
     """Picture size of a filming camera."""
 
     video: Path
     size: tuple[int, int]
-    """Width and height, px."""
+    """Width and height in pixels."""
 
 
 def in_video_pixels(
@@ -229,7 +207,7 @@ def in_video_pixels(
     """Return the cameras in the pixels of the videos, and notes on scaling.
 
     Raises:
-        CalibrationMismatch: a video has another shape of picture than its calibration.
+        CalibrationMismatch: a video's pictures have another shape than those of its calibration.
     """
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
@@ -258,10 +236,8 @@ def _timing(
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     longest = max(item.times_s[-1] - item.times_s[0] for item in found)
     span = float(wanted[-1] - wanted[0])
-    notes = [
-        diagnostic("detector_used", detector=found[0].detector, moments=len(wanted), rate=fps, videos=len(found)),
-        *clocks.notes(),
-    ]
+    used = {"detector": found[0].detector, "moments": len(wanted), "rate": fps, "videos": len(found)}
+    notes = [diagnostic("detector_used", **used), *clocks.notes()]
     problems = list(clocks.findings)
     if span < SHORT_SHARE * longest:
         problems.append(diagnostic("common_time_short", span=span, longest=float(longest)))

@@ -21,25 +21,25 @@ from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.video_detections import VideoDetections
 
 WIDTH_PX = 640
-"""Pictures are looked at in this width: a feature is located to a twentieth of such a pixel."""
+"""Width at which pictures are processed. A feature is located to a twentieth of such a pixel."""
 FEATURES, FEWEST = 400, 40
-"""Number of tracked features, and the fewest: below half of the first, new features are detected."""
+"""Number of tracked features, and the fewest. Below half of the first, new features are detected."""
 MARGIN = 0.25
-"""People's boxes are widened by this share of their size: hair, clothes and shadows move with them."""
+"""Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them."""
 STILL_DEG = 0.25
-"""A camera that turns by less stands still: as much comes from the pictures' own noise over a take."""
+"""Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take."""
 LEFT_SHARE, LEFT_PX = 0.15, 1.0
-"""Turns explain the background where they leave no more than this share of its movement, or so many pixels of 640."""
+"""Turns explain the background if they leave at most this share of its movement, or this many pixels of 640."""
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)
-"""Scales of Geman and McClure's weights: from plain least squares to robust, for other things move too."""
+"""Scales of Geman and McClure's weights, from least squares to robust estimation."""
 
 
 @dataclass(frozen=True)
 class CameraTurns:
-    """Of F pictures."""
+    """Turns of a camera in F pictures."""
 
     rotations: np.ndarray
-    """(F, 3) rotation vectors since the first picture, radians, camera axes."""
+    """(F, 3) rotation vectors since the first picture in radians, camera axes."""
     moved_px: float
     """Largest movement of the background, the median of its features, in pixels at a width of 640."""
     left_px: float
@@ -47,19 +47,19 @@ class CameraTurns:
 
     @property
     def largest_deg(self) -> float:
-        """The largest turn from the first picture."""
+        """Largest turn from the first picture."""
         return float(np.rad2deg(np.linalg.norm(self.rotations, axis=1)).max(initial=0.0))
 
     @property
     def explain(self) -> bool:
-        """Return whether the camera was only turned, not carried or zoomed."""
+        """True if the camera was only turned, and not moved or zoomed."""
         return self.left_px <= max(LEFT_PX, LEFT_SHARE * self.moved_px)
 
 
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return the detections of a single video as if its camera stood still. Of several, as they are."""
+    """Return the detections of a single video as if its camera stood still. Several videos are not changed."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -71,11 +71,11 @@ def steadied(
 def as_if_still(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> tuple[VideoDetections, list[Diagnostic]]:
-    """Return the detections of one video as its camera would have seen them had it stayed as in the first picture.
+    """Return the detections of one video as if its camera had stayed as in the first picture.
 
     Args:
-        camera: one camera, in the video's pixels.
-        pictures: (H, W, 3) uint8, in order.
+        camera: the camera in the video's pixels.
+        pictures: (H, W, 3) uint8 in order.
     """
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
@@ -84,27 +84,26 @@ def as_if_still(
         return found, []
     if not turns.explain:
         return found, [diagnostic("camera_moves", cameras=[found.name], moved=turns.moved_px, left=turns.left_px)]
-    frames = found.num_frames
-    back = rotated_back(camera, found.xy.reshape(frames, -1, 2), turns.rotations).reshape(found.xy.shape)
+
+    def back(px: np.ndarray) -> np.ndarray:
+        return rotated_back(camera, px.reshape(found.num_frames, -1, 2), turns.rotations).reshape(px.shape)
+
     hands = found.hands
     if hands is not None:
         hands = hands.copy()
-        hands[..., :2] = rotated_back(camera, hands[..., :2].reshape(frames, -1, 2), turns.rotations).reshape(
-            hands[..., :2].shape
-        )
-    note = diagnostic(
-        "camera_turns", turn="measured", cameras=[found.name], remedy=Remedy.REPAIRED, size=turns.largest_deg
-    )
-    return replace(found, xy=back, hands=hands), [note]
+        hands[..., :2] = back(hands[..., :2])
+    figures = {"remedy": Remedy.REPAIRED, "size": turns.largest_deg}
+    note = diagnostic("camera_turns", turn="measured", cameras=[found.name], **figures)
+    return replace(found, xy=back(found.xy), hands=hands), [note]
 
 
 def camera_turns(
     found: VideoDetections, camera: Cameras, pictures: Iterable[np.ndarray], progress: Progress = silent
 ) -> CameraTurns | None:
-    """Return how the camera was turned. None where too little background is seen.
+    """Estimate how the camera was turned. Return None if too little background is visible.
 
-    Features of a picture are followed from one to the next (Lucas and Kanade 1981) until few are left. The turn since
-    that picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
+    Features are tracked from picture to picture (Lucas and Kanade 1981) until few are left. The turn since their first
+    picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
     """
     cv2 = opencv()
     scale = min(1.0, WIDTH_PX / found.size[0])
@@ -144,7 +143,7 @@ def _features(cv2: Any, grey: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where points are now, and which of them are found there and back."""
+    """Return the tracked points, and the mask of those that are found forwards and backwards."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, onward, None, **window)
@@ -160,9 +159,9 @@ def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
 
 
 def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray, float]:
-    """Return the rotation that turns rays, robustly, and what it leaves in the median, px.
+    """Return the robust rotation between rays, and the median distance in px that it leaves.
 
-    Each pass is Kabsch's (1976) solution, weighted by Geman and McClure's penalty of the pass before.
+    Each pass is Kabsch's (1976) solution with Geman and McClure's weights of the last pass.
     """
     R, weight, off = np.eye(3), np.ones(len(now)), np.zeros(len(now))
     for scale in SCALES_PX:
@@ -174,7 +173,7 @@ def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray
 
 
 def _free(found: VideoDetections, number: int, shape: tuple[int, ...], scale: float) -> np.ndarray:
-    """Return the (H, W) mask of what lies beside all people."""
+    """Return the (H, W) mask of the background without people."""
     mask = np.full(shape, 255, np.uint8)
     for xy, sure in zip(found.xy[number], found.confidence[number], strict=True):
         seen = xy[sure > 0] * scale

@@ -6,10 +6,11 @@ import hashlib
 import json
 import threading
 from collections.abc import Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
+from concurrent.futures import FIRST_COMPLETED, ThreadPoolExecutor, wait
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -31,12 +32,7 @@ from solver_backend.videos.video_detections import VideoDetections, read_detecti
 
 
 def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
-    """Return pairs (row, column), each row and column at most once, ``min(N, M)`` of them, of least ``Σ cost``.
-
-    Shortest augmenting paths with potentials, O(N² M).
-
-    Args:
-        cost: (N, M), finite.
+    """Return ``min(N, M)`` pairs (row, column) of the (N, M) costs with the least sum, by shortest augmenting paths.
 
     Reference: Kuhn 1955; Jonker and Volgenant 1987.
     """
@@ -69,23 +65,23 @@ def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
 
 
 SPREAD = 0.1
-"""Standard deviation of a keypoint from one sight to the next, as a share of the person's size."""
+"""Standard deviation of a keypoint between two pictures, as a share of the person's size."""
 WIDENING = 5.0
-"""By so many times the spread grows in a second."""
+"""Growth of the spread per second, as a factor."""
 LEAST_SIMILARITY = 0.05
-"""Detections less similar to a track than this are somebody else."""
+"""Least similarity of a detection to its track."""
 LOST_S = 1.0
-"""A person out of sight for longer comes back under another number."""
+"""A track ends after this time without a detection, in seconds."""
 MOST_PEOPLE = 12
-"""People of a picture that are followed, the most confident. Chosen by hand."""
+"""Most tracked people per picture, the most confident ones. Chosen by hand."""
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return who is who: places (F, P) of the detections in the picture's list, and tracks (F, P); -1 for none.
+    """Track people. Return (F, P) indices of the detections in each picture, and their (F, P) tracks, -1 for none.
 
-    The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over the keypoints that both have, d
-    the distance to the last sight moved on by its velocity, s the person's size and κ ``SPREAD``, widened with the time
-    between. The assignment that is best in sum is taken.
+    The similarity of a detection and a track is ``mean_k exp(-d_k² / (2 s² κ²))`` over common keypoints, with the
+    distance d to the last position moved on by its velocity, the person's size s, and ``SPREAD`` κ widened over time.
+    The assignment with the best sum is used.
 
     Args:
         frames: F arrays (N, K, 3) of x, y, confidence.
@@ -115,7 +111,7 @@ class _Sight:
     person: np.ndarray
     """(K, 3)."""
     velocity: np.ndarray
-    """(2,) px a second, of the middle."""
+    """(2,) px per second."""
 
     @classmethod
     def of(cls, person: np.ndarray, time_s: float, before: _Sight | None) -> _Sight:
@@ -128,7 +124,7 @@ class _Sight:
         return cls(time_s, person, velocity)
 
     def similarity(self, person: np.ndarray, time_s: float) -> float:
-        """Return the similarity of somebody to where this person should be by now, 0 to 1."""
+        """Return the similarity of a person to the expected position of this one, 0 to 1."""
         both = (person[:, 2] > 0) & (self.person[:, 2] > 0)
         if both.sum() < 3:
             return 0.0
@@ -140,7 +136,7 @@ class _Sight:
 
 
 def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: int) -> list[int]:
-    """Return the track's number of each person. New ones from ``fresh`` on."""
+    """Return each person's track number. New ones start at ``fresh``."""
     known = list(last)
     similarity = np.array([[last[n].similarity(person, time_s) for n in known] for person in people])
     similarity = similarity.reshape(len(people), len(known))
@@ -155,7 +151,7 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: 
 
 
 _POLL_S = 0.2
-"""Seconds from one look at the detectors to the next. Chosen by hand."""
+"""Time between looks at the detectors, in seconds. Chosen by hand."""
 
 
 def detect_videos(
@@ -169,15 +165,14 @@ def detect_videos(
     cameras: Sequence[str] = (),
     pictures_fps: float = PICTURES_FPS,
 ) -> list[VideoDetections]:
-    """Return what is found in each video. A video that was done with this detector before is not done again.
+    """Return the detections of each video. Videos that this detector has done before are kept.
 
-    One process of the detector a video, ``jobs`` of them at a time. A finished video's detections are in ``folder``
-    at once, under a name made of the video's, its bytes' hash and the detector.
+    Each video has its own detector process. Its detections are stored in ``folder`` at once, under a name made of the
+    video's name, the hash of its bytes and the detector.
 
     Args:
-        folder: where detections are kept.
-        jobs: processes at a time. 0 is one a core.
-        cameras: names of the cameras. Those of the videos if left out.
+        jobs: number of processes at a time, 0 for one per core.
+        cameras: names of the cameras, by default those of the videos.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.
@@ -187,14 +182,16 @@ def detect_videos(
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
     run = _DetectionRun(choice, sum(info.num_frames for info in infos), again)
-    wanted = [
-        _Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos
-    ]
-    workers = min(jobs or usable_cores(), len(infos))
-    with ThreadPoolExecutor(workers, thread_name_prefix="detector") as pool:
+    wanted = [_Wanted(info, digest := hashes[info.path], _kept_at(folder, info.path, digest, choice)) for info in infos]
+    with ThreadPoolExecutor(min(jobs or usable_cores(), len(infos)), thread_name_prefix="detector") as pool:
         futures = [pool.submit(run.of_video, item) for item in wanted]
+        left = set(futures)
         try:
-            _watch(futures, run, progress)
+            while left:
+                done, left = wait(left, timeout=_POLL_S, return_when=FIRST_COMPLETED)
+                for future in done:
+                    future.result()
+                progress("Detecting", min(run.done, run.total), run.total)
         except BaseException:
             run.stop()
             raise
@@ -202,17 +199,8 @@ def detect_videos(
     return [replace(item, camera=name) for item, name in zip(found, cameras or [""] * len(found), strict=True)]
 
 
-def _watch(futures: list[Future[VideoDetections]], run: _DetectionRun, progress: Progress) -> None:
-    left = set(futures)
-    while left:
-        done, left = wait(left, timeout=_POLL_S, return_when=FIRST_COMPLETED)
-        for future in done:
-            future.result()
-        progress("Detecting", min(run.done, run.total), run.total)
-
-
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return where a video's detections are kept. A model and a worker of the user's own count by their bytes."""
+    """Return the path of a video's detections. Models and a user's own workers are identified by their bytes."""
     options = dict(choice.options)
     if "model" in options:
         options["model"] = file_hash(options["model"])
@@ -221,11 +209,10 @@ def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> 
     return folder / f"{video.stem}_{key.hexdigest()}.npz"
 
 
-class _Wanted:
-    """A video, the hash of its bytes, and where its detections belong."""
-
-    def __init__(self, info: VideoInfo, digest: str, path: Path) -> None:
-        self.info, self.digest, self.path = info, digest, path
+class _Wanted(NamedTuple):
+    info: VideoInfo
+    digest: str
+    path: Path
 
 
 class _DetectionRun:
@@ -305,7 +292,7 @@ def _detected(process: DetectorProcess, wanted: _Wanted, pictures: Iterator) -> 
 
 
 def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return (F, P, ...) what each picture's list holds at its places, NaN where there is nothing."""
+    """Arrange the people of each picture as (F, P, ...), NaN for none."""
     out = np.full((*place.shape, *shape), np.nan)
     for frame, listed in enumerate(people):
         used = place[frame] >= 0

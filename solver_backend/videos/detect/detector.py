@@ -40,23 +40,23 @@ class DetectorFailed(MocapError):
 _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
 """Largest line and array of an answer in bytes, and most arrays of one. Chosen by hand."""
 READY_S, ANSWER_S = 300.0, 60.0
-"""Seconds where a detector must be ready, and answer a picture. Large models on slow machines take 10 s."""
+"""Time limits to start a detector and to detect a picture, in seconds. Large models on slow machines take 10 s."""
 _LOG_BYTES = 1 << 16
-"""Bytes at the end of a detector's log that are read."""
+"""Number of bytes at the end of a detector's log that are read."""
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
-"""Arrays of an answer about a body or a hand, with their shapes; None is any length."""
+"""Arrays of an answer about a body or a hand with their shapes. None is any length."""
 
 
 class AnswerInvalid(ValueError):
-    """A detector's answer is not of the protocol."""
+    """A detector's answer does not follow the protocol."""
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:
     """Return the object of the next line.
 
     Raises:
-        AnswerInvalid: the line is longer than a MiB, or no JSON object.
+        AnswerInvalid: the line is longer than a MiB, or not a JSON object.
         EOFError: it is cut off.
     """
     line = stream.readline(_LARGEST_HEAD)
@@ -72,7 +72,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
 
 
 def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray]:
-    """Return the arrays that a line announces in ``arrays``: their shapes by name. The bytes are little-endian float32.
+    """Return the little-endian float32 arrays that a line announces, by name.
 
     Raises:
         AnswerInvalid: it announces none, too many or too large ones.
@@ -96,24 +96,23 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
 
 
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
-"""Environment variable that names the Python that has MediaPipe."""
+"""Environment variable with the path of the Python that has MediaPipe."""
 WORKER = ".py"
 """Suffix of a user's own detector."""
 ENVIRONMENT = ".venv-mediapipe"
-"""Folder that ``dev.py detectors`` makes beside the project's own environment."""
+"""Folder that ``dev.py detectors`` creates next to the project's own environment."""
 _MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}
-"""Worker of a model, by how its file ends."""
+"""Worker of a model by its suffix."""
 HINT = (
     "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
 )
 
 
 def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> dict[str, np.ndarray]:
-    """Return what a detector found: of the right kind and shape, impossible points missing (NaN, confidence 0).
+    """Check the kinds and shapes of a detector's arrays, and mark impossible points as missing (NaN, confidence 0).
 
     Args:
-        found: arrays by name, see ``PoseDetector.detect``.
-        about: what the detector states of itself. None for one that looks for a hand in a crop.
+        about: the detector's description. None for a hand detector.
 
     Raises:
         AnswerInvalid: an array is missing or has another shape.
@@ -132,20 +131,15 @@ def check_answer(found: dict[str, np.ndarray], about: dict[str, Any] | None) -> 
     if about is None:
         good = all(bool((np.abs(found[name]) < FARTHEST_PX).all()) for name in expected)
         return {name: found[name] if good else np.zeros_like(found[name]) for name in expected}
-    return {name: _without_impossible(found[name]) for name in expected}
-
-
-def _without_impossible(points: np.ndarray) -> np.ndarray:
-    """Return points (..., 3) with those beyond any picture, and those that are not numbers, missing."""
-    possible = (np.abs(points) < FARTHEST_PX).all(-1, keepdims=True)
-    return np.where(possible, points, np.array([np.nan, np.nan, 0.0]))
+    possible = {name: (np.abs(found[name]) < FARTHEST_PX).all(-1, keepdims=True) for name in expected}
+    return {name: np.where(possible[name], found[name], np.array([np.nan, np.nan, 0.0])) for name in expected}
 
 
 def joint_set_of(about: dict[str, Any]) -> JointSet:
-    """Return the joint set of what a detector states about itself.
+    """Return the joint set of a detector's description.
 
     Raises:
-        DetectorOutputsUnknown: no joint set has so many keypoints.
+        DetectorOutputsUnknown: no joint set has this number of keypoints.
     """
     if about.get("joint_set") in list(JointSet):
         return JointSet(about["joint_set"])
@@ -163,12 +157,11 @@ class DetectorChoice:
     """A detector that can be started."""
 
     module: str
-    """Module of ``pose_workers``, or the path of a worker of the user's own, which ends in ``.py``."""
+    """Module of ``pose_workers``, or the path of a user's own worker, which ends in ``.py``."""
     python: Path
     options: dict[str, Any]
-
     one_hand: bool = False
-    """True if it finds the points of one hand in a crop instead of people."""
+    """It finds the points of one hand in a crop instead of people."""
 
     @property
     def program(self) -> list[str]:
@@ -185,22 +178,20 @@ def chosen_detector(
     worker: Path | None = None,
     environment: Mapping[str, str] = os.environ,
 ) -> DetectorChoice:
-    """Return the detector of a name.
+    """Choose a detector by name.
 
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
-        python: Python to run it in. Else the environment for MediaPipe, or our own for a model.
-        hands: also find hands, where the detector can.
-        worker: a program of the user's own that is asked instead (see ``pose_workers.serve``).
-        environment: the process's environment variables.
+        python: interpreter to run it in. By default that of MediaPipe's environment, or our own for a model.
+        hands: also find hands if the detector can.
+        worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
 
     Raises:
-        CommandLineInvalid: the name is neither.
+        CommandLineInvalid: the name is unknown.
         DetectorMissing: there is no such model, worker or Python, or no environment for MediaPipe.
     """
-    if python is not None and not python.is_file():
-        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
+    own_python = _interpreter(python)
     if people < 1:
         raise CommandLineInvalid(f"{people} people cannot be looked for.", hint="--people 1, or more.")
     options: dict[str, Any] = {"people": people}
@@ -208,9 +199,9 @@ def chosen_detector(
         if worker.suffix != WORKER or not worker.is_file():
             raise DetectorMissing("There is no such worker.", where=str(worker), hint="Name a file that ends in .py.")
         own = {**options, "hands": hands}
-        return DetectorChoice(os.path.abspath(worker), python or Path(sys.executable), own)
+        return DetectorChoice(os.path.abspath(worker), own_python, own)
     if (named := DETECTORS.get(name.lower())) is not None:
-        python = python or (_mediapipe_python(environment) if named.own_environment else Path(sys.executable))
+        python = _mediapipe_python(environment) if python is None and named.own_environment else own_python
         return DetectorChoice(named.worker, python, {**options, "hands": hands})
     model = Path(name)
     module = _MODULES.get(model.suffix.lower())
@@ -218,27 +209,32 @@ def chosen_detector(
         endings = " or ".join(_MODULES)
         hint = f"--detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
         raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
-    if not model.is_file():
-        raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
-    return DetectorChoice(module, python or Path(sys.executable), {**options, "model": os.path.abspath(model)})
+    return DetectorChoice(module, own_python, {**options, "model": _model(model)})
+
+
+def _interpreter(python: Path | None) -> Path:
+    if python is not None and not python.is_file():
+        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
+    return python or Path(sys.executable)
+
+
+def _model(path: Path) -> str:
+    if not path.is_file():
+        raise DetectorMissing("There is no such model.", where=str(path), hint="Check the path.")
+    return os.path.abspath(path)
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
-    """Return MediaPipe's hand model run by LiteRT.
+    """Choose MediaPipe's hand model run by LiteRT.
 
     Args:
-        model: ``hand_landmark_full.tflite``, which the user takes from the npm package @mediapipe/hands.
-        python: Python that has ai-edge-litert. Our own if None.
+        model: ``hand_landmark_full.tflite`` from the npm package @mediapipe/hands.
+        python: interpreter with ai-edge-litert, by default our own.
 
     Raises:
         DetectorMissing: there is no such model or Python.
     """
-    if python is not None and not python.is_file():
-        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
-    if not model.is_file():
-        raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
-    options = {"model": os.path.abspath(model)}
-    return DetectorChoice("litert_hands", python or Path(sys.executable), options, one_hand=True)
+    return DetectorChoice("litert_hands", _interpreter(python), {"model": _model(model)}, one_hand=True)
 
 
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
@@ -261,12 +257,12 @@ _ERRORS: dict[str, type[MocapError]] = {kind.code: kind for kind in (DetectorMis
 class DetectorProcess:
     """A detector in a process of its own, as a context manager.
 
-    A detector that does not answer in time is started again, once per picture.
+    A detector that does not answer in time is restarted once per picture.
 
     Raises:
         DetectorMissing: its Python does not start, or lacks the detector.
-        DetectorOutputsUnknown: the model is of no kind we can read.
-        DetectorFailed: it broke, fell silent, or its answers cannot be used.
+        DetectorOutputsUnknown: the model has an unknown format.
+        DetectorFailed: it broke, did not answer, or its answers cannot be used.
     """
 
     def __init__(self, choice: DetectorChoice) -> None:
@@ -303,7 +299,7 @@ class DetectorProcess:
         self._close()
 
     def end(self) -> None:
-        """End the process, whatever it is doing. May be called from another thread and several times."""
+        """Kill the process. May be called from another thread and several times."""
         self._ended = True
         self._kill()
 
@@ -336,11 +332,7 @@ class DetectorProcess:
         self._kill()
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return what the detector finds in a picture, see ``check_answer``.
-
-        Args:
-            rgb: (H, W, 3) uint8.
-        """
+        """Return the arrays of a (H, W, 3) uint8 picture, see ``check_answer``."""
         for again in (True, False):
             try:
                 with self._within(ANSWER_S):

@@ -1,7 +1,4 @@
-"""Find hands in the footage of a capture, where its body has the wrists.
-
-The footage may have another size than the calibrated pictures, and may start some frames early or late.
-"""
+"""Find hands in the footage of a capture, at the wrists of its body."""
 
 from __future__ import annotations
 
@@ -24,18 +21,17 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
-from solver_backend.videos.detect.search_hands import ArmsInViews, HandInCrop, search_hands
+from solver_backend.videos.detect.search_hands import Arms, HandInCrop, search_hands
 from solver_backend.videos.files.video import Picture, probe, read_pictures
 
 ALIKE = 0.02
-"""Smaller differences of size or shape come from coders that cut pictures to whole blocks, see ``assemble``."""
+"""Largest difference of size or shape of a cropped picture, as a share. Coders cut pictures to whole blocks."""
 
 
 def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
     """Return the (C, 2) scale of width and height from the calibrated pictures to the footage, 1 for another shape.
 
-    Args:
-        sizes: width and height of each view's footage in px. None where it has none.
+    ``sizes`` are the width and height of each view's footage in px, or None.
     """
     scale = np.ones((len(cameras), 2))
     for view, size in enumerate(sizes):
@@ -47,7 +43,7 @@ def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> 
     return scale
 
 
-def in_footage(cameras: Cameras, arms: ArmsInViews, scale: np.ndarray) -> tuple[Cameras, ArmsInViews]:
+def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras, Arms]:
     """Return cameras and arms in the pixels of footage with a (C, 2) scale."""
     for view in np.flatnonzero((scale != 1.0).any(axis=1)):
         wide, high = np.round(cameras.image_size[view] * scale[view]).astype(int).tolist()
@@ -69,31 +65,31 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
 
 
 REACH = 5
-"""Largest shift of the footage in frames. With a larger one, crops miss the hands."""
+"""Largest detected shift of the footage in frames. With a larger one, crops miss the hands."""
 LEAST_FRAMES = 20
 """Fewest frames that show a hand and its wrist. Chosen by hand."""
 SURE = 0.3
 """Least confidence of a wrist. Chosen by hand."""
 MOVES = 0.5
-"""Hands move enough where their errors at the best shift are less than this share of those at the worst one. By
-``python -m tests.benchmarks.hands.late_footage``: no shift of hands that rest is invented up to 0.7, 7 of 16 at 1.0. Of
-112 known shifts 1 is wrong at 0.3, 5 at 0.5 and 6 at 0.7, and 26, 11 and 6 are missed."""
+"""Largest error at the best shift, as a share of that at the worst one. By ``python -m
+tests.benchmarks.hands.late_footage``, resting hands show no false shift up to 0.7, and 7 of 16 at 1.0. Of 112 known
+shifts, 1, 5 and 6 are wrong at 0.3, 0.5 and 0.7, and 26, 11 and 6 are missed."""
 AGREE = 0.75
-"""Share of the hands of all views that must be nearer to their wrists with the shift than without. By the same command:
-at 0.9 twice as many shifts are missed and as many are wrong, at 0.5 four fewer are missed and one more is wrong."""
+"""Least share of hands that are nearer to their wrists with the shift. By the same command, twice as many shifts are
+missed at 0.9 and as many are wrong. At 0.5 four fewer are missed and one more is wrong."""
 
 
 def footage_shift(
     hands: Float[np.ndarray, "views frames 2 21 3"], wrists: Float[np.ndarray, "views frames 2 3"]
 ) -> int:
-    """Return the delay of the footage against the detections in pictures, 0 if hands do not show it.
+    """Return the delay of the footage against the detections in frames, 0 if hands do not show it.
 
-    ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, s their size, is least at some shift d, between
-    frames by a parabola. What is constant is the detectors' own difference.
+    The sum ``Σ |h_f - w_(f - d) - median|² / s²`` over the hands of all views, with their size s, is minimal at the
+    shift d, which a parabola interpolates. The median is the constant difference of the detectors.
 
     Args:
-        hands: (C, F, 2, 21, 3) px and confidence, found in the picture of each frame.
-        wrists: (C, F, 2, 3) px and confidence, of the detections, left first.
+        hands: (C, F, 2, 21, 3) px and confidence in the picture of each frame.
+        wrists: (C, F, 2, 3) px and confidence of the detections, left first.
     """
     each = [_errors(hands[view, :, side], wrists[view, :, side]) for view in range(len(hands)) for side in (0, 1)]
     errors = np.array([found for found in each if found is not None])
@@ -110,11 +106,7 @@ def footage_shift(
 
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
-    """Return hands by the frames of the detections, unseen in frames without a picture.
-
-    Args:
-        hands: (C, F, 2, 21, 3) by the picture.
-    """
+    """Shift (C, F, 2, 21, 3) hands to the frames of the detections. They are unseen in frames without a picture."""
     moved = np.full_like(hands, np.nan)
     moved[..., 2] = 0.0
     count = hands.shape[1] - abs(shift)
@@ -123,7 +115,7 @@ def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Floa
 
 
 def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
-    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift, None if too few frames show both."""
+    """Return the error of a hand (F, 21, 3) at its wrist (F, 3) for each shift. None if too few frames show both."""
     frames = np.flatnonzero(hand[:, 0, 2] > 0)
     frames = frames[(frames >= REACH) & (frames < len(hand) - REACH)]
     if len(frames) < LEAST_FRAMES:
@@ -137,10 +129,9 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
             return None
         apart = hand[frames[sure], 0, :2] - there[sure, :2]
         apart -= np.median(apart, axis=0)
-        # One wild detection counts no more than a hand's length.
-        errors[number] = (
-            np.minimum((apart**2).sum(axis=1) / max(length, 1.0) ** 2, 1.0).sum() * len(frames) / sure.sum()
-        )
+        # An outlier counts no more than a hand's length.
+        capped = np.minimum((apart**2).sum(axis=1) / max(length, 1.0) ** 2, 1.0)
+        errors[number] = capped.sum() * len(frames) / sure.sum()
     return errors
 
 
@@ -148,21 +139,18 @@ _STEP = 25
 """Number of frames between progress reports. Chosen by hand."""
 
 AGAIN_S = 0.05
-"""Seconds from one search for a hidden hand to the next: hands hide for longer, and each search costs up to six looks.
-See docs/research-log/hands.md."""
-
+"""Time between searches for a hidden hand in seconds, because each costs up to six crops. See
+docs/research-log/hands.md."""
 ENOUGH = 2
-"""Views that had a hand, which locate it, so that the others look for it in turn. With 3, a tenth more looks find it in
-1 % more frames (docs/research-log/hands.md)."""
+"""Number of views with a hand that make the others search it in turn. With 3, a tenth more crops find it in 1 % more
+frames (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
     """Return the capture with the hands that its footage shows.
 
-    Wrists and elbows are triangulated, or lifted where one view alone shows the person. In every view a crop is placed
-    from them, or where the view itself has them, turned upright, mirrored for the left hand, and placed once more from
-    what was found. Views that miss a hand look for it where two others agree that it is. Nobody else's hand is looked
-    for. Footage that is some frames late or early of the detections is moved in time.
+    Wrists and elbows are triangulated, or lifted if only one view shows the person. They place the crops of every view.
+    Views that miss a hand search it where two others agree. Footage that is early or late is moved in time.
 
     Raises:
         CaptureInvalid: it has no footage.
@@ -179,14 +167,13 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
         def look(crop: np.ndarray) -> HandInCrop:
             answer = process.detect(crop, 0.0)
-            return HandInCrop(
-                answer["points"].astype(np.float64), float(answer["presence"][0]), float(answer["right"][0])
-            )
+            points, presence, right = answer["points"], answer["presence"], answer["right"]
+            return HandInCrop(points.astype(np.float64), float(presence[0]), float(right[0]))
 
         for frame, pictures in pictures_of(capture):
             before = hands[:, frame - 1] if frame else None
             due = is_due(before, frame, round(capture.fps * AGAIN_S))
-            hands[:, frame] = search_hands(pictures, filmed, arms.of(frame), look, before, due)
+            hands[:, frame] = search_hands(pictures, filmed, arms.at(frame), look, before, due)
             if frame % _STEP == 0:
                 progress("Finding hands", frame, keypoints.num_frames)
     progress("Finding hands", keypoints.num_frames, keypoints.num_frames)
@@ -203,10 +190,9 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return the (C, 2) mask of views that search each hand: those that had it, and the others in turn.
+    """Return the (C, 2) mask of views that search each hand: those that had it before, and the others in turn.
 
-    Args:
-        before: (C, 2, 21, 3) hands of the frame before. None: all views look.
+    ``before`` are the (C, 2, 21, 3) hands of the last frame. Without them all views search, and None is returned.
     """
     if before is None or every <= 1:
         return None
@@ -215,20 +201,15 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
     return had | ((frame + turn) % every == 0) | (had.sum(axis=0) < ENOUGH)
 
 
-def seen_by_two(capture: Capture) -> dict[str, float]:
-    """Return the share of the frames, per cent, where two views or more show a hand, by side."""
-    return seen_by(capture, 2)
-
-
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the share of frames in per cent where at least this many views show a hand, by side."""
+    """Return the share of frames, in per cent, in which at least this many views show a hand, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
-def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
-    """Return elbows and wrists, triangulated or lifted and interpolated, and notes on missing sides."""
+def arms_of(capture: Capture) -> tuple[Arms, list[Diagnostic]]:
+    """Return elbows and wrists, triangulated or lifted and then interpolated, and notes on missing sides."""
     cameras, keypoints = capture.require_views()
     names = keypoints.joint_set.keypoints
     columns = [names.index(f"{side}_{part}") for part in ("elbow", "wrist") for side in SIDES]
@@ -247,11 +228,11 @@ def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
     lost = ~np.isfinite(places).all(axis=(0, 1, 3))
     found = [_not_found("wrist", side, Severity.WARNING) for side in np.flatnonzero(lost)]
     detected = np.concatenate([xy, confidence[..., None]], axis=-1).reshape(*xy.shape[:2], 2, 2, 3)
-    return ArmsInViews(places, detected), found
+    return Arms(places, detected), found
 
 
 def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return the (F, K, 3) keypoints of an average person in front of the only camera, in metres."""
+    """Return the (F, K, 3) keypoints of an average person in front of the only camera in metres."""
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera, body = cameras.subset([view]), load_body()
     prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)
@@ -264,7 +245,7 @@ def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
 
 
 def pictures_of(capture: Capture) -> Iterator[tuple[int, dict[int, np.ndarray]]]:
-    """Yield the take's frames and the pictures that its views have of them."""
+    """Yield the frames of the take with the pictures of its views."""
     firsts, streams = capture.footage_first or (0,) * len(capture.footage), dict[int, Iterator[Picture]]()
     waiting = dict[int, Picture]()
     for view, path in enumerate(capture.footage):

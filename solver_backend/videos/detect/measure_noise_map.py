@@ -13,20 +13,19 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 
 BINS = 8
-"""Steps of the confidence, of equally many detections each."""
-LEAST_VIEWS = 3
-LEAST_MM = 0.01
-"""Spread of a detector that errs nowhere."""
+"""Number of confidence steps with equally many detections."""
+LEAST_VIEWS, LEAST_MM = 3, 0.01
+"""Fewest views of a capture, and least spread of a detector in millimetres. Chosen by hand."""
 _MEDIAN_OF_SQUARE = 2.0 * np.log(2.0)
-"""Median of the squared length of a plane vector of unit variance per axis."""
+"""Median of the squared length of a plane vector with unit variance per axis."""
 
 
 def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
-    """Return the noise map of a detector from captures of calibrated cameras.
+    """Measure the noise map of a detector on captures of calibrated cameras.
 
-    Every detection is compared with where the other views see the keypoint (``predict_views``), after the cameras were
-    refined by the person. The variance of that prediction is taken off. Each step's variance is the median of the
-    squared distances over 2 ln 2, and pooled until it falls with the confidence.
+    Every detection is compared with the prediction of the other views (``predict_views``), after the cameras were
+    refined by the person. The variance of the prediction is subtracted. Each step's variance is the median of the
+    squared distances over 2 ln 2, pooled until it falls with the confidence.
 
     Raises:
         TooFewViews: no capture has three views.
@@ -55,7 +54,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
 
 
 def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
-    """Return confidence (N,) and squared distance (N,) mm² less what the prediction itself is off."""
+    """Return confidence (N,) and squared distance (N,) in mm² without the variance of the prediction."""
     cameras, keypoints = capture.require_multiview()
     cameras = refined_cameras(cameras, keypoints.xy, keypoints.confidence)
     seen = (keypoints.confidence > 0).astype(float)

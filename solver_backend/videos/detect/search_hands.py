@@ -1,8 +1,4 @@
-"""Find both hands of a person in the pictures of one frame.
-
-Each hand is searched at the end of its arm first, then where other views see it. Crops are turned upright, scaled to
-the hand and mirrored for a left hand.
-"""
+"""Find both hands of a person in the pictures of one frame, at the ends of the arms and where other views see them."""
 
 from __future__ import annotations
 
@@ -17,30 +13,28 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 SIDE = 224
-"""Pixels of a crop."""
+"""Size of a crop in pixels."""
 HAND_M = 0.19
-"""From the wrist to the middle finger's tip."""
+"""Length from the wrist to the middle finger's tip, in metres."""
 MARGIN = 1.3
 """Length of a crop in hand lengths. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
 caliscope's."""
 AHEAD = 0.45
-"""The crop's middle from the wrist along the forearm, in hands."""
+"""Distance of the crop's middle from the wrist along the forearm, in hand lengths."""
 SECOND_MARGIN = 1.9
-"""Size of the second crop, as a multiple of the extent of the first points."""
+"""Size of the second crop in extents of the first points."""
 _WRIST, _KNUCKLE = 0, 9
 
 
 @dataclass(frozen=True)
 class HandCrop:
-    """``x_picture = A x_crop + b`` for pixels of a crop."""
+    """Similarity ``x_picture = A x_crop + b`` in pixels."""
 
     A: np.ndarray
-    """(2, 2)."""
     b: np.ndarray
-    """(2,) px."""
 
     def cut(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the (224, 224, 3) uint8 crop, bilinear. Black beyond the picture."""
+        """Return the (224, 224, 3) uint8 crop, bilinear, and black beyond the picture."""
         high, wide = rgb.shape[:2]
         step = np.arange(SIDE, dtype=np.float32)
         (ax, bx), (ay, by) = self.A.astype(np.float32)
@@ -54,7 +48,7 @@ class HandCrop:
         part = rgb[low : int(top.max()) + 2, first : int(left.max()) + 2]
         across, at = part.shape[1], (top - low) * part.shape[1] + left - first
         cut = np.empty((SIDE * SIDE, 3), np.uint8)
-        # Channel by channel and in place: NumPy's inner loop is as long as the crop, not three, and no pages are new.
+        # Channel by channel and in place, so that NumPy's inner loop is long and no memory is allocated.
         for channel in range(3):
             pixels = np.ascontiguousarray(part[..., channel], dtype=np.float32).ravel()
             a, b, c, d = (pixels[o:].take(at) for o in (0, 1, across, across + 1))
@@ -74,24 +68,18 @@ class HandCrop:
 def first_crop(
     cameras: Cameras, view: int, wrist_px: np.ndarray, elbow_px: np.ndarray, depth_m: float, side: int
 ) -> HandCrop:
-    """Return where a hand is expected at the end of a forearm.
-
-    Args:
-        wrist_px: (2,) the wrist in the picture.
-        elbow_px: (2,) the elbow.
-        side: 0 left, 1 right.
-    """
+    """Return the crop of a hand at the end of a forearm from (2,) px. Side 0 is left, and 1 is right."""
     along = wrist_px - elbow_px
     length = float(np.hypot(*along))
     up = along / length if length > 1.0 else np.array([0.0, -1.0])
     hand = float(cameras.K[view, 0, 0]) * HAND_M / depth_m
-    # A forearm that points at the camera shows its hand beside the wrist, wherever: the crop is then about the wrist.
+    # A forearm that points at the camera shows its hand near the wrist, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand))
     return _crop(wrist_px + AHEAD * forearm * hand * up, up, MARGIN * hand, side)
 
 
 def second_crop(points: np.ndarray, side: int) -> HandCrop:
-    """Return a closer crop about points (21, 2) that were found, the middle finger's knuckle above the wrist."""
+    """Return a closer crop of (21, 2) points, with the middle finger's knuckle above the wrist."""
     along = points[_KNUCKLE] - points[_WRIST]
     length = float(np.hypot(*along))
     up = along / length if length > 1.0 else np.array([0.0, -1.0])
@@ -104,32 +92,31 @@ def second_crop(points: np.ndarray, side: int) -> HandCrop:
 
 
 def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> HandCrop:
-    """Return the crop of this middle, up direction and length in px. A left hand's is mirrored to look like a right."""
+    """Return the crop with a middle, up direction and length in px. Left hands are mirrored to look like right ones."""
     right = np.array([-up[1], up[0]])
     A = np.stack([right if side else -right, -up], axis=1) * (length / SIDE)
     return HandCrop(A, middle - A @ np.full(2, 0.5 * (SIDE - 1)))
 
 
 PRESENCE = 0.5
-"""Presence from which a crop shows a hand, as MediaPipe has it."""
+"""Least presence of a visible hand, as in MediaPipe."""
 PLACED = 0.05
-"""Presence from which a first look is worth a second, about what it found: the model was trained on crops that sit
-better than a forearm places them. Of 88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
+"""Least presence of a first crop that deserves a second one, because the model was trained on better placed crops. Of
+88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
 AWAY_M = 0.1
-"""A hand has its wrist so near the arm's at most, where all views or its own have that. Chosen on two takes."""
+"""Largest distance of a hand's wrist from the arm's, in all views or in its own. Chosen on two takes."""
 ALIKE = 0.1
-"""Arms this near each other, in hands, place crops that show the same."""
+"""Arms that are closer than this, in hand lengths, need only one crop."""
 NEAREST_M = 0.1
 """Least distance of a hand from a camera, in metres."""
 SURE = 0.3
-"""Confidence from which a view's own elbow and wrist place a crop. Chosen on two takes."""
+"""Least confidence of a view's own elbow and wrist to place a crop. Chosen on two takes."""
 SIGMA = 0.06
-"""Standard deviation of a point, as a share of the hand's length in the picture, by which views agree on a hand."""
-
+"""Standard deviation of a point for the agreement of views, as a share of the hand's length in the picture."""
 RIGHT, LEAST_TRUST = 0.5, 0.1
-"""A hand that looks less like a right one than this counts for less, in proportion, down to this share: points of a
-back that is taken for a palm are those of other fingers. Chosen on Pose2Sim's balancing videos, where it ends fingers
-that run through one another. Of hands below 0.1 that face a view two thirds are turned about."""
+"""A hand that looks less like a right one gets a proportionally lower confidence, down to the second value, because a
+back that is taken for a palm gives the points of other fingers. Chosen on Pose2Sim's balancing videos, where it stops
+fingers from crossing. Of hands below 0.1 that face a view, two thirds are the wrong way round."""
 
 
 @dataclass(frozen=True)
@@ -139,41 +126,31 @@ class HandInCrop:
     points: np.ndarray
     """(21, 2) px of the crop, or of the picture."""
     presence: float
-    """0 to 1: whether there is a hand."""
+    """Likelihood of a hand, 0 to 1."""
     right: float = 1.0
-    """0 to 1: how much it looks like a right hand, as which every crop shows its hand."""
+    """Likelihood of a right hand, as which every crop shows its hand, 0 to 1."""
 
     def counted(self) -> np.ndarray:
-        """Return (21, 3) points and what they count."""
+        """Return the points with their confidence, (21, 3)."""
         trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
 
 Look = Callable[[np.ndarray], HandInCrop]
-"""(224, 224, 3) crop -> what is in it."""
+"""Finds a hand in a (224, 224, 3) crop."""
 
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists of one frame, left first."""
+    """Elbows and wrists over F frames, or of one frame without that axis. The left side comes first."""
 
     places: np.ndarray
-    """(2, 2, 3) metres: elbow and wrist, of each side. NaN where no views agree."""
-    detected: np.ndarray
-    """(C, 2, 2, 3) px and confidence of the same in each view."""
-
-
-@dataclass(frozen=True)
-class ArmsInViews:
-    """Elbows and wrists over F frames."""
-
-    places: np.ndarray
-    """(F, 2, 2, 3) metres: elbow and wrist, of each side, left first. NaN where no views agree."""
+    """(F, 2, 2, 3) metres of elbow and wrist of each side, NaN where no views agree."""
     detected: np.ndarray
     """(C, F, 2, 2, 3) px and confidence of the same in each view."""
 
-    def of(self, frame: int) -> Arms:
-        """Return those of one frame."""
+    def at(self, frame: int) -> Arms:
+        """Return the arms of one frame."""
         return Arms(self.places[frame], self.detected[:, frame])
 
 
@@ -185,12 +162,12 @@ def search_hands(
     before: np.ndarray | None = None,
     due: np.ndarray | None = None,
 ) -> np.ndarray:
-    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view. Unseen where there is none.
+    """Return (C, 2, 21, 3) x, y and confidence of both hands in each view, unseen where there is none.
 
     Args:
         pictures: (H, W, 3) uint8 by view.
-        before: (C, 2, 21, 3) of the frame before: a hand that is still there is searched once.
-        due: (C, 2) which views look for which hand. None: all look for both.
+        before: (C, 2, 21, 3) hands of the last frame. A hand that is still there is searched once.
+        due: (C, 2) mask of views that search each hand. None for all.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = np.tile(np.array(UNSEEN_POINT), (len(cameras), 2, NUM_HAND_POINTS, 1))
@@ -215,7 +192,7 @@ def _at_arm(
     look: Look,
     earlier: np.ndarray | None,
 ) -> np.ndarray:
-    """Return (21, 3) of a hand at the end of its arm: where it was, where the arm is, where this view has the arm."""
+    """Search a hand where it was, at the arm of all views, and at the arm of this view. Return (21, 3)."""
     unseen = np.tile(np.array(UNSEEN_POINT), (NUM_HAND_POINTS, 1))
     wrist = arms.places[1, side]
     depth = float(wrist @ cameras.R[view, 2] + cameras.t[view, 2])
@@ -247,7 +224,7 @@ def _at_arm(
 def _where_others_see_it(
     pictures: Mapping[int, np.ndarray], cameras: Cameras, side: int, found: np.ndarray, look: Look
 ) -> None:
-    """Look for a hand once more, in place, in views that miss it, where two others agree on its points."""
+    """Search a hand in views that miss it, where two others agree on its points. Update ``found`` in place."""
     seen = found[:, side, 0, 2] > 0
     missing = [view for view in pictures if not seen[view]]
     if seen.sum() < 2 or not missing:
@@ -263,13 +240,12 @@ def _where_others_see_it(
         there = np.where(np.isfinite(there), there, np.nanmean(there, axis=0))
         if ((there < 0) | (there >= rgb.shape[1::-1])).any():
             continue
-        again = _looked_twice(rgb, second_crop(there, side), side, look)
-        if again is not None:
+        if (again := _looked_twice(rgb, second_crop(there, side), side, look)) is not None:
             found[view, side] = again
 
 
 def _looked_twice(rgb: np.ndarray, crop: HandCrop, side: int, look: Look) -> np.ndarray | None:
-    """Return (21, 3) of a hand in a crop about what a first look finds. None where the second sees no hand."""
+    """Return the (21, 3) hand in a second crop around the points of the first. None if the second shows no hand."""
     first = _in_crop(rgb, crop, look)
     if first.presence < PLACED:
         return None

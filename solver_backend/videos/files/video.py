@@ -1,7 +1,4 @@
-"""Read and write video files: picture times, pictures, sound and hashes.
-
-PyAV is imported here alone. The extra ``capture`` installs it.
-"""
+"""Read and write video files with PyAV, which is imported here only: picture times, pictures, sound and hashes."""
 
 from __future__ import annotations
 
@@ -40,11 +37,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Yield the open container of a video, and report its errors as our own.
-
-    Raises:
-        VideoUnreadable: the file is missing, empty, broken or no video.
-    """
+    """Open the container of a video. Raise ``VideoUnreadable`` if it is missing, empty, broken or not a video."""
     av = library()
     if not path.is_file():
         raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
@@ -59,44 +52,32 @@ def opened(path: Path) -> Iterator[InputContainer]:
 
 
 def video_stream(container: InputContainer) -> Any:
-    """Return the first stream of pictures.
-
-    Raises:
-        VideoUnreadable: there is none.
-    """
+    """Return the first video stream. Raise ``VideoUnreadable`` if there is none."""
     if not container.streams.video:
-        raise VideoUnreadable(
-            "The file holds no pictures, perhaps sound alone.", where=str(container.name), hint="Choose the video."
-        )
+        message = "The file holds no pictures, perhaps sound alone."
+        raise VideoUnreadable(message, where=str(container.name), hint="Choose the video.")
     return container.streams.video[0]
 
 
 def library() -> Any:
-    """Return PyAV.
-
-    Raises:
-        BackendMissing: it is not installed.
-    """
+    """Import PyAV. Raise ``BackendMissing`` if it is not installed."""
     try:
         import av
         import av.error
         import av.logging
     except ModuleNotFoundError as error:
-        raise BackendMissing(
-            "Videos are read with PyAV, which is not installed.", hint="Install it with: pip install av."
-        ) from error
+        message = "Videos are read with PyAV, which is not installed."
+        raise BackendMissing(message, hint="Install it with: pip install av.") from error
     av.logging.set_level(None)
     return av
 
 
-VARIABLE_SHARE = 0.02
-"""A video has a variable rate if more than this share of its intervals differs from ..."""
-OFF_SHARE = 0.2
-"""... the median interval by more than this share."""
+VARIABLE_SHARE, OFF_SHARE = 0.02, 0.2
+"""A rate is variable if more than the first share of intervals differs from the median by more than the second."""
 
 
 class TimedPictures:
-    """Pictures with the times at which they are shown."""
+    """Pictures with presentation times."""
 
     times_s: np.ndarray
 
@@ -118,17 +99,17 @@ class VideoInfo(TimedPictures):
     path: Path
     """The file, the first of several chapters, or a folder of pictures."""
     size: tuple[int, int]
-    """Width and height in pixels as a player shows it, that is, after the rotation."""
+    """Width and height in pixels after the rotation, as a player shows it."""
     times_s: np.ndarray
-    """(F,) when each picture is shown, ascending, on the file's clock."""
+    """(F,) increasing presentation times on the file's clock."""
     parts: tuple[Path, ...] = ()
-    """Its files in order, see ``parts_of``. () where it is one file."""
+    """Its files in order, see ``parts_of``. Empty for a single file."""
     timed: bool = True
-    """True if the file times its pictures. Else they count as even, at the rate that it states."""
+    """The file has picture times. Otherwise they are even, at its stated rate."""
 
     @property
     def variable(self) -> bool:
-        """Return whether the pictures come at uneven intervals, as phones film in poor light."""
+        """True if the intervals are uneven, as phones film in poor light."""
         gaps = np.diff(self.times_s)
         if len(gaps) < 2:
             return False
@@ -139,16 +120,16 @@ class VideoInfo(TimedPictures):
 UNTIMED_SHARE = 0.5
 """Largest share of distinct times in a file without picture times."""
 PICTURES_FPS = 30.0
-"""Pictures per second of a folder of pictures, which does not state it."""
+"""Assumed rate of a folder of pictures, per second."""
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
-    """Return the properties of a video. This counts its packets and decodes its first picture.
+    """Return the properties of a video, of chapters of one recording, or of a folder of pictures.
 
-    Chapters of one recording are one video, and so are the pictures of a folder.
+    This counts the packets and decodes the first picture.
 
     Raises:
-        VideoUnreadable: the file is missing, empty, broken, holds no pictures or none that can be decoded.
+        VideoUnreadable: the file is missing, empty or broken, or no picture can be decoded.
     """
     path = Path(path)
     parts = parts_of(path)
@@ -186,11 +167,7 @@ def _probe_file(path: Path) -> VideoInfo:
 
 
 def rate_of(times_s: np.ndarray) -> float:
-    """Return pictures per second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
-
-    Args:
-        times_s: (F,) ascending. 0 comes back of fewer than two.
-    """
+    """Return the pictures per second of increasing times: one over the mean usual interval, 0 for fewer than two."""
     if len(times_s) < 2:
         return 0.0
     gaps = np.diff(times_s)
@@ -212,55 +189,44 @@ class Picture:
     """One picture of a video."""
 
     number: int
-    """From 0, in the order they are shown."""
+    """Index in presentation order."""
     time_s: float
-    """Presentation time on the file's clock, uneven for a variable rate."""
+    """Presentation time on the file's clock."""
     rgb: np.ndarray
-    """(H, W, 3) uint8, turned as a player shows it."""
+    """(H, W, 3) uint8 after the rotation."""
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
-    """Yield the pictures of a video.
-
-    A picture that cannot be decoded is passed over: the next one keeps its own time.
-
-    Args:
-        info: of the video, from ``probe``.
+    """Yield the pictures of a video. Broken pictures are skipped, and the next ones keep their times.
 
     Raises:
         VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing.
     """
     number = 0
-    for time_s, rgb in _pictures_of_folder(info) if info.path.is_dir() else _pictures_of_files(info):
+    for time_s, rgb in _timed_pictures(info):
         yield Picture(number, time_s, rgb)
         number += 1
     if number < (1.0 - LOST_SHARE) * info.num_frames:
-        raise VideoUnreadable(
-            f"Only {number} of the video's {info.num_frames} pictures can be decoded.", where=str(info.path), hint=AGAIN
-        )
+        message = f"Only {number} of the video's {info.num_frames} pictures can be decoded."
+        raise VideoUnreadable(message, where=str(info.path), hint=AGAIN)
 
 
-def _pictures_of_folder(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
-    for part, time_s in zip(info.parts, info.times_s.tolist(), strict=True):
-        yield from ((time_s, rgb) for _, rgb in _pictures_of_file(part))
-
-
-def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+def _timed_pictures(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+    if info.path.is_dir():
+        for part, time_s in zip(info.parts, info.times_s.tolist(), strict=True):
+            yield from ((time_s, picture_of(frame)) for frame in decoded_frames(part))
+        return
     gap_s, count = 1.0 / max(info.fps, 1.0), 0
     late_s = last_s = 0.0
     for part in info.parts or (info.path,):
         begun = count
-        for time_s, rgb in _pictures_of_file(part):
+        for frame in decoded_frames(part):
+            time_s = float(frame.time)
             if begun and count == begun:
                 late_s = last_s + gap_s - time_s
             last_s = time_s + late_s if info.timed else float(info.times_s[min(count, info.num_frames - 1)])
-            yield last_s, rgb
+            yield last_s, picture_of(frame)
             count += 1
-
-
-def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
-    for frame in decoded_frames(path):
-        yield float(frame.time), picture_of(frame)
 
 
 def decoded_frames(path: Path) -> Iterator[Any]:
@@ -278,13 +244,8 @@ def decoded_frames(path: Path) -> Iterator[Any]:
 
 
 def picture_of(frame: Any) -> np.ndarray:
-    """Return (H, W, 3) uint8 of a frame of PyAV's, turned as its video asks."""
-    return upright(frame.to_ndarray(format="rgb24"), frame.rotation)
-
-
-def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
-    """Return a stored picture (H, W, 3) turned counter-clockwise as its video states."""
-    turns = quarter_turn(rotation_deg) // 90
+    """Return (H, W, 3) uint8 of a PyAV frame after the rotation."""
+    rgb, turns = frame.to_ndarray(format="rgb24"), quarter_turn(frame.rotation) // 90
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
 
 
@@ -293,7 +254,7 @@ _PIECE = 1 << 22
 
 
 def file_hash(path: Path | str) -> str:
-    """Return the BLAKE2b hash of a file's bytes, 16 bytes in hexadecimal."""
+    """Return the BLAKE2b hash of a file, 16 bytes in hexadecimal."""
     digest = hashlib.blake2b(digest_size=16)
     with open(path, "rb") as stream:
         while piece := stream.read(_PIECE):
@@ -302,18 +263,14 @@ def file_hash(path: Path | str) -> str:
 
 
 def recording_hash(parts: Sequence[Path]) -> str:
-    """Return the hash of a recording's files in order, or of its only file."""
+    """Return the hash of a recording's files in order."""
     if len(parts) == 1:
         return file_hash(parts[0])
     return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
 
 
 def require_different(hashes: Mapping[Path, str]) -> None:
-    """Check that no two videos have the same bytes.
-
-    Raises:
-        SameVideoTwice: two have. Names both.
-    """
+    """Raise ``SameVideoTwice`` if two videos have the same bytes."""
     first: dict[str, Path] = {}
     for path, digest in hashes.items():
         if digest in first:
@@ -324,9 +281,9 @@ def require_different(hashes: Mapping[Path, str]) -> None:
 
 
 RATE_HZ = 16_000
-"""Sample rate of sound."""
+"""Sample rate of sound, per second."""
 SILENCE = 1e-5
-"""Largest root mean square of silence, full scale 1."""
+"""Largest root mean square of silence at full scale 1. Chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -334,19 +291,14 @@ class Sound:
     """Sound of one channel."""
 
     samples: np.ndarray
-    """(N,) float32, full scale 1."""
+    """(N,) float32 at full scale 1."""
     start_s: float
-    """Time of the first sample, on the clock of the pictures."""
+    """Time of the first sample on the clock of the pictures."""
     rate_hz: int = RATE_HZ
-    """Samples per second."""
 
 
 def read_sound(path: Path | str) -> Sound:
-    """Return the sound of a video, mixed to one channel.
-
-    Raises:
-        VideoWithoutSound: there is none, or it is silent.
-    """
+    """Return the sound of a video as one channel. Raise ``VideoWithoutSound`` if there is none or it is silent."""
     path, parts, start = Path(path), [], None
     hint = "Film with the microphone on, or synchronise by keypoints."
     with opened(path) as container:

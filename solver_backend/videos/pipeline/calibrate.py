@@ -28,7 +28,6 @@ from solver_backend.io.recognition.one_camera import stand_camera
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
-from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 
 ONE_CAMERA = "one camera"
@@ -43,12 +42,12 @@ class CalibrationRequest:
     found: FoundFolder
     take: FoundTake
     detections: tuple[VideoDetections, ...]
-    """Detections in its videos, for calibration from the person."""
+    """Detections in its videos, for a calibration by the person."""
     clocks: Clocks
     out: Path
-    """Calibration file to write, in a format that ``read_calibration`` reads."""
+    """Calibration file to write."""
     coverage: Path | None = None
-    """Picture of the board positions in each camera, if a board is used."""
+    """Picture of the board's places in each view, if a board is used."""
 
 
 @dataclass(frozen=True)
@@ -56,28 +55,24 @@ class KnownOfCameras:
     """Facts from the user about cameras and footage."""
 
     board: str | None = None
-    """The board, as ``board_named`` reads it. None looks for a ``board.toml`` beside its footage."""
+    """The board, see ``board_named``. None looks for a ``board.toml`` next to its footage."""
     lenses: Path | None = None
     stature_m: float | None = None
     """Stature of the person, which sets the scale without a board."""
     source: str = "auto"
-    """Source of the calibration: "auto" for the best available, or, in place of an existing calibration, the filmed
-    "board" or the "person"."""
+    """Source of the calibration: "auto" for the best available one, or the filmed "board" or the "person" even if there
+    is a calibration."""
     focal: str = ""
-    """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
+    """Focal length of cameras with unknown lenses, see ``find_focal_length``."""
 
     def focal_of(self, video: VideoDetections) -> FocalLength:
-        """Return the focal length of a camera with an unknown lens.
-
-        Raises:
-            CommandLineInvalid: what was given is no focal length.
-        """
+        """Return the focal length of a camera with an unknown lens. Raises what ``find_focal_length`` raises."""
         return find_focal_length(self.focal, video.video, video.size)
 
 
 @dataclass(frozen=True)
 class TakeCalibration:
-    """A calibration that was made and written."""
+    """A calibration that was written."""
 
     method: str
     """'board', 'person' or ``ONE_CAMERA``."""
@@ -85,14 +80,14 @@ class TakeCalibration:
 
 
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
-    """Find the cameras of a take, write them, and return what was found.
+    """Calibrate the cameras of a take and write them.
 
-    Footage of a board that several cameras saw is enough. Footage for lenses alone, or lenses that are known, leave
-    the places to the person. Without any the lenses are guessed from the pictures' size and found with the places.
+    Footage of a board seen by several cameras is enough. With footage for lenses only, or known lenses, the person
+    determines the poses. Otherwise lenses are guessed from the pictures' size and refined with the poses.
 
     Raises:
-        CommandLineInvalid: footage of a board is to be used, and nobody names it.
-        CalibrationMissing: footage or lenses of a camera are missing. Names it.
+        CommandLineInvalid: there is footage of an unknown board.
+        CalibrationMissing: footage or lenses of a camera are missing.
     """
     lens, places = _footage(request, ("intrinsics",)), _footage(request, ("extrinsics", "both"))
     names = request.take.cameras

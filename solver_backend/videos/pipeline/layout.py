@@ -32,8 +32,7 @@ def recordings_beside(folder: Path) -> dict[str, Path]:
 def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
     """Return the footage of camera folders by take and camera. A single take has the name "".
 
-    Folders are cameras where each holds one recording, or where they are named like cameras and hold several, whose
-    names are the takes'.
+    Folders are cameras if each has one recording. Folders with camera names may have several, named like the takes.
     """
     held = {folder.name: found for folder in folders if (found := _footage_in(folder))}
     if len(held) < 2:
@@ -81,12 +80,12 @@ class NoVideos(MocapError):
 
 
 VIDEO_FOLDERS = (
-    "videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video", "recordings",
-    "raw_videos", "videos_raw", "videosraw", "footage",
-)  # fmt: skip
-"""Folders of a take that hold its videos. Synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
+    *("videos-sync", "videos_sync", "synchronized_videos", "synced_videos", "videos", "video"),
+    *("recordings", "raw_videos", "videos_raw", "videosraw", "footage"),
+)
+"""Folders of a take with its videos. Synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
 _PICTURE_FOLDERS = ("images", "frames")
-"""Folders of a take that hold a folder of pictures per camera (EasyMocap)."""
+"""Folders of a take with a folder of pictures per camera (EasyMocap)."""
 _LEVELS = 4
 """Depth of the search for takes. Chosen by hand."""
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
@@ -109,15 +108,16 @@ class FoundTake:
         """Return the calibration of this take's cameras from its folders or the session, or None.
 
         Raises:
-            CalibrationInvalid, FileDamaged: the nearest one is bad.
-            CalibrationMismatch: there are some, all of other cameras.
+            CalibrationInvalid, FileDamaged: the nearest one is invalid.
+            CalibrationMismatch: all calibrations have other cameras.
         """
         other: CalibrationMismatch | None = None
-        numbers = tuple(_last_number(name) for name in self.cameras)
-        tried = (self.cameras, numbers) if all(map(chapter_of, self.videos)) else (self.cameras,)
-        for root, names in product((self.folder, session), tried):
+        names = [self.cameras]
+        if all(map(chapter_of, self.videos)):
+            names.append(tuple(name[-2:] for name in self.cameras))  # their last numbers
+        for root, tried in product((self.folder, session), names):
             try:
-                return find_calibration(root, names)
+                return find_calibration(root, tried)
             except CalibrationMissing:
                 continue
             except CalibrationMismatch as error:
@@ -149,27 +149,25 @@ class FoundFolder:
 def look_through(root: Path) -> FoundFolder:
     """Return the takes and the calibration footage of a folder.
 
-    A video is a take of one camera, and so is the only video of a folder. Beside takes of several cameras those of one
-    are passed over.
+    A video is a take of one camera, and so is the only video of a folder. If there are takes of several cameras, those
+    of one camera are skipped.
 
     Raises:
-        NoVideos: the folder is not there, or holds no take.
+        NoVideos: there is no such folder, or it has no take.
     """
     if is_video(root) and root.is_file():
-        folder = root.parent
-        take = FoundTake(root.stem, folder, (root,), (root.stem,))
-        footage = {f.folder: f for start in (folder, folder.parent) for f in _footage(start, start is folder)}
-        return FoundFolder(folder, (take,), tuple(footage.values()))
-    if not root.is_dir():
+        takes, root = (FoundTake(root.stem, root.parent, (root,), (root.stem,)),), root.parent
+    elif not root.is_dir():
         raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder that holds the videos.")
-    takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
+    else:
+        takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
-        raise NoVideos(
-            "The folder holds no take: videos side by side, or in a folder each.",
-            where=str(root),
-            hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
-            "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one.",
+        message = "The folder holds no take: videos side by side, or in a folder each."
+        hint = "Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
+        hint += (
+            "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one."
         )
+        raise NoVideos(message, where=str(root), hint=hint)
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
 
@@ -193,7 +191,7 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
 
 
 def _lone_take(root: Path) -> tuple[FoundTake, ...]:
-    """Return the take of the only video of a folder or its folder of videos, nothing for several."""
+    """Return the only video of a folder, or of its folder of videos, as a take. Return nothing for several."""
     if _is_other(root):
         return ()
     below = {path.name.lower(): path for path in _folders(root)}
@@ -211,10 +209,6 @@ def _by_camera_folder(place: Path) -> dict[str, dict[str, Path]]:
 
 def _is_other(path: Path) -> bool:
     return is_calibration_folder(path) or bool(_PASSED_OVER.fullmatch(path.name)) or _kind(path) is not None
-
-
-def _last_number(name: str) -> str:
-    return name[-2:]
 
 
 def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
@@ -247,7 +241,4 @@ def _cameras(folder: Path) -> dict[str, Path]:
 
 
 def _folders(folder: Path) -> list[Path]:
-    try:
-        return sorted((p for p in folder.iterdir() if p.is_dir()), key=lambda p: natural_key(p.name))
-    except OSError:
-        return []
+    return [path for path in _entries(folder) if path.is_dir()]

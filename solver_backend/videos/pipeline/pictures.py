@@ -20,24 +20,26 @@ from solver_backend.videos.sync.speeds import speeds
 from solver_backend.videos.video_detections import VideoDetections
 
 SIDE = 768
-"""Pixels of a picture's longer side."""
+"""Longer side of a picture in pixels."""
 PAPER, INK, FAINT = (30, 32, 36), (225, 225, 225), (80, 84, 90)
-COLOURS = ((236, 112, 70), (82, 178, 255), (122, 204, 92), (214, 120, 230), (240, 204, 80), (120, 220, 220),
-           (250, 140, 170), (170, 150, 250))  # fmt: skip
-"""RGB, one per camera in turn."""
+COLOURS = (
+    *((236, 112, 70), (82, 178, 255), (122, 204, 92), (214, 120, 230)),
+    *((240, 204, 80), (120, 220, 220), (250, 140, 170), (170, 150, 250)),
+)
+"""RGB of the cameras in turn."""
 
 Colour = tuple[int, int, int]
 
 
 class Canvas:
-    """An RGB picture to draw on. Pixels from the top left."""
+    """An RGB picture to draw on, with pixels from the top left."""
 
     def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
         self._cv2 = opencv()
         self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
 
     def line(self, points: np.ndarray, colour: Colour, width: int = 1, *, closed: bool = False) -> None:
-        """Draw lines through points (N, 2), interrupted where they are NaN."""
+        """Draw lines through (N, 2) points, interrupted at NaN."""
         known = np.isfinite(points).all(-1)
         for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(known.astype(int))) + 1):
             if len(part) > 1 and known[part[0]]:
@@ -45,7 +47,7 @@ class Canvas:
                 self._cv2.polylines(self.rgb, [where], closed, colour, width, self._cv2.LINE_AA, 3)
 
     def dots(self, points: np.ndarray, colour: Colour, radius: int = 3) -> None:
-        """Draw dots at points (N, 2)."""
+        """Draw dots at (N, 2) points."""
         for x, y in np.round(points[np.isfinite(points).all(-1)]).astype(int).tolist():
             self._cv2.circle(self.rgb, (x, y), radius, colour, -1, self._cv2.LINE_AA)
 
@@ -55,19 +57,19 @@ class Canvas:
         self._cv2.rectangle(self.rgb, a, b, colour, -1)
 
     def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
-        """Write words, their base line beginning at (x, y). Letters beyond ASCII become '?'."""
+        """Write text with its base line starting at (x, y). Letters beyond ASCII become '?'."""
         plain = words.encode("ascii", "replace").decode()
         font = self._cv2.FONT_HERSHEY_SIMPLEX
         self._cv2.putText(self.rgb, plain, (round(x), round(y)), font, size, colour, 1, self._cv2.LINE_AA)
 
     def text_width(self, words: str, size: float = 0.5) -> float:
-        """Return how many pixels words take from left to right."""
+        """Return the width of text in pixels."""
         plain = words.encode("ascii", "replace").decode()
         (width, _), _ = self._cv2.getTextSize(plain, self._cv2.FONT_HERSHEY_SIMPLEX, size, 1)
         return float(width)
 
     def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
-        """Lay a picture into a rectangle, as large as fits, its proportions kept."""
+        """Fit a picture into a rectangle, with its proportions."""
         scale = min(width / rgb.shape[1], height / rgb.shape[0])
         size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
         small = self._cv2.resize(rgb, size, interpolation=self._cv2.INTER_AREA)
@@ -75,11 +77,7 @@ class Canvas:
         self.rgb[top : top + size[1], left : left + size[0]] = small
 
     def save(self, path: Path) -> Path:
-        """Write a PNG over what is there and return its path.
-
-        Raises:
-            OutputNotWritable: it cannot be written.
-        """
+        """Write a PNG over an earlier one and return its path. Raise ``OutputNotWritable`` if that fails."""
         fine, data = self._cv2.imencode(".png", self.rgb[:, :, ::-1])
         if not fine:
             raise OutputNotWritable("The picture cannot be made.", where=str(path))
@@ -89,13 +87,13 @@ class Canvas:
 
 
 def grid(count: int) -> tuple[int, int]:
-    """Return columns and rows of a grid that holds so many, nearly square."""
+    """Return columns and rows of a nearly square grid with this many cells."""
     columns = int(np.ceil(np.sqrt(count)))
     return columns, int(np.ceil(count / columns))
 
 
 def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
-    """Return pictures side by side, each below its title. An empty canvas where there is none."""
+    """Return pictures side by side, each below its title."""
     if not pictures:
         return Canvas()
     columns, rows = grid(len(pictures))
@@ -109,18 +107,19 @@ def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
 
 
 PREVIEW_HEIGHT = 720
-"""Pixels of a preview's shorter side at most."""
+"""Shorter side of a preview in pixels at most."""
 PEOPLE_COLOURS = np.array(
     [[60, 220, 90], [255, 140, 40], [70, 160, 255], [240, 80, 220], [250, 230, 60], [120, 240, 240]]
 )
-"""Of the people, by their track."""
+"""RGB of people by their track."""
+_SIDE_CHAINS = (
+    *(("shoulder", "hip"), ("shoulder", "elbow"), ("elbow", "wrist")),
+    *(("hip", "knee"), ("knee", "ankle"), ("ankle", "big_toe")),
+)
 _CHAINS = (
-    ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), ("left_shoulder", "left_hip"),
-    ("right_shoulder", "right_hip"), ("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist"),
-    ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"), ("left_hip", "left_knee"),
-    ("left_knee", "left_ankle"), ("right_hip", "right_knee"), ("right_knee", "right_ankle"),
-    ("left_ankle", "left_big_toe"), ("right_ankle", "right_big_toe"),
-)  # fmt: skip
+    *(("left_shoulder", "right_shoulder"), ("left_hip", "right_hip")),
+    *((f"{side}_{a}", f"{side}_{b}") for side in ("left", "right") for a, b in _SIDE_CHAINS),
+)
 
 
 def write_previews(
@@ -148,7 +147,7 @@ def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
 
 
 def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
-    """Return a picture, every ``step``-th pixel of the video's, with the people of a frame drawn into it."""
+    """Draw the people of a frame into a picture with every ``step``-th pixel of the video."""
     for slot in np.flatnonzero(item.track[frame] >= 0):
         colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
         points, sure = item.xy[frame, slot] / step, item.confidence[frame, slot]
@@ -166,7 +165,7 @@ def _bones(joint_set: JointSet) -> list[tuple[int, int]]:
 
 
 def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:
-    """Paint squares around points (N, 2)."""
+    """Paint squares around (N, 2) points."""
     reach = np.arange(-radius, radius + 1)
     x, y = (np.round(points[:, axis]).astype(int)[:, None, None] for axis in (0, 1))
     x, y = np.broadcast_arrays(x + reach[:, None], y + reach)
@@ -175,19 +174,18 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
 
 
 LOOKED_AT = 240
-"""The picture that is shown is one of so many first ones, so that a long video is not read to its middle."""
+"""Number of first pictures from which one is shown, so that a long video is not read to its middle."""
 SHOWN_S = 12.0
-"""Seconds of the clocks' curves."""
+"""Length of the clocks' curves in seconds."""
 _LEFT, _TOP, _RIGHT = 40, 30, 190
-"""Margins of the clocks' curves. The cameras' names stand in the right one."""
-_TICKS_S = (0.1, 0.2, 0.5, 1.0, 2.0)
-_MOST_TICKS = 13
+"""Margins of the clocks' curves in pixels. The right one holds the names of the cameras."""
+_TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
 _WEDGE = 90.0
-"""Length of a camera's field of view in the plan, pixels."""
+"""Length of a camera's field of view in the plan in pixels."""
 
 
 def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
-    """Draw a picture of each video with the people who were found, and return its path."""
+    """Draw a picture of each video with its people, and return the path."""
     drawn, titles = [], []
     for item in found:
         sure = item.confidence[:LOOKED_AT].mean(-1).max(-1) if item.confidence.size else np.zeros(1)
@@ -201,7 +199,7 @@ def detections_picture(found: Sequence[VideoDetections], path: Path) -> Path:
 
 
 def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
-    """Draw side by side where each camera saw the board, from ``NAME.png`` in a folder, and return the path."""
+    """Draw the board's places in each view side by side, from ``NAME.png`` in a folder, and return the path."""
     cv2 = opencv()
     there = [name for name in names if (folder / f"{name}.png").is_file()]
     read = [np.fromfile(folder / f"{name}.png", np.uint8) for name in there]
@@ -209,7 +207,7 @@ def draw_boards(folder: Path, names: Sequence[str], path: Path) -> Path:
 
 
 def clocks_picture(found: Sequence[VideoDetections], clocks: Clocks, path: Path) -> Path:
-    """Draw how fast the person moves up and down in each view, as filmed and on one clock, and return the path."""
+    """Draw the speed of the person's limbs in each view, as filmed and on one clock, and return the path."""
     curves = []
     for c, item in enumerate(found):
         if item.num_frames < 2:
@@ -250,11 +248,10 @@ def _curves(
 
 
 def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
-    """Draw the cameras and the person's way from above, world +Y up, and return the path.
+    """Draw the cameras (metres, Z up) and the person's path from above, with Y up, and return the path.
 
     Args:
-        cameras: in metres, Z up.
-        walked: (F, 3) where the person was, metres, NaN where unknown.
+        walked: (F, 3) places of the person in metres, NaN where unknown.
     """
     centres = cameras.centres[:, :2]
     way = walked[np.isfinite(walked).all(-1), :2]
@@ -281,13 +278,12 @@ def cameras_picture(cameras: Cameras, walked: np.ndarray, path: Path) -> Path:
         turns = [np.array([[np.cos(a), -np.sin(a)], [np.sin(a), np.cos(a)]]) for a in (half, -half)]
         wedge = np.stack([centres[c], *(centres[c] + _WEDGE / scale * turn @ ahead for turn in turns)])
         canvas.line(at(wedge), colour, 2, closed=True)
-        # The name stands behind the camera, where its field of view is not.
+        # The name is behind the camera, outside its field of view.
         (x, y), words = at(centres[c]), f"{name} {cameras.centres[c, 2]:.2f} m"
         wide = canvas.text_width(words, 0.45)
         left = x - wide / 2 - ahead[0] * (wide / 2 + 8)
-        canvas.text(
-            np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30), words, colour, 0.45
-        )
+        left, y = np.clip(left, 4, SIDE - wide - 4), np.clip(y + 16 * ahead[1] + 4, 14, SIDE - 30)
+        canvas.text(left, y, words, colour, 0.45)
     canvas.text(10, SIDE - 12, "from above; lines are 1 m apart, heights beside the names", INK, 0.45)
     return canvas.save(path)
 

@@ -25,7 +25,7 @@ class TakePlan:
     take: FoundTake
     folder: Path
     calibration: Calibration | None
-    """The one that is there. None where the cameras are to be calibrated."""
+    """The existing calibration. None to calibrate the cameras."""
     problem: str = ""
 
     @property
@@ -45,14 +45,13 @@ class TakePlan:
 
     @property
     def made_calibration(self) -> Path:
-        """The calibration file that is made where none is there."""
+        """The calibration file that is written if there is no other."""
         return self.folder / "calibration.toml"
 
 
 def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
-    """Return the plan of every take. The results of several go into folders of their own."""
-    plans = []
-    several = len(found.takes) > 1
+    """Return the plan of every take. Several takes have folders of their own."""
+    plans, several = [], len(found.takes) > 1
     for take in found.takes:
         folder, calibration, problem = out / take.name if several else out, None, ""
         try:
@@ -102,17 +101,17 @@ class PipelineSettings:
     until: str = "solve"
     """The last step."""
     jobs: int = 0
-    """Detectors at a time. 0 is one a core."""
+    """Number of detectors at a time, 0 for one per core."""
     pictures_fps: float = PICTURES_FPS
-    """Rate of cameras whose footage is a folder of pictures."""
+    """Rate of folders of pictures, per second."""
     redo: tuple[str, ...] = ()
-    """Steps that are done again even if nothing has changed."""
+    """Steps to repeat even if nothing has changed."""
     overwrite: bool = False
-    """Replace files that other programs made."""
+    """Replace files of other programs."""
     solve: SolveSettings = field(default_factory=SolveSettings)
     """Settings of the solve."""
     world: WorldSettings = field(default_factory=WorldSettings)
-    """Scale and level of the cameras' world."""
+    """Scale and level of the world."""
     cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
     """Facts about cameras without a calibration."""
     hands: DetectorChoice | None = None

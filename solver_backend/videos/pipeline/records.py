@@ -17,11 +17,11 @@ from solver_backend.io.files import read_json
 
 NAME = "steps.json"
 _BEGUN = ""
-"""Key of an output that is in progress."""
+"""Key of an unfinished output."""
 
 
 class Records:
-    """Inputs of one take's results, stored next to them."""
+    """Inputs of one take's results, stored in the same folder."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / NAME
@@ -32,7 +32,7 @@ class Records:
                 self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output exists and was made from these plain values."""
+        """Return whether an output exists and was made from these JSON values."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:
@@ -62,13 +62,13 @@ class Records:
 
 
 def key_of(values: Any) -> str:
-    """Return a short hash of plain values."""
+    """Return a short hash of JSON values."""
     return hashlib.blake2b(json.dumps(values, sort_keys=True, default=str).encode(), digest_size=12).hexdigest()
 
 
 ROAD_FILE = "road.json"
 FORMAT, VERSION = "manifold_mocap_road", 2
-"""Version 1 held sentences, ``words`` and ``doubts``, where version 2 holds ``diagnostics``."""
+"""Version 2 has ``diagnostics`` instead of the sentences of version 1."""
 
 
 @dataclass(frozen=True)
@@ -87,13 +87,9 @@ class StepReport:
         return f"{self.state}: {' '.join(map(sentence, self.diagnostics))}"
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain JSON values."""
-        return {
-            "step": self.step,
-            "state": self.state,
-            "diagnostics": [item.as_dict() for item in self.diagnostics],
-            "pictures": list(self.pictures),
-        }
+        """Return JSON values."""
+        found = [item.as_dict() for item in self.diagnostics]
+        return {"step": self.step, "state": self.state, "diagnostics": found, "pictures": list(self.pictures)}
 
 
 class Steps:
@@ -119,9 +115,9 @@ class Steps:
         return merge(item for report in self.in_order() for item in report.diagnostics)
 
     def as_list(self) -> list[dict[str, object]]:
-        """Return the steps in their order as plain JSON values."""
+        """Return the steps in their order as JSON values."""
         return [report.as_dict() for report in self.in_order()]
 
     def lines(self) -> dict[str, str]:
-        """Return a line of words for each step."""
+        """Return a line of text per step."""
         return {report.step: report.line for report in self.in_order()}

@@ -1,7 +1,4 @@
-"""Run the steps from videos to a motion: detections, clocks, calibration, capture, solve.
-
-Results whose inputs have not changed are kept.
-"""
+"""Run the steps from videos to a motion. Results whose inputs have not changed are kept."""
 
 from __future__ import annotations
 
@@ -44,17 +41,6 @@ from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
 
 
-def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Progress) -> Capture:
-    """Return the capture with the hands that a detector finds, unchanged without a detector.
-
-    Args:
-        detector: of hands in crops, or None.
-    """
-    if detector is None:
-        return capture
-    return find_hands(capture, detector, progress)
-
-
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
     """Report the share of frames in which two views, or the only one, show each hand."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
@@ -80,7 +66,7 @@ def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, pro
     """Run the steps of one take and return their reports. ``road.json`` and the pictures are written after each step.
 
     Raises:
-        MocapError: whatever a step raises. The results of the steps before stay.
+        MocapError: a step failed. The results of earlier steps are kept.
     """
     check_output(plan.capture, overwrite=True)
     run = _TakeRun(found, plan, settings, progress)
@@ -101,33 +87,23 @@ class _TakeRun:
     def detect(self) -> None:
         settings, folder = self._settings, self._plan.folder / "detections"
         done_before = set(folder.glob("*.npz"))
-        self._detections = tuple(
-            detect_videos(
-                self._plan.take.videos,
-                settings.detector,
-                folder,
-                self._progress,
-                jobs=settings.jobs,
-                again="detect" in settings.redo,
-                cameras=self._plan.take.cameras,
-                pictures_fps=settings.pictures_fps,
-            )
-        )
+        videos, cameras, again = self._plan.take.videos, self._plan.take.cameras, "detect" in settings.redo
+        options = {"jobs": settings.jobs, "cameras": cameras, "pictures_fps": settings.pictures_fps}
+        found = detect_videos(videos, settings.detector, folder, self._progress, again=again, **options)
+        self._detections = tuple(found)
         self._seen = [(item.video_hash, item.detector) for item in self._detections]
         count = sum(item.num_frames for item in self._detections)
         drawn = self._pictures / "detect.png"
-        if not self._records.is_made(drawn, self._seen) or "detect" in settings.redo:
+        if not self._records.is_made(drawn, self._seen) or again:
             pictures.detections_picture(self._detections, drawn)
             self._records.made(drawn, self._seen)
         found = [diagnostic("videos_searched", count=count, detector=self._detections[0].detector)]
-        found += [
-            diagnostic("person_seldom_found", file=item.video.name, share=100 * (1 - share))
-            for item in self._detections
-            if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE
-        ]
+        for item in self._detections:
+            if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE:
+                found.append(diagnostic("person_seldom_found", file=item.video.name, share=100 * (1 - share)))
         if any(video.is_dir() for video in self._plan.take.videos):
             found.append(diagnostic("frame_rate_assumed", rate=settings.pictures_fps))
-        kept = set(folder.glob("*.npz")) == done_before and "detect" not in settings.redo
+        kept = set(folder.glob("*.npz")) == done_before and not again
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
     def sync(self) -> None:
@@ -138,16 +114,14 @@ class _TakeRun:
         plan, settings = self._plan, self._settings
         drawn = [self._pictures / "calibrate.png"]
         if self._calibration is not None:
-            file, count = self._calibration.source.name, len(self._calibration.cameras)
-            self.steps.report(
-                "calibrate", "kept", [diagnostic("calibration_read", kind="kept", file=file, count=count)], drawn
-            )
+            figures = {"file": self._calibration.source.name, "count": len(self._calibration.cameras)}
+            found = [diagnostic("calibration_read", kind="kept", **figures)]
+            self.steps.report("calibrate", "kept", found, drawn)
             return
         if plan.made_calibration.exists() and not self._records.is_ours(plan.made_calibration):
             _refuse(plan.made_calibration, settings)
-        request = CalibrationRequest(
-            self._found, plan.take, self._detections, self._clocks, plan.made_calibration, drawn[0]
-        )
+        out = plan.made_calibration
+        request = CalibrationRequest(self._found, plan.take, self._detections, self._clocks, out, drawn[0])
         with self._records.making(plan.made_calibration):
             made = calibrate_take(request, settings.cameras, self._progress)
         self._calibration = _of_take(plan.made_calibration, plan)
@@ -165,16 +139,14 @@ class _TakeRun:
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
-            name, world, state = plan.take.name, self._settings.world, "made"
+            name, world, state, one = plan.take.name, self._settings.world, "made", self._of_one()
             detections, found = steadied(self._detections, calibration, self._progress)
-            capture = assembled(
-                name, detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
-            )
+            made = assembled(name, detections, self._clocks, calibration, self._progress, world=world, one=one)
             notes, problems = ([i for i in found if (i.severity is Severity.NOTE) is kind] for kind in (True, False))
-            self._capture = checked(
-                replace(capture, notes=(*capture.notes, *notes), problems=(*capture.problems, *problems))
-            )
-            self._capture = with_hands(self._capture, self._settings.hands, self._progress)
+            made = replace(made, notes=(*made.notes, *notes), problems=(*made.problems, *problems))
+            self._capture = checked(made)
+            if self._settings.hands is not None:
+                self._capture = find_hands(self._capture, self._settings.hands, self._progress)
             with self._records.making(plan.capture):
                 write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
@@ -227,13 +199,10 @@ class _TakeRun:
             return plan.calibration
         made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        if len(plan.take.videos) == 1 and ours:  # its lens is what the user states, and is not found again
+        if len(plan.take.videos) == 1 and ours:  # the user states its lens, which is not estimated again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
-        return (
-            _of_take(made, plan)
-            if made.is_file() and fits and not ("calibrate" in self._settings.redo and ours)
-            else None
-        )
+        again = "calibrate" in self._settings.redo and ours
+        return _of_take(made, plan) if made.is_file() and fits and not again else None
 
     def _calibrated_from(self, method: str) -> Any:
         cameras = self._settings.cameras
@@ -256,10 +225,8 @@ class _TakeRun:
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        found = [
-            *(self._clocks.notes() or (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)),
-            *self._clocks.findings,
-        ]
+        notes = self._clocks.notes() or (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)
+        found = [*notes, *self._clocks.findings]
         self.steps.report("sync", "kept" if kept else "made", found, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
@@ -275,15 +242,13 @@ class _TakeRun:
         pictures.cameras_picture(cameras, way, self._pictures / "cameras.png")
         try:
             check = check_calibration(cameras, keypoints)
+            pictures.check_picture(cameras.names, check, self._pictures / "check.png")
         except NoDetections:
             check = None
-        else:
-            pictures.check_picture(cameras.names, check, self._pictures / "check.png")
         self._progress("Checking the calibration", 1, 1)
         return check
 
     def _is_kept(self, output: Path, made_of: Any, step: str) -> bool:
-        """Return whether an output is kept."""
         if step not in self._settings.redo and self._records.is_made(output, made_of):
             return True
         if output.exists() and not self._records.is_ours(output):
@@ -292,7 +257,6 @@ class _TakeRun:
 
 
 def _refuse(output: Path, settings: PipelineSettings) -> None:
-    """Raise ``OutputExists`` for a foreign file, unless it may be replaced."""
     if not settings.overwrite:
         hint = "Choose another --out, or --overwrite."
         raise OutputExists("The output is a file that from-videos did not write.", where=str(output), hint=hint)

@@ -15,7 +15,7 @@ from solver_backend.types import Cameras
 from solver_backend.videos.detect.child.pose_workers import litert_hands
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_hand_detector
-from solver_backend.videos.detect.find_hands import arms_of, is_due, pictures_of, seen_by_two
+from solver_backend.videos.detect.find_hands import arms_of, is_due, pictures_of, seen_by
 from solver_backend.videos.detect.search_hands import (
     HAND_M,
     LEAST_TRUST,
@@ -121,7 +121,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Scene:
         return found
 
     monkeypatch.setattr(HandCrop, "cut", noted)
-    return Scene(cameras, arms_of(take.capture)[0].of(frame), px[:, frame], pictures)
+    return Scene(cameras, arms_of(take.capture)[0].at(frame), px[:, frame], pictures)
 
 
 def test_both_hands_come_back_in_the_pixels_of_each_picture_and_are_followed_with_one_look(scene: Scene) -> None:
@@ -211,7 +211,7 @@ def test_shares_count_frames_that_two_views_show() -> None:
     hands = capture.keypoints.hands.copy()
     hands[..., 2] = 0.9
     hands[1:, :2, 1, :, 2] = 0.0
-    assert seen_by_two(replace(capture, keypoints=replace(capture.keypoints, hands=hands))) == {
+    assert seen_by(replace(capture, keypoints=replace(capture.keypoints, hands=hands)), 2) == {
         "left": 100.0,
         "right": 50.0,
     }

@@ -13,7 +13,8 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.progress import silent
 from solver_backend.types import Capture
 from solver_backend.videos.detect.detector import DetectorChoice
-from solver_backend.videos.pipeline.run import hands_found, made_of_hands, with_hands
+from solver_backend.videos.detect.find_hands import find_hands
+from solver_backend.videos.pipeline.run import hands_found, made_of_hands
 from tests.support.handed_take import handed_take
 from tests.support.videos import write_dots
 
@@ -61,7 +62,7 @@ def capture(tmp_path: Path) -> Capture:
 
 
 def test_hands_are_found_and_reported(capture: Capture, detector: DetectorChoice) -> None:
-    found = with_hands(capture, detector, silent)
+    found = find_hands(capture, detector, silent)
     assert found.keypoints is not None and found.keypoints.hands is not None
     seen = (found.keypoints.hands[..., 2] > 0).all(-1)
     assert seen.mean() > 0.9
@@ -70,13 +71,13 @@ def test_hands_are_found_and_reported(capture: Capture, detector: DetectorChoice
 
 
 def test_hands_of_a_single_video_are_found_at_lifted_arms(capture: Capture, detector: DetectorChoice) -> None:
-    assert with_hands(capture, None, silent) is capture and hands_found(capture, None) == []
+    assert hands_found(capture, None) == []
     assert capture.keypoints is not None and capture.cameras is not None
     keypoints = replace(capture.keypoints, xy=capture.keypoints.xy[:1], confidence=capture.keypoints.confidence[:1])
     one = replace(
         capture, cameras=capture.cameras.subset([0]), keypoints=keypoints, footage=capture.footage[:1]
     )  # fmt: skip
-    found = with_hands(one, detector, silent)
+    found = find_hands(one, detector, silent)
     assert found.keypoints is not None and found.keypoints.hands is not None
     assert (found.keypoints.hands[..., 2] > 0).all(-1).mean() > 0.9
     [item] = hands_found(found, detector)
