@@ -57,17 +57,17 @@ class SensorFiles:
 
     @staticmethod
     def of(frame: SensorFrame) -> SensorFiles:
-        """Return what the frames of a sensor are like, by one of them."""
+        """Return the properties of a frame's sensor."""
         height, width = frame.infrared.shape
         return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values."""
+        """Return JSON values."""
         return {"name": self.name, "size": [self.width, self.height], "infrared": self.infrared, "depth": self.depth}
 
 
 LARGEST_NUMBER = 1e11
-"""Of a frame or of seconds in an index: 3,000 years, beyond which steps of a microsecond are lost in rounding."""
+"""Largest frame number, or time in seconds, of an index. Larger ones lose microseconds in rounding."""
 
 
 @dataclass(frozen=True)
@@ -77,26 +77,20 @@ class RecordingAbout:
     kind: str
     """One of ``KINDS``."""
     fps: float
-    """Frames per second that the sensors were asked for."""
+    """Requested frames per second."""
     sensors: tuple[SensorFiles, ...]
 
     def text(self) -> str:
         """Return the file's text."""
-        values = {
-            "format": FORMAT,
-            "version": VERSION,
-            "kind": self.kind,
-            "fps": self.fps,
-            "sensors": [sensor.as_dict() for sensor in self.sensors],
-        }
-        return json.dumps(values, indent=1) + "\n"
+        values = {"format": FORMAT, "version": VERSION, "kind": self.kind, "fps": self.fps}
+        return json.dumps(values | {"sensors": [sensor.as_dict() for sensor in self.sensors]}, indent=1) + "\n"
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read what a recording states of itself.
+    """Read the description of a recording.
 
     Raises:
-        RecordingInvalid: it is no recording, of a newer version, or its values are impossible.
+        RecordingInvalid: it is not a recording, has a newer version, or impossible values.
     """
     path = folder / ABOUT
     if not path.is_file():
@@ -111,9 +105,8 @@ def read_about(folder: Path) -> RecordingAbout:
         if not sensors or not 0 < about.fps < 10_000 or len({s.name for s in sensors}) < len(sensors):
             raise ValueError("no sensors, two of one name, or no frame rate")
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise RecordingInvalid(
-            f"{ABOUT} is not in our format, or of a newer version: {error}.", where=str(path), hint="Record again."
-        ) from error
+        message = f"{ABOUT} is not in our format, or of a newer version: {error}."
+        raise RecordingInvalid(message, where=str(path), hint="Record again.") from error
     return about
 
 
@@ -128,10 +121,10 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) number, device's and host's seconds of each frame. A last line that was cut off is skipped.
+    """Return (F, 3) number, device time and host time of each frame. A last line that was cut off is skipped.
 
     Raises:
-        RecordingInvalid: it is not there, or a line is no index.
+        RecordingInvalid: it is missing, or not an index.
     """
     try:
         lines = read_text(path).splitlines(keepends=True)
@@ -141,53 +134,46 @@ def read_index(path: Path) -> np.ndarray:
             raise ValueError("another header, or times that are not numbers")
         if (beyond := np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > LARGEST_NUMBER)).size:
             row = int(beyond[0])
-            raise ValueError(
-                f"line {row + 2} holds {np.abs(rows[row]).max():.3g}, which is not a time or a frame number"
-            )
+            value = f"{np.abs(rows[row]).max():.3g}"
+            raise ValueError(f"line {row + 2} holds {value}, which is not a time or a frame number")
     except (FileDamaged, FileMissing, ValueError) as error:
         raise RecordingInvalid(f"The index cannot be read: {error}.", where=str(path), hint="Record again.") from error
     return rows
 
 
 WAITING = 8
-"""Frames that may wait to be written."""
+"""Most frames that wait to be written. Chosen by hand."""
 SPARE_BYTES = 64 << 20
-"""Recording ends while the disk still has this much, for whatever else needs it."""
+"""Recording ends when the disk has less free space, which other programs need. Chosen by hand."""
 _ASK_EVERY = 32
-"""Frames from one look at the free disk to the next. Chosen by hand."""
+"""Number of frames between checks of the free space. Chosen by hand."""
 
 
 class Recording:
-    """The folder of a recording: what it is and where its sensors stand. Sensors are added as they show up.
+    """The folder of a recording with its description and the sensors' poses. Sensors are added when they appear.
 
     Args:
-        kind: 'raw' or 'png', how pictures are kept.
-        fps: frames per second that the sensors were asked for.
-        overwrite: begin anew where a recording is there.
+        kind: picture format, 'raw' or 'png'.
+        fps: requested frames per second.
+        overwrite: replace an existing recording.
 
     Raises:
-        OutputExists: a recording is there already.
+        OutputExists: there is a recording already.
     """
 
     def __init__(self, folder: Path, kind: str, fps: float, cameras: Cameras, *, overwrite: bool = False) -> None:
         self.folder, self._about = folder, RecordingAbout(kind, fps, ())
         if (folder / ABOUT).exists() and not overwrite:
-            raise OutputExists(
-                "A recording is there already.", where=str(folder), hint="Name another folder, or pass --overwrite."
-            )
+            hint = "Name another folder, or pass --overwrite."
+            raise OutputExists("A recording is there already.", where=str(folder), hint=hint)
         try:
             folder.mkdir(parents=True, exist_ok=True)
             (folder / CALIBRATION).write_text(pose2sim_toml(cameras, None), encoding="utf-8", newline="\n")
         except OSError as error:
             raise _not_writable(folder, error) from error
 
-    @property
-    def kind(self) -> str:
-        """Picture format."""
-        return self._about.kind
-
     def add(self, sensor: SensorFiles) -> None:
-        """Make a sensor's folder and name it in the recording."""
+        """Create a sensor's folder and add the sensor to the description."""
         self._about = replace(self._about, sensors=(*self._about.sensors, sensor))
         try:
             (self.folder / sensor.name).mkdir(exist_ok=True)
@@ -197,19 +183,17 @@ class Recording:
 
 
 def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
-    return OutputNotWritable(
-        f"The recording cannot be written: {error.strerror or error}.",
-        where=str(folder),
-        hint="Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw.",
-    )
+    message = f"The recording cannot be written: {error.strerror or error}."
+    hint = "Choose a folder that can be written to, with room: a minute of three sensors takes 16 GB raw."
+    return OutputNotWritable(message, where=str(folder), hint=hint)
 
 
 class SensorRecorder:
-    """Writes the frames of one sensor in a thread of its own. What does not fit through is dropped and counted.
+    """Write the frames of one sensor in its own thread. Frames that come too fast are dropped and counted.
 
     Args:
         kind: 'raw' or 'png'.
-        patient: wait for the disk. For sources that wait themselves.
+        patient: wait for the disk, for sources that can wait.
     """
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
@@ -222,18 +206,18 @@ class SensorRecorder:
         self._thread.start()
 
     def __call__(self, frame: SensorFrame) -> None:
-        """Take a frame to be written. It is dropped if the disk is too slow or its size is another."""
+        """Queue a frame. It is dropped if the disk is too slow or its size differs."""
         if self.ended:
             return
         try:
-            if SensorFiles.of(frame) != self._sensor:  # a file of frames holds one size
+            if SensorFiles.of(frame) != self._sensor:  # a file holds frames of one size
                 raise queue.Full
             self._queue.put(frame, block=self._patient)
         except queue.Full:
             self.dropped += 1
 
     def close(self) -> None:
-        """Write what waits, and end."""
+        """Write the waiting frames, and stop."""
         if self._thread.is_alive():
             self._queue.put(None)
             self._thread.join()
@@ -263,14 +247,13 @@ class SensorRecorder:
             raise OSError("the disk is full")
 
     def _pictures(self, frame: SensorFrame, frames: FileIO) -> None:
-        pictures = {"infrared": frame.infrared} | ({"depth": frame.depth} if frame.depth is not None else {})
-        if self._kind == "raw":
-            for picture in pictures.values():
+        for what, picture in {"infrared": frame.infrared, "depth": frame.depth}.items():
+            if picture is None:
+                continue
+            if self._kind == "raw":
                 data = np.ascontiguousarray(picture, picture.dtype.newbyteorder("<")).data
                 if frames.write(data) != data.nbytes:
                     raise OSError("the disk is full")
-            return
-        for what, picture in pictures.items():
-            folder = self._folder / what
-            folder.mkdir(exist_ok=True)
-            (folder / f"{self.written:06d}.png").write_bytes(png_bytes(picture, noisy=True))
+            else:
+                (self._folder / what).mkdir(exist_ok=True)
+                (self._folder / what / f"{self.written:06d}.png").write_bytes(png_bytes(picture, noisy=True))

@@ -1,6 +1,6 @@
 """Join the newest detections of several filming cameras into moments.
 
-A machine that is too slow for all views leaves out views first, down to two, and then moments. No moment is late.
+A machine that is too slow for all views skips views first, down to two, and then moments. No moment is late.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from types import TracebackType
 from typing import Any, Protocol
 
 import numpy as np
@@ -23,7 +22,7 @@ from solver_backend.videos.detect.detector import DetectorFailed
 from solver_backend.videos.streaming.picture_sources import LivePicture, PictureSource
 
 KEPT = 4
-"""Number of recent pictures per camera, so that all cameras have one of the same moment."""
+"""Number of recent pictures per camera, so that all cameras have one of the same moment. Chosen by hand."""
 
 
 class KeypointDetector(Protocol):
@@ -65,7 +64,7 @@ class LiveView:
         threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
 
     def begin(self, start: float) -> None:
-        """Read pictures, on a clock that is 0 at ``start``."""
+        """Read pictures on a clock that is 0 at ``start``."""
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
@@ -97,7 +96,9 @@ class LiveView:
         try:
             with self._make() as detector:
                 width, height = self.source.size
-                detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)  # no first picture is late by loading
+                detector.detect(
+                    np.zeros((height, width, 3), np.uint8), 0.0
+                )  # loads it, so the first picture is not late
                 self._announce(about=detector.about)
                 while (asked := self._wait()) is not None:
                     moment, picture = asked
@@ -140,14 +141,9 @@ _EASY = 0.8
 
 
 class ViewBudget:
-    """Number of views that are detected at a time."""
+    """Number of views that are detected at a time. It starts with all of them."""
 
     def __init__(self, views: int, interval_s: float) -> None:
-        """Begin with all.
-
-        Args:
-            interval_s: seconds from a moment to the next that are wanted.
-        """
         self.most, self.interval_s, self.count = views, interval_s, views
         self._usual_s: float | None = None
 
@@ -228,9 +224,7 @@ class LiveMoments:
         self.budget = ViewBudget(len(self.views), max(1.0 / self._rate_hz, self._interval_s))
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._end()
 
     def _end(self) -> None:
@@ -272,14 +266,14 @@ class LiveMoments:
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
         """Request the detection of the next moment. Return its pictures by view, and the time.
 
-        None where there is none, and where a camera is to be reported first.
+        Return None if there is no moment yet, or if a camera must be reported first.
         """
         with self._changed:
             while True:
-                if self._alive() < FEWEST or self._late(time.perf_counter()):
+                now = time.perf_counter()
+                if self._alive() < FEWEST or self._late(now):
                     return None
-                chosen = self._chosen(time.perf_counter())
-                if chosen:
+                if chosen := self._chosen(now):
                     break
                 if not wait:
                     return None
@@ -294,14 +288,12 @@ class LiveMoments:
             return chosen, time.perf_counter()
 
     def _chosen(self, now: float) -> dict[int, LivePicture]:
-        """Return the pictures of the next moment, by view. None where it is not there yet.
-
-        Of the views that are idle, those that were skipped longest are taken, as many as the budget has.
-        """
+        """Return the pictures of the next moment by view, or nothing. The idle views that waited longest come first."""
         there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
         prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
         idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)
-        if len(idle) < FEWEST or (len(there) < self._alive() and now - self._began(now, there) < STALL_S):
+        began = min((self.views[c].newest[0].arrived for c in there), default=now)
+        if len(idle) < FEWEST or (len(there) < self._alive() and now - began < STALL_S):
             return {}
         chosen = idle[: self.budget.count]
         at = min(self.views[c].newest[-1].time_s for c in chosen)
@@ -313,10 +305,6 @@ class LiveMoments:
 
     def _alive(self) -> int:
         return sum(not view.ended for view in self.views)
-
-    def _began(self, now: float, there: list[int]) -> float:
-        """Return the arrival of the first picture, or ``now`` without one."""
-        return min((self.views[c].newest[0].arrived for c in there), default=now)
 
     def _answered(self, asked: dict[int, LivePicture], begun: float) -> ViewMoment | None:
         moment = self.counts.moments - 1
@@ -357,10 +345,10 @@ class LiveMoments:
                 yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
 
     def require_views(self) -> None:
-        """Raise the error that ended a run with failed cameras.
+        """Raise the error that left fewer than two cameras.
 
         Raises:
-            TooFewViews: fewer than two are left because of it.
+            TooFewViews: cameras failed.
         """
         failed = [view for view in self.views if view.failure is not None]
         if failed and len(self.views) - len(failed) < FEWEST:

@@ -19,56 +19,48 @@ from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, l
 
 @dataclass(frozen=True)
 class LivePicture:
-    """A picture of one camera. Its pixels are made only if they are asked for."""
+    """A picture of one camera, decoded on demand."""
 
     number: int
-    """Count of the camera's pictures, from 0."""
+    """Index of the picture."""
     time_s: float
     """Seconds on the clock that all cameras share."""
     arrived: float
-    """``time.perf_counter()`` when it came, or when a replay lets it come."""
+    """``time.perf_counter()`` when it arrived, or when a replay is due."""
     rgb: Callable[[], np.ndarray]
     """Returns (H, W, 3) uint8."""
 
 
 class PictureSource(Protocol):
-    """A camera, or a video in the place of one."""
+    """A camera, or a video that replaces one."""
 
     name: str
     size: tuple[int, int]
-    """Width and height, px. Known once it is open."""
+    """Width and height in pixels, known once it is open."""
     fps: float
-    """Pictures per second. Known once it is open."""
+    """Pictures per second, known once it is open."""
 
     def open(self) -> None:
-        """Connect, so that no picture has to wait for it.
-
-        Raises:
-            MocapError: it is not there.
-        """
+        """Connect. Raise ``MocapError`` if it is missing."""
         ...
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield pictures as they come, until the camera ends.
-
-        Args:
-            start: ``time.perf_counter()`` at which the shared clock is 0.
-        """
+        """Yield pictures as they come until the end. The shared clock is 0 at ``start`` (``time.perf_counter()``)."""
         ...
 
     def close(self) -> None:
-        """End. May be called several times, and from another thread."""
+        """Stop. May be called several times, and from another thread."""
         ...
 
 
 SIZE, FPS = (1280, 720), 30.0
-"""Requested size and rate of a webcam, which may give another size."""
+"""Requested size and rate of a webcam, which may differ."""
 _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"), "win32": ("dshow", "video={}")}
-"""FFmpeg's name of each system's cameras, and how one is named."""
+"""FFmpeg's input format and device name on each system."""
 
 
 class Webcam:
-    """A camera by its number. Pictures have the times at which they come."""
+    """A camera by its number. Pictures have the times at which they arrive."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -77,11 +69,7 @@ class Webcam:
         self._close: Callable[[], Any] = lambda: None
 
     def open(self) -> None:
-        """Connect.
-
-        Raises:
-            VideoUnreadable: there is no such camera.
-        """
+        """Connect. Raise ``VideoUnreadable`` if there is no such camera."""
         try:
             import cv2
         except ModuleNotFoundError:
@@ -90,18 +78,14 @@ class Webcam:
         camera = cv2.VideoCapture(self.index)
         if not camera.isOpened():
             raise _missing(self.index)
-        for key, value in (
-            (cv2.CAP_PROP_FRAME_WIDTH, SIZE[0]),
-            (cv2.CAP_PROP_FRAME_HEIGHT, SIZE[1]),
-            (cv2.CAP_PROP_FPS, FPS),
-        ):
+        wide, high, rate = cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT, cv2.CAP_PROP_FPS
+        for key, value in ((wide, SIZE[0]), (high, SIZE[1]), (rate, FPS)):
             camera.set(key, value)
-        width, height = (int(camera.get(key)) for key in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
-        self.size, self.fps = (width, height), float(camera.get(cv2.CAP_PROP_FPS)) or FPS
+        self.size, self.fps = (int(camera.get(wide)), int(camera.get(high))), float(camera.get(rate)) or FPS
 
         def read() -> Callable[[], np.ndarray] | None:
             there, bgr = camera.read()
-            return partial(_from_bgr, bgr) if there else None
+            return partial(np.ascontiguousarray, bgr[..., ::-1]) if there else None
 
         self._next, self._close = read, camera.release
 
@@ -139,25 +123,18 @@ class Webcam:
             number += 1
 
     def close(self) -> None:
-        """Let the camera go."""
+        """Release the camera."""
         self._next = None
         self._close()
 
 
-def _from_bgr(bgr: np.ndarray) -> np.ndarray:
-    return np.ascontiguousarray(bgr[..., ::-1])
-
-
 def _missing(index: int) -> VideoUnreadable:
-    return VideoUnreadable(
-        "The webcam cannot be opened.",
-        where=f"webcam:{index}",
-        hint="Check that it is plugged in, its number, and that no other program uses it.",
-    )
+    hint = "Check that it is plugged in, its number, and that no other program uses it."
+    return VideoUnreadable("The webcam cannot be opened.", where=f"webcam:{index}", hint=hint)
 
 
 class ReplayedVideo:
-    """A video file, played once or again and again."""
+    """A video file that is played once or repeatedly."""
 
     def __init__(self, name: str, path: Path, *, repeat: bool = False) -> None:
         self.name, self.path = name, path
@@ -165,13 +142,13 @@ class ReplayedVideo:
         self._repeat, self._closed = repeat, threading.Event()
 
     def open(self) -> None:
-        """Read what the video is."""
+        """Read the properties of the video."""
         info = probe(self.path)
         self.size, self.fps, self._first_s = info.size, info.fps, float(info.times_s[0])
         self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
-        """Yield each picture when it is due. One that is decoded late comes late."""
+        """Yield each picture when it is due, or late if it is decoded late."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
             for frame in decoded_frames(self.path):

@@ -21,7 +21,7 @@ _POINTS, _PRESENCE, _RIGHT = 63, 1, 1
 
 
 class LiteRtHands:
-    """Finds the points of a hand."""
+    """Find the points of a hand."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         self._model = LiteRtModel(Path(options["model"]), MODELS, _PACKAGE, int(options.get("threads", 1)))
@@ -29,10 +29,7 @@ class LiteRtHands:
         self.about = {"name": self._model.name, "licence": LICENCE, "num_keypoints": 21, "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the ``points`` (21, 2) of a crop (224, 224, 3), crop pixels, and from 0 to 1 their ``presence`` (1,).
-
-        ``right`` (1,) is how much they look like a right hand's.
-        """
+        """Return the ``points`` (21, 2) in a (224, 224, 3) crop, and the shares ``presence`` and ``right``."""
         points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
         return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1)}
 

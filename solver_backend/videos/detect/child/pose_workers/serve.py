@@ -1,8 +1,8 @@
-"""The protocol between us and a detector's process: a line of JSON, then the bytes of the arrays it announces.
+"""Protocol between us and a detector's process: a line of JSON, then the bytes of its arrays.
 
-The process first writes ``{"ready": {...}}`` with what it is, or ``{"error": {"code", "message", "hint"}}``. For every
-picture it is sent ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
-the arrays' float32 in that order. The end of its input ends it.
+The process writes ``{"ready": {...}}`` with its description, or ``{"error": {"code", "message", "hint"}}``. For every
+picture it receives ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes. It answers ``{"arrays": {name: shape}}`` and
+the arrays as float32 in that order. It ends at the end of its input.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ import numpy as np
 
 
 class Refused(Exception):
-    """The detector cannot work: a code, what happened, and what to try."""
+    """The detector cannot work: a code, the reason, and a hint."""
 
     def __init__(self, code: str, message: str, hint: str = "") -> None:
         super().__init__(message)
@@ -28,18 +28,18 @@ class PoseDetector(Protocol):
     """A detector of this package."""
 
     about: dict[str, Any]
-    """``name`` with its version, ``joint_set`` or ``num_keypoints``, ``people`` at most."""
+    """``name`` with its version, ``joint_set`` or ``num_keypoints``, and the largest number of ``people``."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return ``keypoints`` (P, K, 3): x, y in pixels, (0, 0) the centre of the first, and confidence 0 to 1.
+        """Return ``keypoints`` (P, K, 3): x and y in pixels from the centre of the first one, and confidence 0 to 1.
 
-        ``hands`` (P, 2, 21, 3), left hand first, where the detector finds them. NaN for a hand that is not seen.
+        Some return ``hands`` (P, 2, 21, 3) too, left hand first, NaN for unseen hands.
         """
         ...
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer until the input ends. What libraries print goes to standard error."""
+    """Answer until the input ends. Output of libraries goes to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
@@ -67,5 +67,5 @@ def _say(stream: BinaryIO, head: dict[str, Any], *arrays: np.ndarray) -> None:
 def _exactly(stream: BinaryIO, count: int) -> bytes:
     data = stream.read(count)
     if len(data) < count:
-        raise SystemExit(0)  # whoever sent pictures is gone
+        raise SystemExit(0)  # the reader of the answers is gone
     return data
