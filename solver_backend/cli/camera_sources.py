@@ -147,7 +147,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
     """Return the same of detections without calibration: the person is the largest in each view."""
-    from solver_backend.camera_calibration.extrinsics.from_person import main_person
+    from solver_backend.camera_calibration.extrinsics.person_session import main_person
     from solver_backend.io.calibration.search import levels_above
     from solver_backend.io.detections.read import read_detections
     from solver_backend.io.detections.search import camera_sources, read_config

@@ -11,11 +11,11 @@ import pytest
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.check.calibration_check import check_calibration
-from solver_backend.camera_calibration.extrinsics.from_person import calibrate_from_person
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     align_cameras,
     calibrate_by_person,
+    calibrate_from_person,
     refine_by_person,
 )
 from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, pose_from_essential

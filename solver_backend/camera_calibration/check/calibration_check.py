@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.camera_calibration.extrinsics.from_person import refined_by_person
+from solver_backend.camera_calibration.extrinsics.person_session import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project, undistort
