@@ -18,8 +18,13 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.bundle import Bodies, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
 from solver_backend.camera_calibration.boards.board import board_named
-from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_lenses, find_boards
-from solver_backend.camera_calibration.extrinsics.from_board import BoardCalibration, calibrate_from_board
+from solver_backend.camera_calibration.extrinsics.board_session import (
+    BoardCalibration,
+    board_footage,
+    calibrate_from_board,
+    calibrate_lenses,
+    find_boards,
+)
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     calibrate_by_person,

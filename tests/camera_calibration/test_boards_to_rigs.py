@@ -11,8 +11,12 @@ import pytest
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.extrinsics import board_session
-from solver_backend.camera_calibration.extrinsics.board_session import BoardFootage, calibrate_by_board
-from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board, zoom_doubts
+from solver_backend.camera_calibration.extrinsics.board_session import (
+    BoardFootage,
+    calibrate_by_board,
+    calibrate_from_board,
+    zoom_doubts,
+)
 from solver_backend.camera_calibration.extrinsics.two_views import result_of
 from solver_backend.camera_calibration.intrinsics.known_lenses import camera_lens
 from solver_backend.camera_calibration.intrinsics.lens_fit import advice, fitted_lens

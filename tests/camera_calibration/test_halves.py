@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
-from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board, widen_by_halves
+from solver_backend.camera_calibration.extrinsics.board_session import calibrate_from_board, widen_by_halves
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, result_of
 from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens, camera_lens, choose_family, in_family
 from tests.support.carried_board import BOARD, carried, ring
