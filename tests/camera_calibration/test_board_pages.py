@@ -8,8 +8,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.boards.board import Board, board_named, board_toml
-from solver_backend.camera_calibration.boards.detection import BoardDetector
+from solver_backend.camera_calibration.boards.board import Board, BoardDetector, board_named, board_toml
 from solver_backend.camera_calibration.boards.page import Disc, Page, Polygon, board_page, pdf, svg
 from solver_backend.exchange.errors import JobInvalid
 

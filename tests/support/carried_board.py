@@ -6,8 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras

@@ -8,8 +8,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import charuco_boards
+from solver_backend.camera_calibration.boards.board import Board, charuco_boards
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.errors import JobInvalid
 

@@ -21,8 +21,7 @@ from solver_backend.camera_calibration.adjustment.lens import (
     build_cameras,
     lens_of,
 )
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting, point_velocities
+from solver_backend.camera_calibration.boards.board import Board, BoardDetector, BoardSighting, point_velocities
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     Pose,

@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Held, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.camera_calibration.extrinsics.board_session import board_world, placed_boards, poses_seen
 from solver_backend.camera_calibration.extrinsics.person_session import (
     FINAL_FRAMES,

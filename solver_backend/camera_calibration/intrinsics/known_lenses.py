@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.camera_calibration.intrinsics.lens_fit import (
     LensChoice,
     advice,

@@ -22,8 +22,7 @@ from solver_backend.camera_calibration.adjustment.lens import (
     planar_pose,
     rough_lens,
 )
-from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
