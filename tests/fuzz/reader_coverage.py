@@ -37,7 +37,7 @@ _READERS = (
     "solver_backend/sensors/devices/record.py",
     "solver_backend/sensors/devices/recorded.py",
     "solver_backend/sensors/wand/source.py",
-    "solver_backend/videos/pipeline/records.py",
+    "solver_backend/videos/pipeline/plan.py",
     "solver_backend/synthesis/studio/camera_arrays.py",
     "solver_backend/synthesis/studio/spec.py",
     "solver_backend/synthesis/studio/spec.py",

@@ -24,8 +24,8 @@ from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.detector import read_arrays, read_head
-from solver_backend.videos.pipeline.records import NAME as STEPS
-from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.pipeline.plan import NAME as STEPS
+from solver_backend.videos.pipeline.plan import Records
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
 from solver_backend.videos.video_detections import VideoDetections, read_detections, write_detections
 from tests.fuzz import odd_bodies, odd_motions, odd_values

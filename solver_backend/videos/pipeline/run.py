@@ -35,8 +35,7 @@ from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
-from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, TakePlan
-from solver_backend.videos.pipeline.records import Records, Steps
+from solver_backend.videos.pipeline.plan import STEPS, PipelineSettings, Records, Steps, TakePlan
 from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
 

@@ -17,7 +17,7 @@ from blender_addon.ui.panels.videos import Previews
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from solver_backend.videos.files.video import probe, read_pictures
-from solver_backend.videos.pipeline.records import Steps
+from solver_backend.videos.pipeline.plan import Steps
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video
 

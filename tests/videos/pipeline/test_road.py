@@ -16,8 +16,7 @@ from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
 from solver_backend.videos.pipeline.layout import NoVideos, look_through
-from solver_backend.videos.pipeline.plan import PipelineSettings, planned
-from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.pipeline.plan import PipelineSettings, Records, planned
 from solver_backend.videos.pipeline.run import run_take
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
