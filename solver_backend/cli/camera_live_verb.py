@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from solver_backend.io.calibration.entry import Calibration
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.views_session import ViewsSession
-    from solver_backend.videos.streaming.moments import LiveMoments
-    from solver_backend.videos.streaming.picture_sources import PictureSource
+    from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
 
 MOST_CAMERAS = 4
 """More are no help to one person, and a load."""
@@ -108,7 +107,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
         CommandLineInvalid: two have the same name, or one is none.
     """
     from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
-    from solver_backend.videos.streaming.picture_sources import ReplayedVideo, Webcam
+    from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
 
     found: list[PictureSource] = []
     for number, text in enumerate(texts):

@@ -13,7 +13,7 @@ import numpy as np
 
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
-from solver_backend.videos.streaming.picture_sources import LivePicture
+from solver_backend.videos.streaming.moments import LivePicture
 
 SIZE = (16, 8)
 

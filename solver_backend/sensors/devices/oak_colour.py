@@ -18,7 +18,7 @@ from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.sensors.devices.device import SensorFailed
 from solver_backend.sensors.devices.oak import OakPipeline, depthai
 from solver_backend.videos.files.video import library
-from solver_backend.videos.streaming.picture_sources import LivePicture
+from solver_backend.videos.streaming.moments import LivePicture
 from solver_backend.videos.sync.clocks import Clocks
 
 TICKS = 90_000

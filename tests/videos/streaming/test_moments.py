@@ -13,8 +13,7 @@ import pytest
 from solver_backend.exchange.errors import TooFewViews
 from solver_backend.videos.detect.detector import DetectorFailed, DetectorMissing
 from solver_backend.videos.files.video import VideoUnreadable
-from solver_backend.videos.streaming.moments import LiveMoments, ViewBudget
-from solver_backend.videos.streaming.picture_sources import LivePicture
+from solver_backend.videos.streaming.moments import LiveMoments, LivePicture, ViewBudget
 from tests.support.filmed_moments import FakeCamera, FakeDetector
 
 PEOPLE = np.ones((2000, 25, 3))

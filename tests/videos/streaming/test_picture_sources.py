@@ -13,7 +13,7 @@ import pytest
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.sensors.devices.oak_colour import ColourPicture, OakPictures
 from solver_backend.videos.files.video import VideoUnreadable
-from solver_backend.videos.streaming.picture_sources import ReplayedVideo, Webcam
+from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
 from tests.support.videos import write_timed_video
 
 RED = np.full((48, 64, 3), (250, 10, 10), np.uint8)
