@@ -24,7 +24,7 @@ from solver_backend.exchange.vmc.sender import read_address
 
 if TYPE_CHECKING:
     from solver_backend.io.calibration.entry import Calibration
-    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import Recorder
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
 
@@ -38,7 +38,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
     _check(args)
     from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import Recorder
     from solver_backend.live.session_loop import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels

@@ -20,7 +20,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import FACES, IFACIALMOCAP, PORTS, is_address, read_address
 
 if TYPE_CHECKING:
-    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import Recorder
     from solver_backend.live.sending import Proportions
     from solver_backend.live.session import LiveSession
     from solver_backend.types import MarkerCloud, Motion
@@ -95,8 +95,7 @@ def _poses(args: argparse.Namespace) -> LiveSource:
     from solver_backend.body.body import load_body
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.port import listen
-    from solver_backend.live.recorder import Recorder
-    from solver_backend.live.recordings import FaceRecording, PosesRecording
+    from solver_backend.live.recordings import FaceRecording, PosesRecording, Recorder
     from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
@@ -124,8 +123,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
     from solver_backend.body.body import load_body
     from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
     from solver_backend.live.port import listen
-    from solver_backend.live.recorder import Recorder
-    from solver_backend.live.recordings import FaceRecording
+    from solver_backend.live.recordings import FaceRecording, Recorder
 
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()
@@ -143,8 +141,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return points of a take, or of lines, with a fit that makes poses of them."""
     from solver_backend.live.frames import KeepUp, from_lines, read_ahead, replayed
-    from solver_backend.live.recorder import Recorder
-    from solver_backend.live.recordings import PointsRecording, record_points
+    from solver_backend.live.recordings import PointsRecording, Recorder, record_points
     from solver_backend.live.session import LiveSession, person_fit
 
     network, fit = person_fit(args.subject)

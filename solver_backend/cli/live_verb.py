@@ -17,7 +17,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 
 if TYPE_CHECKING:
-    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import Recorder
     from solver_backend.live.sending import PoseSender, Proportions
     from solver_backend.live.session_loop import LiveStatistics
 

@@ -32,8 +32,7 @@ from solver_backend.live.face_source import (
     face_lines,
 )
 from solver_backend.live.port import listen
-from solver_backend.live.recorder import Recorder, recording_of
-from solver_backend.live.recordings import FaceRecording
+from solver_backend.live.recordings import FaceRecording, Recorder, recording_of
 
 ROOT = Path(__file__).parents[2]
 TEXT = (
@@ -209,7 +208,7 @@ def test_channels_are_recorded_as_a_table(tmp_path):
 def test_what_a_killed_run_left_is_finished_by_the_next_and_a_cut_line_is_left_out(tmp_path):
     path = tmp_path / "face.csv"
     program = (
-        "import os, signal\nfrom pathlib import Path\nfrom solver_backend.live.recorder import Recorder\n"
+        "import os, signal\nfrom pathlib import Path\nfrom solver_backend.live.recordings import Recorder\n"
         "from solver_backend.live.recordings import FaceRecording\n"
         f"r = Recorder(Path({str(path)!r}), FaceRecording(), overwrite=False)\nr.add(0.0, dict(jawOpen=0.5))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"

@@ -21,8 +21,7 @@ from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.sender import VmcAddress
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.live.recorder import Recorder, recording_of
-from solver_backend.live.recordings import PoseRecorder, PosesRecording, rate_of
+from solver_backend.live.recordings import PoseRecorder, PosesRecording, Recorder, rate_of, recording_of
 from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.full_disk import full_disk
 from tests.support.short_motion import short_motion

@@ -15,8 +15,7 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.live.face_source import FaceFrame, face_lines
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.recorder import Recorder
-from solver_backend.live.recordings import FaceRecording, PointsRecording, PosesRecording, record_points
+from solver_backend.live.recordings import FaceRecording, PointsRecording, PosesRecording, Recorder, record_points
 from solver_backend.live.session import LiveSession, person_fit
 from solver_backend.live.vmc_source import BoneFrame, BonesOnBody, pose_lines
 

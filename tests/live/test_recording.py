@@ -18,8 +18,14 @@ import pytest
 from solver_backend.exchange.errors import OutputExists, OutputNotWritable
 from solver_backend.io.markers.read import read_markers
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.recorder import Recorder, recording_of, recover
-from solver_backend.live.recordings import PointRecorder, PointsRecording, record_points
+from solver_backend.live.recordings import (
+    PointRecorder,
+    PointsRecording,
+    Recorder,
+    record_points,
+    recording_of,
+    recover,
+)
 from tests.support.full_disk import full_disk
 
 ROOT = Path(__file__).parents[2]

@@ -16,8 +16,7 @@ from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.frames import ViewMoment
-from solver_backend.live.recorder import Recorder, pack_head, pack_row, read_rows
-from solver_backend.live.recordings import even_times, poses_at
+from solver_backend.live.recordings import Recorder, even_times, pack_head, pack_row, poses_at, read_rows
 from solver_backend.live.views_session import ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.clocks import at_times

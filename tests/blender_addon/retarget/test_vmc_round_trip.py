@@ -18,8 +18,7 @@ from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle
-from solver_backend.live.recorder import Recorder
-from solver_backend.live.recordings import PosesRecording
+from solver_backend.live.recordings import PosesRecording, Recorder
 from solver_backend.live.sending import rest_joints
 from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 from solver_backend.types import Motion

@@ -26,7 +26,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.live.frames import ViewMoment
-from solver_backend.live.recorder import Recorder, recording_of
+from solver_backend.live.recordings import Recorder, recording_of
 from solver_backend.live.views_session import ViewsSession
 from solver_backend.videos.streaming.moments import LiveMoments
 from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
