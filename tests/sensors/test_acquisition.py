@@ -9,7 +9,14 @@ import pytest
 from scipy import ndimage
 
 from solver_backend.cameras.projection import project
-from solver_backend.sensors.acquisition.acquire import SUNLIGHT, Acquisition
+from solver_backend.sensors.acquisition.acquire import (
+    SUNLIGHT,
+    Acquisition,
+    Ring,
+    SensorLens,
+    ring_depths,
+    split_merged,
+)
 from solver_backend.sensors.acquisition.blobs import (
     AcquisitionSettings,
     Blobs,
@@ -19,7 +26,6 @@ from solver_backend.sensors.acquisition.blobs import (
     shapes_of,
     threshold_of,
 )
-from solver_backend.sensors.acquisition.ring import Ring, SensorLens, ring_depths, split_merged
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorUnknown
 from tests.support.sensor_pictures import Painter, sensors_around, spread_points
 

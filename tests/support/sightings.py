@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.sensors.acquisition.acquire import SensorSightings
-from solver_backend.sensors.acquisition.ring import SensorLens
+from solver_backend.sensors.acquisition.acquire import SensorLens, SensorSightings
 from solver_backend.types import Cameras
 
 _LENSES: dict[tuple[int, int], SensorLens] = {}

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass, field, replace
+from functools import cache, lru_cache
 
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.lens import Lens
+from solver_backend.cameras.projection import undistort
 from solver_backend.sensors.acquisition.blobs import (
     DEFAULT,
     AcquisitionSettings,
@@ -17,17 +20,318 @@ from solver_backend.sensors.acquisition.blobs import (
     shapes_of,
     threshold_of,
 )
-from solver_backend.sensors.acquisition.ring import (
-    Ring,
-    RingDepths,
-    SensorLens,
-    ring_depths,
-    ring_of,
-    slivers_of,
-    split_merged,
-)
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
+
+GROUP_M = 128.0
+"""More than any depth of 16 bits in millimetres, in metres."""
+NORMAL_MAD = 1.4826
+"""Standard deviation of a normal distribution by its median absolute deviation."""
+
+
+@dataclass(frozen=True)
+class Ring:
+    """R pixels of all rings."""
+
+    pixel: np.ndarray
+    """(R,) flat indices."""
+    owner: np.ndarray
+    """(R,) index of the blob."""
+    depth: np.ndarray
+    """(R,) metres."""
+
+
+@dataclass(frozen=True)
+class RingDepths:
+    """Depths of the rings of N blobs."""
+
+    depth: np.ndarray
+    """(N,) metres along the axis, NaN where too few pixels have a depth."""
+    count: np.ndarray
+    """(N,) number of depths that agree."""
+    spread: np.ndarray
+    """(N,) standard deviation of them in metres, by their median absolute deviation."""
+    rough: np.ndarray
+    """(N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree."""
+
+    def take_over(self, other: RingDepths, rows: np.ndarray) -> None:
+        """Copy the depths of the blobs with indices ``rows`` from another result."""
+        for name in ("depth", "count", "spread", "rough"):
+            getattr(self, name)[rows] = getattr(other, name)[rows]
+
+
+def ring_of(
+    blobs: Blobs,
+    depth_mm: np.ndarray,
+    saturated: np.ndarray,
+    scratch: np.ndarray,
+    settings: AcquisitionSettings = DEFAULT,
+) -> Ring:
+    """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
+
+    Args:
+        depth_mm: (h, w) uint16, 0 where unknown.
+        saturated: (P,) mask of the blobs' saturated pixels. They are blind, or those without depth if none is.
+        scratch: (h * w,) int32 with any content, to avoid a new array for each frame.
+    """
+    flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
+    core = saturated
+    # Without saturation, pixels without depth are blind. A dim blob has its depth in itself.
+    for other in (flat[blobs.pixel] == 0, np.ones(len(core), dtype=bool)):
+        without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
+        core = core | (other & without[blobs.owner])
+    blind, blob = blobs.pixel[core], blobs.owner[core]
+    dy, dx = _far_first(settings.ring_px)
+    around = (blind + (dy * width + dx)).ravel()
+    y, x = np.divmod(blind, width)
+    reach = settings.ring_px
+    if len(y) and not (y[0] >= reach and y[-1] < height - reach and x.min() >= reach and x.max() < width - reach):
+        inside = ((y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)).ravel()
+        valid = np.flatnonzero(inside & (flat.take(around, mode="clip") > 0))
+    else:
+        valid = np.flatnonzero(flat[around])
+    pixel, owner = around[valid], blob[valid % max(len(blob), 1)]
+    # The last written index wins, which is the nearest blob.
+    order = np.arange(len(pixel), dtype=np.int32)
+    scratch[pixel] = order
+    once = scratch[pixel] == order
+    pixel, owner = pixel[once], owner[once]
+    return Ring(pixel, owner, flat[pixel] * 1e-3)
+
+
+@cache
+def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (n, 1) rows and columns from a pixel to its neighbours, the farthest first."""
+    steps = np.arange(-reach, reach + 1)
+    dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
+    order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
+    return dy[order, None], dx[order, None]
+
+
+def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
+    """Return the (N,) mask of blobs without saturated pixels where most have them: slivers, whose ring is not theirs.
+
+    If most markers do not saturate, their depths are in the blobs themselves. ``saturated`` is (P,).
+    """
+    blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
+    return ~blind & (2 * blind.sum() > blobs.count)
+
+
+def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
+    """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` spreads of its median.
+
+    If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
+    replaces the median. If part of it is behind that depth, the depth is an occluder's and the marker has none.
+
+    Reference: Leys et al. 2013, "Detecting outliers: Do not use standard deviation around the mean, use absolute
+    deviation around the median".
+    """
+    sizes = np.bincount(ring.owner, minlength=count)
+    owner = np.repeat(np.arange(count), sizes)
+    depth = _sorted_in_groups(ring.depth, ring.owner)
+    middle = sorted_medians(depth, sizes)
+    spread = _spread(depth, owner, middle, sizes, settings)
+    two = spread > settings.two_depths_m
+    if two.any():
+        middle[two] = _closest_half(depth[two[owner]], sizes[two])
+        chosen = np.abs(depth - middle[owner]) <= settings.two_depths_m
+        of_chosen = np.bincount(owner[chosen], minlength=count)
+        narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen, settings)
+        # The rest of a ring on two surfaces must still be most of it.
+        spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
+    with np.errstate(invalid="ignore"):
+        good = np.abs(depth - middle[owner]) <= settings.mad_limit * spread[owner]
+    kept = np.bincount(owner[good], minlength=count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        mean = np.bincount(owner[good], depth[good], minlength=count) / kept
+        behind = np.bincount(owner[depth > mean[owner] + settings.behind_m], minlength=count)
+    known = (kept >= settings.least_ring) & (spread <= settings.most_spread_m)
+    known &= behind <= settings.most_behind * sizes
+    return RingDepths(np.where(known, mean, np.nan), kept, spread, middle)
+
+
+def _spread(
+    depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.ndarray, settings: AcquisitionSettings
+) -> np.ndarray:
+    off = np.abs(depth - middle[owner])
+    return np.maximum(NORMAL_MAD * sorted_medians(_sorted_in_groups(off, owner), sizes), settings.mad_floor_m)
+
+
+def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
+    """Sort (R,) values of 0 to ``GROUP_M`` by group and value, in one sort that is faster than two keys."""
+    return values[np.argsort(GROUP_M * group + values)]
+
+
+def _closest_half(depth: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the middle of the shortest interval with half of each group's sorted values (Rousseeuw 1984).
+
+    ``depth`` is sorted by group and value. ``sizes`` are the (N,) positive group sizes.
+    """
+    ends = np.cumsum(sizes)
+    owner = np.repeat(np.arange(len(sizes)), sizes)
+    last = np.arange(len(depth)) + ((sizes + 1) // 2)[owner] - 1
+    inside = last < ends[owner]
+    last = np.minimum(last, len(depth) - 1)
+    width = np.where(inside, depth[last] - depth, np.inf)
+    shortest = np.flatnonzero(width == np.minimum.reduceat(width, ends - sizes)[owner])
+    first = shortest[np.diff(owner[shortest], prepend=-1) > 0]
+    return 0.5 * (depth[first] + depth[last[first]])
+
+
+def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return the median of each group, NaN for an empty one. Values are sorted by group and value."""
+    if not len(values):
+        return np.full(len(sizes), np.nan)
+    first, last = np.cumsum(sizes) - sizes, len(values) - 1
+    low, high = np.minimum(first + (sizes - 1) // 2, last), np.minimum(first + sizes // 2, last)
+    return np.where(sizes > 0, 0.5 * (values[low] + values[high]), np.nan)
+
+
+class SensorLens:
+    """One camera of a calibration, with the undistorted coordinates of every pixel."""
+
+    def __init__(self, cameras: Cameras, index: int) -> None:
+        one = cameras.subset([index])
+        self.name = one.names[0]
+        self.size = (int(one.image_size[0, 0]), int(one.image_size[0, 1]))
+        self.R, self.t = one.R[0], one.t[0]
+        self.centre = one.centres[0]
+        self.focal = np.array([one.K[0, 0, 0], one.K[0, 1, 1]])
+        self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
+
+    def undistorted(self, px: np.ndarray) -> np.ndarray:
+        """Return x/z and y/z of (N, 2) pixels, interpolated in the table. NaN outside the picture."""
+        width, height = self.size
+        at = px + 1.0
+        with np.errstate(invalid="ignore"):
+            inside = (at >= 0.0).all(1) & (at <= np.array([width + 1.0, height + 1.0])).all(1)
+        at = np.where(inside[:, None], at, 0.0)
+        corner = np.minimum(at.astype(np.int64), np.array([width, height]))
+        x, y = corner.T
+        a, b = (at - corner).T[..., None]
+        rows = self._table
+        low, high = ((1 - a) * rows[y + k, x] + a * rows[y + k, x + 1] for k in (0, 1))
+        return np.where(inside[:, None], (1 - b) * low + b * high, np.nan)
+
+    def directions(self, flat: np.ndarray) -> np.ndarray:
+        """Return the (N, 3) unit directions of undistorted coordinates in the world."""
+        ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
+
+    def points(self, flat: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Return (N, 3) world points of undistorted coordinates and (N,) depths along the axis in metres."""
+        ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        return (ray * depth[:, None] - self.t) @ self.R
+
+    def covariances(
+        self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
+    ) -> np.ndarray:
+        """Return the (N, 3, 3) m² of points in the world: ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``."""
+        J = np.zeros((len(depth), 3, 3))
+        J[:, 0, 0] = depth / self.focal[0] * sigma_px
+        J[:, 1, 1] = depth / self.focal[1] * sigma_px
+        J[:, :2, 2] = flat * sigma_depth[:, None]
+        J[:, 2, 2] = sigma_depth
+        turned = self.R.T @ J
+        return turned @ np.swapaxes(turned, 1, 2)
+
+
+@lru_cache(maxsize=8)
+def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
+    """Return the read-only (h + 2, w + 2, 2) table of a lens, which costs a second for four sensors.
+
+    A margin of one pixel puts every point of the picture between four entries.
+    """
+    width, height = size
+    u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
+    lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
+    table = undistort(lens.as_camera(), np.stack([u, v], axis=-1)[None])[0]
+    table.flags.writeable = False
+    return table
+
+
+_STEPS = 6
+"""Steps of k-means. Chosen by hand."""
+
+
+def split_merged(
+    blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray, settings: AcquisitionSettings = DEFAULT
+) -> tuple[Blobs, Ring, np.ndarray]:
+    """Split merged blobs and their rings. Return both and the (N',) mask of parts.
+
+    A disc of radius R has the variance ``R²/4`` along any axis, and two at the distance s have ``R²/4 + s²/4`` along
+    the line between them. A blob with more than ``merged`` times a disc's variance is split into as many parts as its
+    area holds, and into more until all parts are round. Parts start at the pixels that are farthest apart (Gonzalez
+    1985), and k-means moves them (Lloyd 1982).
+
+    Args:
+        radius_px: (N,) radius of a single marker's blob, NaN where its depth is unknown.
+    """
+    limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
+    with np.errstate(invalid="ignore"):
+        merged = np.flatnonzero(shapes.long > limit)
+    owner, ring_owner, count = blobs.owner.copy(), ring.owner.copy(), blobs.count
+    parts = np.zeros(count + (settings.most_in_blob - 1) * len(merged), dtype=bool)
+    for blob in merged.tolist():
+        fits = round(float(shapes.area[blob] / (np.pi * radius_px[blob] ** 2)))
+        mine = np.flatnonzero(blobs.owner == blob)
+        alone = Blobs(blobs.pixel[mine], np.zeros(len(mine), np.int64), blobs.weight[mine], 1, blobs.width)
+        centres, nearest = _round_parts(alone, shapes.middle[blob], fits, float(limit[blob]), settings)
+        number = len(centres)
+        names = np.concatenate([[blob], np.arange(count, count + number - 1)])
+        count += number - 1
+        owner[mine] = names[nearest]
+        of_ring = np.flatnonzero(ring.owner == blob)
+        ring_owner[of_ring] = names[_nearest(_xy(ring.pixel[of_ring], blobs.width), centres)]
+        parts[names] = True
+    return replace(blobs, owner=owner, count=count), replace(ring, owner=ring_owner), parts[:count]
+
+
+def _round_parts(
+    blob: Blobs, middle: np.ndarray, fits: int, limit: float, settings: AcquisitionSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return centres and pixels' parts of the fewest parts with at most ``limit`` px² of variance."""
+    xy = _xy(blob.pixel, blob.width)
+    number = min(max(fits, 2), settings.most_in_blob)
+    while True:
+        centres, nearest = _parted(xy, middle, number)
+        parts = replace(blob, owner=nearest, count=number)
+        if number == settings.most_in_blob or shapes_of(parts).long.max() <= limit:
+            return centres, nearest
+        number += 1
+
+
+def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (number, 2) centres of a blob's parts, and the (P,) part of each pixel."""
+    centres = _far_apart(xy, middle, number)
+    nearest = np.zeros(len(xy), np.int64)
+    for step in range(_STEPS):
+        before, nearest = nearest, _nearest(xy, centres)
+        if step and np.array_equal(before, nearest):
+            break
+        size = np.bincount(nearest, minlength=number)[:, None]
+        sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
+        centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
+    return centres, nearest
+
+
+def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
+    far = ((xy - middle) ** 2).sum(1)
+    chosen = [int(far.argmax())]
+    apart = np.full(len(xy), np.inf)
+    while len(chosen) < number:
+        apart = np.minimum(apart, ((xy - xy[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(apart.argmax()))
+    return xy[chosen]
+
+
+def _xy(pixel: np.ndarray, width: int) -> np.ndarray:
+    y, x = np.divmod(pixel, width)
+    return np.stack([x, y], axis=1).astype(np.float64)
+
+
+def _nearest(xy: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    return ((xy[:, None] - centres) ** 2).sum(-1).argmin(1)
 
 
 @dataclass(frozen=True)
