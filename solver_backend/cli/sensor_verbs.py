@@ -68,7 +68,7 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
-    from solver_backend.sensors.devices.record import Recording
+    from solver_backend.sensors.devices.recorded import Recording
     from solver_backend.sensors.fusion.clusters import FusionSettings
     from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 

@@ -98,7 +98,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     """Return the chain of a folder at its recorded rate, or of cameras."""
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
-    from solver_backend.sensors.devices.record import Recording
+    from solver_backend.sensors.devices.recorded import Recording
     from solver_backend.sensors.fusion.clusters import FusionSettings
     from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 

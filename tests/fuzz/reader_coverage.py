@@ -34,7 +34,7 @@ _READERS = (
     "solver_backend/camera_calibration/intrinsics/known_lenses.py",
     "solver_backend/camera_calibration/intrinsics/known_lenses.py",
     "solver_backend/sensors/devices/recorded.py",
-    "solver_backend/sensors/devices/record.py",
+    "solver_backend/sensors/devices/recorded.py",
     "solver_backend/sensors/devices/recorded.py",
     "solver_backend/sensors/wand/source.py",
     "solver_backend/videos/pipeline/plan.py",

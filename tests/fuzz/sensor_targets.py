@@ -23,9 +23,8 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes
 from solver_backend.sensors.acquisition.acquire import SensorSightings
-from solver_backend.sensors.devices.record import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX
-from solver_backend.sensors.devices.record import FORMAT as RECORDING
-from solver_backend.sensors.devices.recorded import STUDIO_SHOT, open_folder
+from solver_backend.sensors.devices.recorded import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX, STUDIO_SHOT, open_folder
+from solver_backend.sensors.devices.recorded import FORMAT as RECORDING
 from solver_backend.sensors.fusion.moments import Gatherer
 from solver_backend.sensors.wand.source import read_points_folder
 from solver_backend.types import Capture

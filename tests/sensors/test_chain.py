@@ -19,8 +19,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.live.frames import from_lines
-from solver_backend.sensors.devices.record import Recording
-from solver_backend.sensors.devices.recorded import RecordedSensor, open_folder
+from solver_backend.sensors.devices.recorded import RecordedSensor, Recording, open_folder
 from solver_backend.sensors.fusion.clusters import fuse
 from solver_backend.sensors.fusion.moments import Finding
 from solver_backend.sensors.streaming import chain as chain_module

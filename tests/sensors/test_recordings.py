@@ -19,8 +19,17 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.sensors.devices.device import NoMarkers, OpenedDevice, RecordingInvalid, SensorFrame, SensorUnknown
-from solver_backend.sensors.devices.record import HEADER, INDEX, Recording, SensorFiles, SensorRecorder, read_index
-from solver_backend.sensors.devices.recorded import StudioSensor, due_frames, open_folder
+from solver_backend.sensors.devices.recorded import (
+    HEADER,
+    INDEX,
+    Recording,
+    SensorFiles,
+    SensorRecorder,
+    StudioSensor,
+    due_frames,
+    open_folder,
+    read_index,
+)
 from solver_backend.sensors.streaming.chain import SensorTask, run_sensor
 from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.make_shot import make_shot
@@ -238,7 +247,7 @@ def test_a_full_disk_ends_the_recording_and_leaves_it_readable(tmp_path: Path) -
     recording = Recording(folder, "raw", FPS, CAMERAS)
     recording.add(like)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("solver_backend.sensors.devices.record.SPARE_BYTES", 0)
+        patch.setattr("solver_backend.sensors.devices.recorded.SPARE_BYTES", 0)
         with full_disk(int(3.5 * like.frame_bytes)):
             recorder = SensorRecorder(folder, like, "raw", patient=True)
             for k in range(8):

@@ -13,8 +13,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFrame
-from solver_backend.sensors.devices.record import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
-from solver_backend.sensors.devices.recorded import SensorFolder
+from solver_backend.sensors.devices.recorded import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles, SensorFolder
 from solver_backend.sensors.take import triggered
 from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.solve import WandOptions

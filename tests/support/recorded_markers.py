@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solver_backend.sensors.devices.record import Recording, SensorFiles, SensorRecorder
+from solver_backend.sensors.devices.recorded import Recording, SensorFiles, SensorRecorder
 from tests.support.sensor_pictures import Painter, sensors_around, spread_points
 
 CAMERAS = sensors_around(2, (400, 360))

@@ -17,8 +17,7 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.camera_names import natural_key
 from solver_backend.io.files import read_text
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
-from solver_backend.sensors.devices.record import ABOUT
-from solver_backend.sensors.devices.recorded import STUDIO_SHOT, SensorFolder, open_folder
+from solver_backend.sensors.devices.recorded import ABOUT, STUDIO_SHOT, SensorFolder, open_folder
 from solver_backend.sensors.take import masks_of
 from solver_backend.sensors.wand.views import WandView, with_growing_times
 from solver_backend.types import Cameras
