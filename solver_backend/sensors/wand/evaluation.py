@@ -14,7 +14,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
 from solver_backend.sensors.wand.gamma import Ground
-from solver_backend.sensors.wand.solve import (
+from solver_backend.sensors.wand.session import (
     LEAST_TOGETHER,
     WandCalibration,
     WandOptions,

@@ -1,37 +1,44 @@
-"""Calibrate sensors and their clocks from wand recordings."""
+"""Calibrate sensors and their clocks from the views of a waved wand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted
-from solver_backend.cameras.projection import undistort
-from solver_backend.exchange.diagnostics import Severity, diagnostic
-from solver_backend.exchange.progress import Progress, silent
-from solver_backend.sensors.wand.evaluation import findings_of, held_out_errors, metric, notes_of, require_fit
-from solver_backend.sensors.wand.solve import (
-    LEAST_TOGETHER,
-    SIGMA_PX,
-    WandCalibration,
-    WandOptions,
-    WandTask,
-    adjusted,
-    cameras_at,
-    depth_sigma,
-    poses_by_depth,
-    poses_by_lights,
-    require_proportion,
-    triangulated,
+from solver_backend.camera_calibration.adjustment.bundle import (
+    CAMERA_PARAMETERS,
+    Adjusted,
+    Bodies,
+    BodySightings,
+    Unknowns,
+    adjust,
 )
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, build_cameras
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    CalibratedCameras,
+    Pose,
+    chained,
+    essential_matrix,
+    intersected,
+    moved_world,
+    pose_from_essential,
+)
+from solver_backend.cameras.projection import project, undistort
+from solver_backend.exchange.diagnostics import Severity, diagnostic, sentence
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.sensors.wand.evaluation import findings_of, held_out_errors, metric, notes_of, require_fit
+from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.views import (
     Coverage,
     Moments,
     Wand,
     WandAmbiguous,
+    WandInvalid,
     WandNotSeen,
     WandView,
     distances,
@@ -40,9 +47,338 @@ from solver_backend.sensors.wand.views import (
     middle_from_lights,
     values_and_velocities,
 )
+from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float
 from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
 from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, pair_lag
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
+
+SIGMA_PX = 0.3
+"""Standard deviation of a light's or a marker's pixel position, from which robust scales are set."""
+STEPS, TOLERANCE = 60, 1e-6
+HELD_OUT_BLOCKS = 10
+"""Number of time ranges of a recording. Every fifth of them is held out."""
+
+
+@dataclass(frozen=True)
+class WandTask:
+    """The problem that the bundle adjustment solves."""
+
+    cameras: Cameras
+    """C cameras with lenses and initial poses."""
+    lights: np.ndarray
+    """(K, 3) metres about the wand's centre, zero for a single marker."""
+    find_delays: bool
+    delays: np.ndarray
+    """(C,) seconds, known or initial."""
+
+
+def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
+    """Return the cameras of views at poses."""
+    R, t = np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
+    return build_cameras([view.name for view in views], [view.lens for view in views], R, t)
+
+
+def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
+    """Minimise the reprojection error of a rigid wand or a marker. Return the result and the indices of used moments.
+
+    The world has the first sensor's axes. One marker does not determine the scale, see ``depth_scale``.
+
+    Reference: Triggs et al. 2000.
+    """
+    at = triangulated(task.cameras, moments, task.delays)
+    usable = moments.seen & (np.isfinite(moments.velocity).all((-1, -2)) | (not task.find_delays))
+    used = np.flatnonzero(np.isfinite(at).all((1, 2)) & (usable.sum(0) >= 2))
+    rigid = len(task.lights) > 1
+    if rigid:
+        _, R, t = umeyama(np.broadcast_to(task.lights, at[used].shape), at[used])
+    else:
+        R, t = np.tile(np.eye(3), (len(used), 1, 1)), at[used, 0]
+    camera, moment, light = np.nonzero(np.broadcast_to(usable[:, used, None], (*usable[:, used].shape, at.shape[1])))
+    pick = camera, used[moment], light
+    velocity = np.nan_to_num(moments.velocity[pick]) if task.find_delays or task.delays.any() else None
+    sigma = np.full(len(camera), SIGMA_PX)
+    seen = BodySightings(camera, moment, task.lights[light], moments.px[pick], sigma, velocity)
+    others = np.arange(len(task.cameras)) > 0
+    unknowns = Unknowns(others, np.zeros((len(others), PARAMETERS), bool), delays=others if task.find_delays else None)
+    options = {"steps": STEPS, "tolerance": TOLERANCE, "gauge": 0 if rigid else 1}
+    return adjust(task.cameras, Bodies(R, t), seen, unknowns, delays=task.delays, **options), used
+
+
+def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
+    """Triangulate the lights with known delays. Return (M, K, 3) metres, NaN with one ray."""
+    px = in_step_px(moments, delays)
+    flat = undistort(cameras, px)
+    return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
+
+
+def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
+    """Return (C, M, K, 2) pixels without the views' delays, ``px - v δ``."""
+    return moments.px - moments.velocity * delays[:, None, None, None] if delays.any() else moments.px
+
+
+def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """Return the (C, M, K) reprojection errors of (M, K, 3) points in pixels, NaN where not seen."""
+    return np.linalg.norm(project(cameras, at) - in_step_px(moments, delays), axis=-1)
+
+
+def held_out(count: int) -> np.ndarray:
+    """Return the (M,) mask of held-out moments. Time ranges separate the places that are fitted and evaluated."""
+    return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
+
+
+LEAST_TOGETHER = 20
+"""Fewest common moments of a pair of sensors."""
+HYPOTHESES = 200
+"""Number of samples of three pairs of points."""
+_REFINEMENTS = 15
+"""Number of reweighted alignments. Chosen by hand."""
+START_SIGMA_PX = 2.0
+"""Distance from an epipolar line at which a point loses its weight at the start."""
+
+
+def robust_umeyama(
+    source: Float[np.ndarray, "n 3"],
+    target: Float[np.ndarray, "n 3"],
+    sigma: Float[np.ndarray, " n"],
+    rng: np.random.Generator,
+) -> tuple[Pose, np.ndarray]:
+    """Return the rigid motion from source to target points, and the (n,) mask of inliers.
+
+    Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and reweights it.
+
+    Args:
+        source: (n, 3) metres, n at least 3.
+        target: (n, 3) metres.
+        sigma: (n,) metres, standard deviation of a pair's distance.
+
+    Reference: Umeyama 1991; Fischler and Bolles 1981 (the samples).
+    """
+    picks = np.stack([rng.permutation(len(source))[:3] for _ in range(HYPOTHESES)])
+    _, R, t = umeyama(source[picks], target[picks])
+    square = ((np.einsum("hij,nj->hni", R, source) + t[:, None] - target) ** 2).sum(-1) / sigma**2
+    best = int(np.argmin(np.log1p(square / 9.0).sum(-1)))
+    R, t, square = R[best], t[best], square[best]
+    for _ in range(_REFINEMENTS):
+        weight = 1.0 / (1.0 + square / 9.0) / sigma**2
+        _, R, t = umeyama(source, target, weight)
+        square = ((source @ R.T + t - target) ** 2).sum(-1) / sigma**2
+    return (R, t), square < 25.0
+
+
+def poses_by_depth(
+    names: Sequence[str],
+    points: Float[np.ndarray, "views moments 3"],
+    sigma: Float[np.ndarray, "views moments"],
+    rng: np.random.Generator,
+) -> list[Pose]:
+    """Return each sensor's pose, from the first one's axes to its own, by one marker.
+
+    Args:
+        points: (C, M, 3) metres in each sensor's axes, NaN where not seen.
+        sigma: (C, M) metres.
+
+    Raises:
+        WandNotSeen: a sensor has no common moments with another one.
+    """
+    together, relative = {}, {}
+    for i, j in combinations(range(len(names)), 2):
+        both = np.isfinite(points[[i, j]]).all((0, 2))
+        if both.sum() >= LEAST_TOGETHER:
+            spread = np.hypot(sigma[i, both], sigma[j, both])
+            relative[i, j], agree = robust_umeyama(points[i, both], points[j, both], spread, rng)
+            together[i, j] = int(agree.sum())
+    return _chained(names, together, relative)
+
+
+def poses_by_lights(
+    names: Sequence[str],
+    flat: Float[np.ndarray, "views moments 3 2"],
+    focal_px: float,
+    wand: Wand,
+    rng: np.random.Generator,
+) -> list[Pose]:
+    """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
+
+    Args:
+        flat: (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
+
+    Raises:
+        WandNotSeen: a camera has no common moments with another one.
+    """
+    together, relative = {}, {}
+    for i, j in combinations(range(len(names)), 2):
+        both = np.isfinite(flat[[i, j]]).all((0, 2, 3))
+        if both.sum() < LEAST_TOGETHER:
+            continue
+        first, second = flat[i, both].reshape(-1, 2), flat[j, both].reshape(-1, 2)
+        E, agree = essential_matrix(first, second, START_SIGMA_PX / focal_px, rng)
+        R, t = pose_from_essential(E, first[agree], second[agree])
+        at = intersected(np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]), np.stack([first, second]))
+        seen = np.nanmedian(distances(at.reshape(-1, 3, 3)), axis=0)
+        scale = wand.distances_m[2] / max(float(seen[2]), 1e-9)
+        relative[i, j], together[i, j] = (R, scale * t), int(agree.sum())
+    return _chained(names, together, relative)
+
+
+def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
+    """Compare the (3,) triangulated distances of the lights with the wand's lengths.
+
+    Raises:
+        WandInvalid: the shorter part's share differs by more than a tenth.
+    """
+    share = float(min(measured_m[:2]) / measured_m[:2].sum())
+    if abs(share / wand.short_share - 1.0) > 0.1:
+        message = f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}."
+        hint = "Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26"
+        raise WandInvalid(message, hint=hint)
+
+
+def _chained(names: Sequence[str], together: dict, relative: dict) -> list[Pose]:
+    try:
+        return chained(names, together, relative)
+    except CalibrationInvalid as error:
+        message = error.message.replace("sees the same", "sees the wand")
+        hint = f"Wave it where both see it, for {LEAST_TOGETHER} frames and more."
+        raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
+
+
+DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
+"""Standard deviation ``c + q z²`` of one pixel's depth in metres, as of Azure Kinects (Tölgyessy et al. 2021)."""
+SENSOR_BIAS_M = 2e-3
+"""Common depth error of one sensor, beyond the measured scatter."""
+ROUNDS = 20
+"""Rounds of reweighting. Chosen by hand."""
+
+
+def depth_sigma(depth_m: np.ndarray) -> np.ndarray:
+    """Return the standard deviation of depths in metres."""
+    return DEPTH_CONSTANT_M + DEPTH_QUADRATIC * depth_m**2
+
+
+def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
+    """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))``, its deviation, and the scatter of depths (m).
+
+    Args:
+        at: (M, 3) metres, the marker in the pictures' world.
+        depth_m: (C, M) measured metres along each sensor's axis, NaN where there is none.
+
+    Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
+    """
+    z = np.einsum("cj,mj->cm", cameras.R[:, 2], at) + cameras.t[:, 2:]
+    known = np.isfinite(depth_m) & np.isfinite(z)
+    d, z = np.where(known, depth_m, 1.0), np.where(known, z, 1.0)
+    sigma = depth_sigma(d)
+    scale = float(np.median((d / z)[known]))
+    weight = np.zeros_like(d)
+    for _ in range(ROUNDS):
+        square = ((d - scale * z) / sigma) ** 2
+        weight = known / (1.0 + square / 9.0) / sigma**2
+        scale = float((weight * z * d).sum() / (weight * z * z).sum())
+    left = np.where(known, d - scale * z, np.nan)
+    rmse = float(1.4826 * np.nanmedian(np.abs(left)))
+    shared = np.array([(weight[c] * z[c]).sum() for c in range(len(d))]) * SENSOR_BIAS_M
+    alone = (weight**2 * z**2 * np.maximum(sigma, rmse) ** 2).sum()
+    return scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse
+
+
+@dataclass(frozen=True)
+class WandOptions:
+    """Options of a wand calibration."""
+
+    wand: Wand | None = None
+    """The wand with three lights. None for one marker with depth."""
+    clocks: Clocks | None = None
+    """Clocks of a trigger. If None, they are estimated from the wand's movement."""
+    every_sensor: bool = False
+    """Use only moments that all sensors saw, as published. Otherwise two sensors suffice."""
+
+
+@dataclass(frozen=True)
+class WandCalibration:
+    """The result, in the first sensor's axes or in the world of a Γ."""
+
+    array: CalibratedCameras
+    clocks: Clocks
+    together: np.ndarray
+    """(C, C) number of common moments of two sensors."""
+    moments: int
+    held_out_px: float
+    """Root mean squared reprojection error of held-out time ranges."""
+    length_rmse_m: np.ndarray
+    """(3,) root mean squared error of the lights' distances in those ranges. NaN without lights."""
+    depth_rmse_m: float
+    """Scatter of the measured depths about the marker. NaN without depth."""
+    coverage: Coverage
+
+    def sensor_line(self, c: int) -> str:
+        """Describe one sensor's error, place and deviations."""
+        array = self.array
+        x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
+        spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
+        return f"{array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m {spread}"
+
+    def lines(self) -> list[str]:
+        """Return a line per result."""
+        array, cameras = self.array, self.array.cameras
+        held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
+        how = f"by {array.method} at {self.moments} moments"
+        lines = [f"{len(cameras)} sensors {how}, {array.rmse_px:.2f} px{held_out}"]
+        if np.isfinite(self.length_rmse_m).all():
+            first, second, whole = 1e3 * self.length_rmse_m
+            lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
+        if np.isfinite(self.depth_rmse_m):
+            lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
+        lines += [f"  {name:<11} {self.sensor_line(c)}" for c, name in enumerate(cameras.names)]
+        lines += [f"  clock       {line}" for line in self.clocks.lines()]
+        lines += [f"  seen        {line}" for line in self.coverage.lines()]
+        if place := self.coverage.next_place():
+            lines.append(f"  next        {place}")
+        lines += [f"  note        {sentence(note)}" for note in array.notes]
+        return lines + [f"  finding     {sentence(found)}" for found in array.findings]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the result as JSON values, None for unknown numbers."""
+        array, cameras = self.array, self.array.cameras
+        return {
+            "method": array.method,
+            "moments": self.moments,
+            "rmse_px": _number(array.rmse_px),
+            "held_out_px": _number(self.held_out_px),
+            "depth_rmse_mm": _number(1e3 * self.depth_rmse_m),
+            "length_rmse_mm": [_number(1e3 * v) for v in self.length_rmse_m.tolist()],
+            "cameras": [
+                {
+                    "name": name,
+                    "rmse_px": _number(array.camera_rmse_px[c]),
+                    "centre_m": cameras.centres[c].tolist(),
+                    "centre_sigma_mm": _number(1e3 * array.centre_sigma_m[c]),
+                    "turn_sigma_deg": _number(np.degrees(array.turn_sigma[c])),
+                    "covered": float(self.coverage.shares[c]),
+                }
+                for c, name in enumerate(cameras.names)
+            ],
+            "together": self.together.tolist(),
+            "clocks": self.clocks.as_dict(),
+            "next": self.coverage.next_place(),
+            "volume_m3": self.coverage.volume_m3,
+            "findings": [sentence(item) for item in array.findings],
+            "notes": [sentence(item) for item in array.notes],
+            "diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)],
+        }
+
+
+def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
+    """Return the result in the world of a Γ."""
+    array = moved_world(found.array, ground.R, ground.t)
+    note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
+    array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
+    return replace(found, array=array)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
+
 
 RATE_HZ = 120.0
 """Rate at which speeds are compared, per second."""
