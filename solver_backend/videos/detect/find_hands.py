@@ -20,12 +20,10 @@ from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
+from solver_backend.videos.detect.assemble import CROPPED_SHARE
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
-from solver_backend.videos.detect.search_hands import Arms, HandInCrop, search_hands
+from solver_backend.videos.detect.search_hands import SURE, Arms, HandInCrop, search_hands
 from solver_backend.videos.files.video import Picture, probe, read_pictures
-
-ALIKE = 0.02
-"""Largest difference of size or shape of a cropped picture, as a share. Coders cut pictures to whole blocks."""
 
 
 def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> Float[np.ndarray, "views 2"]:
@@ -38,7 +36,7 @@ def footage_scale(cameras: Cameras, sizes: Sequence[tuple[int, int] | None]) -> 
         if size is None:
             continue
         wide, high = np.array(size) / cameras.image_size[view]
-        if abs(wide / high - 1.0) < ALIKE < abs(wide - 1.0):
+        if abs(wide / high - 1.0) < CROPPED_SHARE < abs(wide - 1.0):
             scale[view] = wide, high
     return scale
 
@@ -68,8 +66,6 @@ REACH = 5
 """Largest detected shift of the footage in frames. With a larger one, crops miss the hands."""
 LEAST_FRAMES = 20
 """Fewest frames that show a hand and its wrist. Chosen by hand."""
-SURE = 0.3
-"""Least confidence of a wrist. Chosen by hand."""
 MOVES = 0.5
 """Largest error at the best shift, as a share of that at the worst one. By ``python -m
 tests.benchmarks.hands.late_footage``, resting hands show no false shift up to 0.7, and 7 of 16 at 1.0. Of 112 known

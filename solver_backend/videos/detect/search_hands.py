@@ -110,7 +110,7 @@ ALIKE = 0.1
 NEAREST_M = 0.1
 """Least distance of a hand from a camera, in metres."""
 SURE = 0.3
-"""Least confidence of a view's own elbow and wrist to place a crop. Chosen on two takes."""
+"""Least confidence of a view's own wrist and elbow. Chosen on two takes."""
 SIGMA = 0.06
 """Standard deviation of a point for the agreement of views, as a share of the hand's length in the picture."""
 RIGHT, LEAST_TRUST = 0.5, 0.1
