@@ -17,8 +17,7 @@ import numpy as np
 from solver_backend.io.load import load_capture
 from solver_backend.types import Capture
 from solver_backend.videos.detect.detector import chosen_hand_detector
-from solver_backend.videos.detect.find_hands import find_hands, pictures_of, seen_by
-from solver_backend.videos.detect.search_hands import second_crop
+from solver_backend.videos.detect.find_hands import find_hands, pictures_of, second_crop, seen_by
 from tests.benchmarks.metric import Metric
 from tests.support.recordings import recordings_folder
 

@@ -15,8 +15,7 @@ from solver_backend.types import Cameras
 from solver_backend.videos.detect.child.pose_workers import litert_hands
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_hand_detector
-from solver_backend.videos.detect.find_hands import arms_of, is_due, pictures_of, seen_by
-from solver_backend.videos.detect.search_hands import (
+from solver_backend.videos.detect.find_hands import (
     HAND_M,
     LEAST_TRUST,
     RIGHT,
@@ -25,9 +24,13 @@ from solver_backend.videos.detect.search_hands import (
     HandCrop,
     HandInCrop,
     Look,
+    arms_of,
     first_crop,
+    is_due,
+    pictures_of,
     search_hands,
     second_crop,
+    seen_by,
 )
 from solver_backend.videos.files.video import Picture
 from tests.support.fake_litert import FakeModel, install, sha256

@@ -15,8 +15,7 @@ import solver_backend.videos.detect.find_hands as find_hands_module
 from solver_backend.cameras.projection import project
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.detector import DetectorChoice
-from solver_backend.videos.detect.find_hands import arms_of, find_hands, footage_scale
-from solver_backend.videos.detect.search_hands import Arms
+from solver_backend.videos.detect.find_hands import Arms, arms_of, find_hands, footage_scale
 from tests.support.handed_take import handed_take
 
 FRAMES = 4
