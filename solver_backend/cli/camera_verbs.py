@@ -92,7 +92,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Report whether a capture's calibration fits what was seen."""
-    from solver_backend.camera_calibration.check.calibration_check import check_calibration
+    from solver_backend.camera_calibration.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
 
     capture = capture_of(args, progress)

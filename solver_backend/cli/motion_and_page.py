@@ -60,7 +60,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 def _calibration_fit(capture: Capture, progress: Progress) -> CameraFits | None:
     """Return how the cameras fit what they saw, where two of them see the person."""
-    from solver_backend.camera_calibration.check.calibration_check import check_calibration
+    from solver_backend.camera_calibration.calibration_check import check_calibration
 
     if capture.cameras is None or capture.keypoints is None:
         return None

@@ -10,7 +10,7 @@ import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
-from solver_backend.camera_calibration.check.calibration_check import check_calibration
+from solver_backend.camera_calibration.calibration_check import check_calibration
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     align_cameras,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck
+from solver_backend.camera_calibration.calibration_check import CalibrationCheck
 from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import atomic_output

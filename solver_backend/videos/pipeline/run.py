@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
+from solver_backend.camera_calibration.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
