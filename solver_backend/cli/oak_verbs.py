@@ -27,8 +27,8 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record infrared and depth of OAKs; markers are found meanwhile, so that it is seen whether there are any."""
+    from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
-    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain, SensorTask
 
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)

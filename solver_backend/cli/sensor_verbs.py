@@ -12,8 +12,8 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
+    from solver_backend.sensors.chain import MarkerChain
     from solver_backend.sensors.devices.recorded import SensorFolder
-    from solver_backend.sensors.streaming.chain import MarkerChain
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -51,7 +51,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record all frames of a source."""
-    from solver_backend.sensors.streaming.chain import LiveMoment
+    from solver_backend.sensors.chain import LiveMoment
 
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
@@ -68,9 +68,9 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
+    from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
     from solver_backend.sensors.fusion.clusters import FusionSettings
-    from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 
     masks = mask_of(args)
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]

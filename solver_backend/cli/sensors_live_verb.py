@@ -24,7 +24,7 @@ from solver_backend.exchange.vmc.sender import read_address
 if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
     from solver_backend.live.session import LiveSession
-    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
+    from solver_backend.sensors.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5
@@ -98,9 +98,9 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     """Return the chain of a folder at its recorded rate, or of cameras."""
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
+    from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
     from solver_backend.sensors.fusion.clusters import FusionSettings
-    from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
@@ -114,7 +114,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 
 def _moments(chain: MarkerChain, stream: Lines, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
     """Yield moments until the time is over; what happens to sensors is written at once."""
-    from solver_backend.sensors.streaming.chain import LiveMoment
+    from solver_backend.sensors.chain import LiveMoment
 
     for moment in chain.moments():
         progress("Live", 0, 1)

@@ -16,7 +16,7 @@ from unittest import mock
 
 from solver_backend.camera_calibration.boards.board import board_named, board_toml
 from solver_backend.camera_calibration.formats import write_calibration
-from solver_backend.sensors.streaming import chain
+from solver_backend.sensors import chain
 from tests.fuzz.odd_values import BOARDS
 from tests.fuzz.target import Target, file
 from tests.fuzz.verbs.running import verb, verb_target
