@@ -1,1 +1,0 @@
-"""True if a calibration fits what the cameras saw."""
