@@ -14,7 +14,7 @@ from solver_backend.agreement.reading import PLAIN, PictureReading, Reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
-"""Frames; smaller delays are measured in the solve, cameras that started further apart by ``camera_starts``."""
+"""Frames; smaller delays are measured in the solve, cameras that started further apart by ``find_starts``."""
 SIDES_ODDS = 3000
 """To one that a detector does not exchange left and right in all views of upright pictures."""
 MOST_PERMUTED = 4

@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.evidence import BOUND, TakeEvidence
 from solver_backend.agreement.reading import Reading
+from solver_backend.agreement.starts import matches
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 NEAR = 0.15
@@ -96,7 +97,9 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
 SAME_FRAMES = 2.0
 """By how many frames cameras that record the same seconds differ in their number at most."""
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)
-"""Frames a second that cameras have."""
+"""Frames per second that cameras have."""
+MATCH_TIMES = 1.2
+"""Times the matching share of views as they are from which other frame rates explain them."""
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
@@ -119,14 +122,26 @@ def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detectio
     return ratios if then >= BOUND and then >= now + BOUND else as_they_are
 
 
-def standard_ratios() -> list[float]:
-    """Return the ratios of two rates that cameras have, 1 among them."""
-    return sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
+def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> bool:
+    """Return whether the views match better at any offsets if cameras have other frame rates.
+
+    Args:
+        cameras: C cameras as written.
+        detections: each from its own first frame.
+        rates: (C,) frames of each for one of the take.
+    """
+    shares = list[float]()
+    for tried in (rates, np.ones(len(rates))):
+        rows = nearest_rows(detections, range(len(cameras)), tried.tolist())
+        gained, possible = matches(cameras, rows)
+        shares.append(float(gained.sum() / max(possible.sum(), 1e-9)))
+    return shares[0] > MATCH_TIMES * shares[1]
 
 
 def _standard(length: int, longest: int) -> float:
     """Return the ratio of two rates that cameras have which explains a number of frames, 1 where none does."""
-    ratio = min(standard_ratios(), key=lambda ratio: abs(ratio * longest - length))
+    ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
+    ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
     return ratio if abs(ratio * longest - length) <= SAME_FRAMES else 1.0
 
 

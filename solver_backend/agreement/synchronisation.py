@@ -7,136 +7,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.camera_corrections import COMPARED, compared_pairs
+from solver_backend.agreement.starts import FINE, ViewPeople, disagreements, whole_lags
+from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.geometry.arrays import quantile
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
-LAG_SIGMAS = 3.0
-"""Scale of the Geman-McClure penalty of a distance to an epipolar line."""
-LEAST_SHARE = 0.3
-"""A lag is evaluated where at least this share of the most common points is left."""
 STAGE = "Comparing the clocks"
-LAG_ROUNDS = 10
-"""Rounds of reweighting at most; chosen by hand."""
-
-
-def whole_lags(
-    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray, reach: int,
-    progress: Progress = silent,
-) -> np.ndarray:  # fmt: skip
-    """Return (C,) whole frames by which cameras lag behind the first, that make all pairs of views agree best.
-
-    For every pair (``compared_pairs``) a table over its lags holds how far points are from the other's epipolar lines;
-    the lags of all cameras are those of least sum over the pairs, by descent along one camera after the other from the
-    own view of the others that each of ``COMPARED`` cameras has.
-
-    Args:
-        cameras: C cameras.
-        tracks: (C, F, K, 2) px, NaN where missing.
-        frames: (N,) numbers of the frames that are compared.
-        sigma_px: (K,) standard deviation of the detections, px.
-        reach: largest lag looked for.
-        progress: called as pairs are compared.
-
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 9.6 (the essential matrix) and eq. 11.9
-    (Sampson's distance); Besag 1986 (descent along one variable after the other).
-    """
-    count = len(cameras)
-    tables = np.zeros((count, count, 2 * reach + 1))
-    at = frames + np.arange(-reach, reach + 1)[:, None]
-    inside = np.clip(at, 0, tracks.shape[1] - 1)
-    looked_at = np.unique(inside)
-    normalised = undistort(cameras, tracks[:, looked_at])
-    seen = np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
-    place, outside = np.searchsorted(looked_at, inside), at != inside
-    pairs = compared_pairs(count)
-    for number, (i, j) in enumerate(pairs):
-        progress(STAGE, number, len(pairs))
-        distance = _distances(cameras, i, j, seen, place)
-        distance[outside] = np.nan
-        tables[i, j] = _robust_means(distance, LAG_SIGMAS * sigma_px)
-        tables[j, i] = tables[i, j, ::-1]
-    progress(STAGE, len(pairs), len(pairs))
-    compared = tables.any(axis=-1, keepdims=True)
-    firsts = np.unique(np.linspace(0, count - 1, min(count, COMPARED)).astype(int))
-    starts = [np.where(compared[start, :, 0], tables[start].argmin(axis=-1) - reach, 0) for start in firsts]
-    found = [
-        _descended(tables, np.where(np.arange(count) == s, 0, lags)) for s, lags in zip(firsts, starts, strict=True)
-    ]
-    return min(found, key=lambda lags: _total(tables, lags))
-
-
-def _distances(cameras: Cameras, i: int, j: int, seen: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Return (L, N, K) px from what view j sees a lag later to the epipolar lines of what view i sees.
-
-    Args:
-        cameras: C cameras.
-        i: the view that does not move.
-        j: the view that does.
-        seen: (C, P, K, 3) undistorted points.
-        place: (L, N) which of the P frames is looked at for a lag and a frame; the middle row is for none.
-    """
-    R = cameras.R[j] @ cameras.R[i].T
-    x, y, z = cameras.t[j] - R @ cameras.t[i]
-    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
-    line = seen[i][place[len(place) // 2]] @ essential.T
-    back = (seen[j] @ essential)[..., :2]
-    square = (line[..., :2] ** 2).sum(-1) + (back**2).sum(-1)[place]
-    focal = 0.25 * (np.trace(cameras.K[i, :2, :2]) + np.trace(cameras.K[j, :2, :2]))
-    return focal * np.einsum("lnkx,nkx->lnk", seen[j][place], line) / np.sqrt(square)
-
-
-def _robust_means(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    """Return (L,) means of ``r²/(r² + s²)`` of (L, N, K) distances less their medians, 1 where few are known.
-
-    The median over the frames is what an inexact calibration causes.
-    """
-    share = _robust_shares(distance, scale)
-    known = np.isfinite(share)
-    number = known.sum(axis=(1, 2))
-    enough = number >= np.maximum(LEAST_SHARE * number.max(), 1)
-    return np.where(enough, np.where(known, share, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1), 1.0)
-
-
-def _robust_shares(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
-    square = (distance - quantile(distance, 0.5, axis=1, method="lower")[:, None]) ** 2
-    return square / (square + scale**2)
-
-
-def _descended(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:
-    """Return lags that no change of a single camera betters."""
-    reach = tables.shape[-1] // 2
-    tried = np.arange(-reach, reach + 1)
-    for _ in range(LAG_ROUNDS):
-        before = lags.copy()
-        for camera in range(len(lags)):
-            others = np.arange(len(lags)) != camera
-            between = lags[others][:, None] - tried
-            cost = _looked_up(tables[camera][others], between).sum(axis=0)
-            lags[camera] = tried[cost.argmin()]
-        if (lags == before).all():
-            break
-    return lags - lags[0]
-
-
-def _looked_up(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:
-    """Return the entries of (P, 2 reach + 1) tables at (P, ...) lags, 1 beyond their reach."""
-    reach = tables.shape[-1] // 2
-    inside = np.abs(lags) <= reach
-    found = np.take_along_axis(tables, np.clip(lags, -reach, reach) + reach, axis=-1)
-    return np.where(inside, found, 1.0)
-
-
-def _total(tables: np.ndarray, lags: np.ndarray) -> float:
-    """Return the sum over all pairs."""
-    first, second = np.triu_indices(len(lags), 1)
-    return float(_looked_up(tables[first, second], (lags[second] - lags[first])[:, None]).sum())
-
-
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure weights."""
 DEPTH_SIGMA_M = 0.5
@@ -282,18 +161,15 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 REACH_S, LEAST_REACH_FRAMES = 0.4, 20
 """Largest lag between two cameras that is looked for, and at least so many frames."""
-LAG_FRAMES, LEAST_LAG_FRAMES, LAG_SIGMA_SHARE = 100, 40, 0.005
-"""Frames on which the whole lags of four and of many views are compared, and how far detections scatter there as a
-share of the image's width."""
-LAG_STRETCHES, LAG_STEP = 6, 2
-"""These frames lie in so many stretches of the take, every second frame: a lag is estimated from the frames around."""
+USUAL_SIGMA_SHARE = 0.005
+"""Scatter of detections as a share of the image's width."""
 SAMPLED_FRAMES = 300
 """Frames on which delays are estimated."""
 FEW_VIEWS = 4
 """With more views fewer frames carry as much information."""
 LEAST_FRAMES = 24
 """For shorter takes no delay is reported."""
-ROUNDS = 8
+ROUNDS = 12
 IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
 """Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
 MOTION_FRAMES = 4
@@ -353,7 +229,7 @@ def estimate_delays(
     names = keypoints.joint_set.keypoints
     limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
     tracks = smoothed_tracks(np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2))
-    usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+    usual = USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
     sigma_px = np.tile(np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual), 1 + len(others))
     moving = _moving(tracks, frames, sigma_px)
     if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
@@ -362,7 +238,10 @@ def estimate_delays(
     lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
     joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
     seen = cameras.subset(np.flatnonzero(moving).tolist())
-    lags[moving], beyond[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual, progress)
+    reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
+    found = whole_lags(seen, tracks[moving][:, :, joints], reach)
+    lags[moving] = found - _median(found)
+    beyond[moving] = np.abs(lags[moving]) >= reach
     if lags.any() or others:
         xy = tracks_at(tracks, frames + lags[:, None])
         points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
@@ -372,51 +251,43 @@ def estimate_delays(
     delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
     late = delay[:, None] + drift[:, None] * place_in_take(frames, keypoints.num_frames)
     late = np.where((moving & ~beyond)[:, None], late, 0.0)
-    confirmed = _beats_no_delay(cameras, tracks, frames, late, sigma_px)
+    confirmed = _beats_no_delay(cameras, tracks, frames, late)
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES) & confirmed
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
     return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond)
 
 
-def _beats_no_delay(
-    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray, sigma_px: np.ndarray
-) -> np.ndarray:
-    """Return (C,) whether each delay explains the views better than none, in stretch after stretch of the take.
+def _beats_no_delay(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, delay: np.ndarray) -> np.ndarray:
+    """Return (C,) whether each delay explains the views better than none, in one block of time after another.
 
-    Slow movement makes the misfit flat: its minimum lies somewhere, and a deviation by slopes alone does not show it.
+    Slow movement makes the misfit flat. It has a minimum somewhere, and the deviation by slopes does not show that.
 
     Args:
         cameras: C cameras.
         tracks: (C, F, K, 2) px, NaN where missing.
         frames: (N,) that are compared.
         delay: (C, N) frames.
-        sigma_px: (K,) standard deviation of the detections, px.
     """
-    confirmed = np.ones(len(cameras), bool)
-    usual = delay.mean(axis=1)
-    delay = delay - _median(usual)
-    doubtful = np.flatnonzero(np.abs(usual - _median(usual)) >= TESTED_FRAMES)
+    confirmed, usual = np.ones(len(cameras), bool), delay.mean(axis=1)
+    median = _median(usual)
+    doubtful = np.flatnonzero(np.abs(usual - median) >= TESTED_FRAMES)
     if not len(doubtful):
         return confirmed
-    rays = [
-        np.concatenate([points, np.ones_like(points[..., :1])], axis=-1)
-        for points in (undistort(cameras, tracks_at(tracks, frames + late)) for late in (delay, 0 * delay))
-    ]
-    place = np.arange(len(frames))[None]
-    pairs = compared_pairs(len(cameras))
+    late, in_step = (
+        [ViewPeople.of(view[:, None]) for view in undistort(cameras, tracks_at(tracks, frames + moved))]
+        for moved in (delay - median, np.zeros_like(delay))
+    )
     for view in doubtful:
         gains = list[np.ndarray]()
-        mixed = rays[0].copy()
-        mixed[view] = rays[1][view]
-        for i, j in pairs:
+        for i, j in compared_pairs(len(cameras)):
             if view in (i, j):
-                then, now = (
-                    _robust_shares(_distances(cameras, i, j, seen, place), LAG_SIGMAS * sigma_px)[0]
-                    for seen in (rays[0], mixed)
-                )
-                gains.append(np.where(np.isfinite(now - then), now - then, np.nan))
-        blocks = [block[np.isfinite(block)] for block in np.array_split(np.stack(gains), BLOCKS, axis=1)]
+                mixed = [in_step[c] if c == view else late[c] for c in (i, j)]
+                then = disagreements(cameras, (i, j), late[i], late[j], FINE, by_row=True)
+                gains.append(disagreements(cameras, (i, j), *mixed, FINE, by_row=True) - then)
+        moved = np.abs(delay[view] - median) >= TESTED_FRAMES  # a drift begins with none
+        blocks = np.array_split(np.where(moved, np.stack(gains), np.nan), BLOCKS, axis=1)
+        blocks = [block[np.isfinite(block)] for block in blocks]
         means = np.array([block.mean() for block in blocks if len(block)])
         error = means.std(ddof=1) / np.sqrt(len(means)) if len(means) > 2 else np.inf
         confirmed[view] = len(means) > 2 and means.mean() > TESTED_SIGMAS * error
@@ -489,22 +360,6 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
         if hands is not None:
             hands[view] = _view_at(hands[view], times)
     return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0), hands=hands)
-
-
-def _whole(
-    cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float, progress: Progress
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) whole frames by which cameras lag, their median 0, and which of them are at the search's end."""
-    num_frames = tracks.shape[1]
-    reach = min(max(round(REACH_S * fps), LEAST_REACH_FRAMES), num_frames // 3)
-    pairs = len(cameras) * (len(cameras) - 1) // 2
-    count = max(LAG_FRAMES * 6 // max(pairs, 6), LEAST_LAG_FRAMES)
-    middles = np.linspace(0, num_frames - 1, 2 * LAG_STRETCHES + 1).round().astype(int)[1::2]
-    near = LAG_STEP * (np.arange(count // LAG_STRETCHES) - count // LAG_STRETCHES // 2)
-    frames = np.unique(np.clip(middles[:, None] + near, 0, num_frames - 1))
-    lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach, progress)
-    lags = lags - _median(lags)
-    return lags, np.abs(lags) >= reach
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:

@@ -10,9 +10,8 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Applied, Explanation, explain
 from solver_backend.agreement.reading import Reading, apply_reading
-from solver_backend.agreement.resampled import at_one_rate, rates_by_length
-from solver_backend.agreement.unlike_views import ViewReading, explain_unlike, views_match
-from solver_backend.cameras.camera_corrections import corrected
+from solver_backend.agreement.resampled import at_one_rate, rates_by_length, rates_match
+from solver_backend.agreement.starts import read_out_of_step
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.solve_settings import SYNC_OFF
@@ -20,6 +19,7 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
+from solver_backend.types import Cameras
 
 OTHER_RATE = 0.01
 """Share by which frame rates differ that are not the same: 59.94 is 60."""
@@ -99,9 +99,9 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    Views in step are explained first. If they do not agree, or a single camera is moved, late or unexplained,
-    other frame rates and readings are tried at all offsets. Offsets are found last. A single camera is explained after
-    that, in the rows that belong together.
+    Views in step are explained first. If they do not agree, or a single camera is moved, late or unexplained, frame
+    rates that videos state and other readings of all cameras are tried at all offsets. Offsets are found last. A single
+    camera is explained after that, in the rows that belong together.
 
     Args:
         calibration: of C cameras.
@@ -122,24 +122,26 @@ def bring_to_agreement(
             "The calibration places all cameras in one point: it has intrinsics alone.", where=str(calibration.source),
             hint="Calibrate the positions of the cameras, too, for example with calibrate-cameras.",
         )  # fmt: skip
-    files, ratios = _Files(calibration, detections), np.ones(count)
+    files, ratios, stated = _Files(calibration, detections), np.ones(count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
-    if searched and (stated_ratios(rates, fps) == 1).all():
+    if searched and (stated == 1).all():
         relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
-        files, ratios = _at_one_rate(files, relative, fps, options)
+        ratios, is_open = of_the_take(relative)
+        files = _at_one_rate(files, ratios, fps, is_open=is_open and options.fps is None)
     found = None if options.as_calibrated else _explain(files, as_numbered(files.detections, options), options)
     settled = found is not None and (found.agrees or found.changed) and not found.reading.is_of_one_camera
-    if not settled and (ratios == 1).all() and not views_match(files.calibration.cameras, files.detections):
-        ratios = stated_ratios(rates, fps)
-        if (ratios != 1).any():
-            problems = other_rates(files.detections, ratios, fps, is_open=False)
-            resampled = at_one_rate(files.detections, ratios.tolist())
-            files = _Files(files.calibration, resampled, (*files.problems, *problems))
-        elif searched:
-            files, relative = _explain_out_of_step(files, options)
-            files, ratios = _at_one_rate(files, relative, fps, options)
     if found is not None and settled:
         files = _apply(files, found, options)
+    elif (stated != 1).any():
+        if rates_match(calibration.cameras, detections, stated):
+            ratios, files = stated, _at_one_rate(files, stated, fps, is_open=False)
+    elif searched and (ratios == 1).all():
+        reading = read_out_of_step(_in_file(files, options), files.detections)
+        if reading is not None:
+            meanings = reading.correction(0).meaning()
+            names = files.detections.cameras
+            corrected = diagnostic("calibration_corrected", result="never", cameras=names, meanings=meanings)
+            files = _read(files, reading, options, [corrected])
     in_time = bring_to_one_time(files.calibration.cameras, files.detections, fps, options)
     if found is not None and files.calibration is calibration and not settled:
         rows = replace(files, detections=in_time.detections)
@@ -150,47 +152,50 @@ def bring_to_agreement(
     return Agreeing(files.calibration, in_time, tuple((ratios != 1).tolist()), files.problems)
 
 
-def _at_one_rate(files: _Files, relative: np.ndarray, fps: float, options: ReadOptions) -> tuple[_Files, np.ndarray]:
-    """Return the files at the take's rate, and (C,) frames of each camera for one of it.
+def _at_one_rate(files: _Files, ratios: np.ndarray, fps: float, *, is_open: bool) -> _Files:
+    """Return the files at the take's rate.
 
     Args:
         files: of C cameras.
-        relative: (C,) frames of each for one of any of them, as the views show.
+        ratios: (C,) frames of each for one of the take.
         fps: frame rate of the take.
-        options: how the capture is read.
+        is_open: nothing shows which cameras that rate is of.
     """
-    ratios, is_open = of_the_take(relative)
     if (ratios == 1).all():
-        return files, ratios
-    problems = other_rates(files.detections, ratios, fps, is_open=is_open and options.fps is None)
+        return files
+    problems = other_rates(files.detections, ratios, fps, is_open=is_open)
     resampled = at_one_rate(files.detections, ratios.tolist())
-    return _Files(files.calibration, resampled, (*files.problems, *problems)), ratios
+    return _Files(files.calibration, resampled, (*files.problems, *problems))
+
+
+def _in_file(files: _Files, options: ReadOptions) -> Cameras:
+    """Return the cameras in the world of the calibration's file."""
+    cameras = files.calibration.cameras
+    return replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z"))
 
 
 def _explain(files: _Files, rows: Detections, options: ReadOptions) -> Explanation:
-    """Return what explains rows that belong together, in the world of the calibration's file."""
-    cameras, to_world = files.calibration.cameras, rotation_to_z_up(options.up_axis or "z")
-    return explain(replace(cameras, R=cameras.R @ to_world), rows, names_stated=bool(options.camera or options.offset))
+    return explain(_in_file(files, options), rows, names_stated=bool(options.camera or options.offset))
 
 
 def _apply(files: _Files, found: Explanation, options: ReadOptions) -> _Files:
-    """Return the files as an explanation reads them, with what was corrected among the problems."""
-    calibration, names = files.calibration, files.detections.cameras
-    if not found.changed:
-        problems = (diagnostic("explanations_open", one=found.open[0], other=found.open[1]),) if found.open else ()
-        return replace(files, calibration=replace(calibration, problems=(*calibration.problems, *problems)))
-    reading = replace(found.reading, late=())  # delays are measured to parts of a frame elsewhere
-    to_world = rotation_to_z_up(options.up_axis or "z")
-    in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
-    cameras, detections = apply_reading(in_file, files.detections, reading)
-    if reading != Reading.as_written(len(names)):
-        rolls = tuple(reading.correction(view).turn for view in range(len(names)))
+    """Return the files as an explanation reads them, with the corrections among the problems."""
+    if found.changed:  # delays are measured to parts of a frame elsewhere
+        return _read(files, replace(found.reading, late=()), options, _report(files.detections.cameras, found))
+    problems = [diagnostic("explanations_open", one=found.open[0], other=found.open[1])] if found.open else []
+    return _read(files, Reading.as_written(len(files.detections.cameras)), options, problems)
+
+
+def _read(files: _Files, reading: Reading, options: ReadOptions, problems: Sequence[Diagnostic]) -> _Files:
+    calibration, detections, views = files.calibration, files.detections, range(len(files.detections.cameras))
+    if reading != Reading.as_written(len(views)):
+        cameras, detections = apply_reading(_in_file(files, options), detections, reading)
+        cameras = replace(cameras, R=cameras.R @ rotation_to_z_up(options.up_axis or "z").T)
+        rolls = tuple(reading.correction(view).turn for view in views)
         known = tuple(calibration.size_known[owner] for owner in reading.owners) if calibration.size_known else ()
-        calibration = replace(
-            calibration, cameras=replace(cameras, R=cameras.R @ to_world.T), rolls=rolls, size_known=known
-        )
-    reported = _report(names, found)
-    calibration = replace(calibration, problems=(*calibration.problems, *reported))
+        calibration = replace(calibration, cameras=cameras, rolls=rolls, size_known=known)
+    if problems:
+        calibration = replace(calibration, problems=(*calibration.problems, *problems))
     return _Files(calibration, detections, files.problems)
 
 
@@ -228,32 +233,3 @@ def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:
 
 def _listed(names: Sequence[str], applied: Applied) -> str:
     return ", ".join(names[view] for view in applied.views)
-
-
-def _explain_out_of_step(files: _Files, options: ReadOptions) -> tuple[_Files, np.ndarray]:
-    """Return the files, and frames of each camera for one of any of them, under which views match at some offsets."""
-    calibration = files.calibration
-    to_world = rotation_to_z_up(options.up_axis or "z")
-    in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
-    readings = explain_unlike(in_file, files.detections)
-    if readings is None:
-        return files, np.ones(len(files.detections.cameras))
-    if (found := _corrected(files.detections.cameras, readings)) is not None:
-        cameras = corrected(in_file, [reading.correction for reading in readings])
-        cameras = replace(cameras, R=cameras.R @ to_world.T)
-        rolls = tuple(reading.correction.turn for reading in readings)
-        calibration = replace(calibration, cameras=cameras, rolls=rolls, problems=(*calibration.problems, found))
-    return replace(files, calibration=calibration), np.array([reading.rate for reading in readings])
-
-
-def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> Diagnostic | None:
-    """Return what was corrected in the calibration, None where nothing was."""
-    meanings: dict[str, list[str]] = {}
-    for name, reading in zip(names, readings, strict=True):
-        if reading.correction.changes:
-            meanings.setdefault(reading.correction.meaning(), []).append(name)
-    if not meanings:
-        return None
-    parts = [f"{meaning} ({', '.join(cameras)})" for meaning, cameras in meanings.items()]
-    changed = [name for named in meanings.values() for name in named]
-    return diagnostic("calibration_corrected", result="never", cameras=changed, meanings="; ".join(parts))

@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.camera_starts import CameraStarts, StartEvidence, align_rows, common_rows, find_starts
 from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.starts import CameraStarts, StartEvidence, align_rows, common_rows, find_starts
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
 from solver_backend.exchange.errors import JobInvalid, NotSynchronised
 from solver_backend.exchange.reading_settings import offsets_by_camera

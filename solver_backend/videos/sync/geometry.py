@@ -6,13 +6,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.starts import whole_lags
 from solver_backend.agreement.synchronisation import (
     BLOCKS,
     DelayStep,
     delay_step,
     place_in_take,
     smoothed_tracks,
-    whole_lags,
 )
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
@@ -86,9 +86,9 @@ def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: floa
             "The person moves too little, or is seen too little, to synchronise the cameras.",
             where=", ".join(names), hint="Wave both arms in sight of all cameras, or use sound: --sync sound.",
         )  # fmt: skip
-    candidates = [alike, _by_whole_lags(filmed, alike, reach_s, usual)]
+    candidates = [alike, _by_whole_lags(filmed, alike, reach_s)]
     if start is not None:
-        candidates.append(_by_whole_lags(filmed, start, NEAR_S, usual))
+        candidates.append(_by_whole_lags(filmed, start, NEAR_S))
     scores = [_disagreement_px(filmed, clocks) for clocks in candidates]
     scores[0] *= IN_STEP_BONUS
     best = int(np.argmin(scores))
@@ -97,11 +97,11 @@ def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: floa
     return _refined(filmed, candidates[best], usual)
 
 
-def _by_whole_lags(filmed: FilmedTracks, clocks: Clocks, reach_s: float, usual: float) -> Clocks:
+def _by_whole_lags(filmed: FilmedTracks, clocks: Clocks, reach_s: float) -> Clocks:
     """Return clocks moved by the whole frames at which the views' epipolar lines are met best."""
     xy = _whole_grid(filmed, clocks)
     reach = max(round(reach_s * filmed.fps), 2)
-    lags = whole_lags(filmed.cameras, xy, _lively(xy, LAG_FRAMES), np.full(xy.shape[2], usual), reach)
+    lags = whole_lags(filmed.cameras, xy, reach)
     return replace(clocks, offset_s=clocks.offset_s + (lags - lags[0]) / filmed.fps)
 
 

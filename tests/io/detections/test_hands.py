@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.agreement.camera_starts import align_rows
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.repeated_frames import without_repeats
+from solver_backend.agreement.starts import align_rows
 from solver_backend.agreement.synchronisation import synchronised
 from solver_backend.agreement.view_faults import Mirrored, NamedLike, Rotated, ViewRange
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
