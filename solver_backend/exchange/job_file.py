@@ -10,11 +10,13 @@ from typing import Any
 
 from .errors import JobInvalid, OutputNotWritable
 from .outputs import write_text
-from .reading_settings import ReadingSettings, TimeSettings, WorldSettings, reading_values, time_values, world_values
+from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
+from .setting import values_that_differ
 
 VERSION = 1
 """Of the schema; a job of another version is refused."""
 MOTION_SUFFIX = ".npz"
+_PATHS = ("report", "subject", "start", "labels")
 
 
 @dataclass(frozen=True)
@@ -84,46 +86,33 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     labels: Path | None = None
     """File of user-assigned labels of points of a recording of markers; the solver never overrides them."""
     settings: Any = field(default_factory=dict)
-    """How to solve: settings by name, those left out are the solver's own defaults."""
+    """Settings of the solve by name; the solver has defaults for those left out."""
     resolve: Any = None
     """``JobRange``: solve only some frames of an earlier motion again; None for the whole take."""
 
     def __post_init__(self) -> None:
-        ReadingSettings.__post_init__(self)
-        TimeSettings.__post_init__(self)
-        WorldSettings.__post_init__(self)
+        TimeSettings.__post_init__(self)  # which checks the settings of every class
         earlier = None if self.resolve is None else self.resolve.motion
-        files = (self.capture, self.out, self.report, self.subject, self.start, self.labels, earlier)
+        files = (self.capture, self.out, *(getattr(self, name) for name in _PATHS), earlier)
         if any("\0" in str(path) for path in files if path is not None):
-            raise JobInvalid(
-                "A path of the job holds the character U+0000, which is not possible in a path.", where="job"
-            )
+            raise JobInvalid("A path of the job holds the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
-            raise JobInvalid(
-                f"A motion file ends in {MOTION_SUFFIX}.",
-                where=f"out = {self.out}",
-                hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
-            )
+            hint = f"Try {self.out.name}{MOTION_SUFFIX}."
+            raise JobInvalid(f"A motion file ends in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
         # A motion that came without its recording is measured by itself: then it stands in for the capture.
         again = earlier is not None and earlier.resolve() == self.capture.resolve()
         places = [p.resolve() for p in (files[:-1] if again else files) if p is not None]
         if len(set(places)) < len(places):
-            raise JobInvalid(
-                "The capture, the motion, the report, a subject, names and an earlier motion must be different files.",
-                where=str(self.out),
-            )
+            what = "Capture, motion, report, subject, names and earlier motion must be different files."
+            raise JobInvalid(what, where=str(self.out))
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values in the file's schema; what is left at its default is left out."""
         given = {name: getattr(self, name) for name in ("overwrite", "strict", "settings")}
-        given["report"] = self.report and str(self.report)
-        given["subject"] = self.subject and str(self.subject)
-        given["start"] = self.start and str(self.start)
-        given["labels"] = self.labels and str(self.labels)
+        given |= {name: str(value) for name in _PATHS if (value := getattr(self, name))}
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
-        chosen = {name: value for name, value in given.items() if value}
-        return values | chosen | reading_values(self) | time_values(self) | world_values(self)
+        return values | {name: value for name, value in given.items() if value} | values_that_differ(self, ROWS)
 
 
 def write_job(path: Path, job: JobFile) -> None:
@@ -135,8 +124,5 @@ def write_job(path: Path, job: JobFile) -> None:
     try:
         write_text(path, json.dumps(job.as_dict(), indent=2, ensure_ascii=False), overwrite=True)
     except OutputNotWritable as error:
-        raise OutputNotWritable(
-            error.message.replace("The output", "The job", 1),
-            where=str(path.parent),
-            hint="Choose a folder for takes that you may write to, with free space.",
-        ) from error
+        message, hint = error.message.replace("The output", "The job", 1), "Choose a writable folder with free space."
+        raise OutputNotWritable(message, where=str(path.parent), hint=hint) from error

@@ -12,17 +12,20 @@ from typing import Any, Literal
 
 from .errors import JobInvalid
 
-Kind = Literal[
-    "switch", "flag", "whole", "number", "choice", "text", "path", "folder", "file", "name_or_file", "texts", "numbers",
-    "range",
-]  # fmt: skip
+Kind = Literal["switch", "flag", "whole", "number", "choice", "text", "path", "folder", "file", "name_or_file", "texts",
+               "numbers", "range"]  # fmt: skip
 """A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
-one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists; a "range" is the first and the
+one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
 last whole number."""
 POSITIVE = 1e-12
 """Lower bound of numbers that must be greater than 0."""
 REQUIRED = MISSING
 """Default of a setting that must be given."""
+_FILE = "the path of a file"
+_EXPECTED = {"switch": "true or false", "flag": "true or false", "text": "text", "path": _FILE, "file": _FILE,
+             "folder": "the path of a folder", "name_or_file": f"a name or {_FILE}",
+             "range": "the first and the last whole number, from 0"}  # fmt: skip
+"""What would be valid, by kind."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +45,6 @@ class Setting:
     """One setting."""
 
     kind: Kind
-    """What its values are."""
     label: str
     """Noun phrase of the panel."""
     description: str
@@ -54,23 +56,22 @@ class Setting:
     high: float | None = None
     """Greatest value of numbers, or greatest count of "numbers"."""
     soft_high: float | None = None
-    """Where the panel's slider ends, if before ``high``."""
+    """End of the panel's slider, if before ``high``."""
     unit: str = ""
     """Of numbers; "" for a plain factor."""
     count: int = 0
-    """How many values it takes; 0 for one, or for any number of "numbers"."""
+    """Number of values; 0 for one, or for any number of "numbers"."""
     choices: tuple[Choice, ...] = ()
     """Of the kind "choice"."""
     metavar: str = ""
-    """What stands for the value in help texts."""
+    """Stands for the value in help texts."""
     in_panel: bool = True
-    """False where the panel has something of its own for it, such as sliders."""
+    """False where the panel has its own control, such as a list."""
     methods: tuple[str, ...] = ()
-    """Methods of a solve in which it acts; of all where there is none."""
+    """Methods of a solve in which it acts; empty for all."""
     name: str = ""
     """Key in job files, attribute of parsed arguments and name of the panel's property."""
     default: Any = None
-    """Value where none is given."""
     of_class: bool = False
     """Declared in a dataclass, which has the default: where it is not given, the command line states None."""
     option: str = ""
@@ -78,7 +79,6 @@ class Setting:
     positional: bool = False
     """Named by its place on the command line."""
     required: bool = False
-    """Must be given."""
     many: bool = False
     """Takes one or more values."""
     repeated: bool = False
@@ -102,15 +102,15 @@ class Setting:
     @property
     def expected(self) -> str:
         """What would be valid, for messages."""
-        return {
-            "switch": "true or false", "flag": "true or false", "whole": f"a whole number{self._between}",
-            "number": f"a number{self._between}",
-            "choice": f"one of {', '.join(choice.value for choice in self.choices)}", "text": "text",
-            "path": "the path of a file", "folder": "the path of a folder", "file": "the path of a file",
-            "name_or_file": "a name or the path of a file", "texts": f"a list of {self.metavar}",
-            "numbers": f"{self.count or f'{self.low} to {self.high}'} numbers or null",
-            "range": "the first and the last whole number, from 0",
-        }[self.kind]  # fmt: skip
+        if self.kind in ("whole", "number"):
+            return f"a {'whole ' if self.kind == 'whole' else ''}number{self._between}"
+        if self.kind == "choice":
+            return f"one of {', '.join(choice.value for choice in self.choices)}"
+        if self.kind == "texts":
+            return f"a list of {self.metavar}"
+        if self.kind == "numbers":
+            return f"{self.count or f'{self.low} to {self.high}'} numbers or null"
+        return _EXPECTED[self.kind]
 
     @property
     def _between(self) -> str:
@@ -120,7 +120,7 @@ class Setting:
         return start if self.high is None else f"{start} to {self.high:g}"
 
     def acts_in(self, method: str) -> bool:
-        """Return whether it does anything in a method of a solve."""
+        """Return whether it has an effect in a method of a solve."""
         return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
@@ -135,25 +135,45 @@ class Setting:
             return value in [choice.value for choice in self.choices]
         if self.kind == "numbers":
             least, most = (self.count, self.count) if self.count else (self.low or 0, self.high or inf)
-            return is_list(value) and least <= len(value) <= most and all(map(_is_finite, value))
+            finite = is_list(value) and all(_is_number(item, Real) and isfinite(item) for item in value)
+            return finite and least <= len(value) <= most
         if self.kind == "range":
-            return is_list(value) and len(value) == 2 and _is_range(*value)
+            whole = is_list(value) and len(value) == 2 and all(_is_number(item, int) for item in value)
+            return whole and 0 <= value[0] <= value[1]
         if self.kind == "texts":
             return is_list(value) and all(isinstance(item, str) for item in value)
         if self.kind in ("path", "folder"):
             return isinstance(value, Path)
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
+    def words(self, value: Any) -> list[str]:
+        """Return the command-line arguments of a value; none for None, an empty list and a flag that is off."""
+        if value is None or (is_list(value) and not value):
+            return []
+        if self.positional:
+            return [str(item) for item in value] if is_list(value) else [str(value)]
+        option = self.options[-1]
+        if self.kind in ("switch", "flag"):
+            return [option] if value else []
+        if self.repeated or self.kind == "texts":
+            return [f"{option}={item}" for item in value]
+        if self.kind == "numbers":
+            return [f"{option}={','.join(f'{number:g}' for number in value)}"]
+        if is_list(value):
+            return [option, *map(text_of_value, value)]
+        return [f"{option}={text_of_value(value)}"]
+
+
+def text_of_value(value: Any) -> str:
+    """Return a value as on a command line."""
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return the field of a dataclass that declares a setting.
+    """Return the field of a dataclass that declares a setting; see ``Setting`` for the arguments.
 
     Args:
-        kind: see ``Setting``.
-        default: its value where none is given; ``REQUIRED`` where one must be.
-        label: see ``Setting``.
-        description: see ``Setting``.
-        group: see ``Setting``.
+        default: ``REQUIRED`` where a value must be given.
         more: the other fields of ``Setting``.
     """
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
@@ -176,30 +196,18 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
     return {name: row.default for name, row in settings_of_class(cls).items()}
 
 
-def values_that_differ(values: Any, cls: Any = None) -> dict[str, Any]:
-    """Return the values that are not at their defaults as JSON has them, by name.
-
-    Args:
-        values: an object that has the settings as attributes.
-        cls: dataclass that declares the settings; the object's own if left out.
-    """
-    rows = settings_of_class(values if cls is None else cls)
-    given = {name: getattr(values, name) for name in rows}
-    return {name: plain_value(value) for name, value in given.items() if value != rows[name].default}
-
-
-def plain_value(value: Any) -> Any:
-    """Return a value of a setting as JSON has it."""
-    if isinstance(value, (str, Path)):
-        return str(value)
-    return list(value) if is_list(value) else value
+def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
+    """Return an object's values of settings that are neither defaults nor empty, as JSON has them, by name."""
+    given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
+    given = {name: value for name, value in given.items() if value or rows[name].default}
+    return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
 
 
 def check_settings(values: Any) -> None:
     """Check each value of a dataclass of settings; None is valid where it is the default.
 
     Raises:
-        JobInvalid: one is of another type or out of range; the message names it and what is expected.
+        JobInvalid: one has another type or is out of range; the message names it and what is expected.
     """
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
@@ -222,16 +230,8 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> bool:
-    """Return whether a value is a list of others; text is none."""
+    """Return whether a value is a list of others; text is not."""
     return isinstance(value, Sequence) and not isinstance(value, str)
-
-
-def _is_range(first: Any, last: Any) -> bool:
-    return _is_number(first, int) and _is_number(last, int) and 0 <= first <= last
-
-
-def _is_finite(value: Any) -> bool:
-    return _is_number(value, Real) and isfinite(value)
 
 
 def _is_number(value: Any, kind: type) -> bool:

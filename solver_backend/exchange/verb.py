@@ -13,7 +13,7 @@ from typing import Any, Literal, NoReturn
 
 from .errors import CommandLineInvalid
 from .outputs import check_output
-from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list
+from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
 Group = Literal[
     "solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"
@@ -68,7 +68,7 @@ class Verb:
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
-        return [word for name in ordered for word in words_of(rows[name], given[name])]
+        return [word for name in ordered for word in rows[name].words(given[name])]
 
 
 def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
@@ -216,28 +216,6 @@ def suggest(word: str, known: Iterable[str]) -> str:
     return f"Did you mean {near[0]}?" if near else ""
 
 
-def words_of(row: Setting, value: Any) -> list[str]:
-    """Return the arguments of a command line that give a setting a value; none for None, empty lists and flags off."""
-    if value is None or (is_list(value) and not value):
-        return []
-    if row.positional:
-        return [str(item) for item in value] if is_list(value) else [str(value)]
-    option = row.options[-1]
-    if row.kind in ("switch", "flag"):
-        return [option] if value else []
-    if row.repeated or row.kind == "texts":
-        return [f"{option}={item}" for item in value]
-    if row.kind == "numbers":
-        return [f"{option}={','.join(f'{number:g}' for number in value)}"]
-    if is_list(value):
-        return [option, *map(_text, value)]
-    return [f"{option}={_text(value)}"]
-
-
-def _text(value: Any) -> str:
-    return f"{value:g}" if isinstance(value, float) else str(value)
-
-
 def describe_range(row: Setting) -> str:
     """Return which values a setting may have, in a few words; "" for what its metavar states."""
     if row.kind == "choice":
@@ -255,8 +233,8 @@ def describe_default(row: Setting) -> str:
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"
     if is_list(value):
-        return " ".join(map(_text, value))
-    return _text(value) if value or (value == 0 and row.of_class) else ""
+        return " ".join(map(text_of_value, value))
+    return text_of_value(value) if value or (value == 0 and row.of_class) else ""
 
 
 def help_of(row: Setting) -> str:

@@ -16,7 +16,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.reading_settings import world_values
+from solver_backend.exchange.setting import settings_of_class, values_that_differ
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import read_calibration
@@ -131,7 +131,8 @@ class _TakeRun:
     def capture(self) -> None:
         plan, calibration = self._plan, self._calibration
         assert calibration is not None
-        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world_values(self._settings.world)]
+        world = values_that_differ(self._settings.world, settings_of_class(self._settings.world))
+        self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world]
         if len(plan.take.videos) == 1:
             self._made_of.append(repr(self._of_one()))
         self._made_of += made_of_hands(self._settings.hands)
