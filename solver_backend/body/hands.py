@@ -85,6 +85,8 @@ def with_hand_size(body: Body, size: float) -> Body:
     """
     if not size > 0.0:
         raise BodyInvalid(f"The relative size of hands is {size}; a positive number is expected.", where=body.id)
+    if size == 1.0:
+        return body
     directions = hand_size_directions(body.v_template, body.weights, body.joints_template)
     return replace(body, v_template=body.v_template + (size - 1.0) * directions)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -22,46 +22,43 @@ if TYPE_CHECKING:
     from solver_backend.fitters.problem import Problem, SolvedFrames
     from solver_backend.fitters.recipes.bundle import Bundle
 
-NO_TERMS = FrameObjective(())
-"""Of a layer that adds nothing to the objective."""
 
-
-class SolvedLayer(Protocol):
+class SolvedLayer:
     """A layer after the solve."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """Return the motion with what the layer found; ``posed`` is the body in all frames."""
-        ...
+        """Return the motion with the layer's results, by default as it is; ``posed`` is the body in all frames."""
+        return motion
 
 
-class Layer(SolvedLayer, Protocol):
-    """One kind of measurement: what it adds to the solve of a body, and what it leaves in the motion."""
+class Layer(SolvedLayer):
+    """One kind of measurement: its part in the solve of a body, and its results in the motion."""
 
-    SETTINGS: ClassVar[frozenset[str]]
-    """Settings that it reads besides those of the method."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
+    """Settings that it reads in addition to the method's."""
 
     def terms(self) -> FrameObjective:
-        """Return the terms that it adds to the objective of every frame."""
-        ...
+        """Return the terms that it adds to the objective of every frame, by default none."""
+        return FrameObjective(())
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with the landmarks that a first solve lets the layer add; the same one if there are none.
+        """Return the problem with the landmarks that the layer adds after a first solve, by default the same one.
 
         A problem with other landmarks is solved again.
         """
-        ...
+        return problem
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Return the poses as they are with the layer, and what was solved beside them."""
-        ...
+        """Return the poses as they are with the layer, and what was solved with them."""
+        return solved, self
 
 
-class PointSource(Layer, Protocol):
-    """The layer that the body's own points are from."""
+class PointSource(Layer):
+    """The layer of the body's own points."""
 
-    KEEPS_BONES: ClassVar[bool]
+    KEEPS_BONES: ClassVar[bool] = False
     """``record`` needs the rotations of the bones, which take more memory than all else."""
     REST: ClassVar[RestWords]
     """How parts are reported that nothing informs."""
@@ -69,24 +66,24 @@ class PointSource(Layer, Protocol):
     @property
     def recipe(self) -> str:
         """Row of ``methods.RECIPES`` that solves a whole take."""
-        ...
+        return "views"
 
     @property
     def calibrated(self) -> bool:
         """Whether the landmarks' places on the body are known to millimetres."""
-        ...
+        return False
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
         """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""
-        ...
+        raise NotImplementedError
 
     def constant_m(self, layout: BodyLayout) -> np.ndarray:
-        """Return (J,) standard deviations per axis of what does not average out at each joint, metres."""
-        ...
+        """Return (J,) standard deviations per axis of errors that do not average out at each joint, metres."""
+        raise NotImplementedError
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
         """Return the data term with the noise that the poses of a bundle leave."""
-        ...
+        raise NotImplementedError
 
 
 @dataclass(frozen=True)

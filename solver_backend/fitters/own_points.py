@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -20,20 +19,19 @@ from solver_backend.cameras.robust_triangulation import Triangulation
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.layers import NO_TERMS, SolvedLayer
+from solver_backend.fitters.layers import Layer, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
 from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import FrameObjective, points_of
+from solver_backend.fitters.model.subject import points_of
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.single_frame import sample_frames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from solver_backend.types import BONES, Cameras, Keypoints2D, Motion, OwnPoint
+from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
 """A point that its bone leaves by more in half of the frames is on another. Twice as far as for markers: without the
@@ -48,7 +46,7 @@ _STEPS = LMSettings(40, 1e-4)
 
 
 @dataclass(frozen=True)
-class OwnPoints:
+class OwnPoints(Layer):
     """K keypoints and N own points in C views over F frames."""
 
     cameras: Cameras
@@ -61,7 +59,6 @@ class OwnPoints:
     """(F, K + N, 3, 3) m²."""
     sigma_px: np.ndarray
     """(C, F, K + N) standard deviation of each detection."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
@@ -79,10 +76,6 @@ class OwnPoints:
         """Return the column of an own point."""
         return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
 
-    def terms(self) -> FrameObjective:
-        """See ``Layer``: where no point is placed, none is measured."""
-        return NO_TERMS
-
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
         """Return the problem with landmarks for the points that a solve of the keypoints lets be placed."""
         placed, like = place_points(self, solved), solved.subject.betas
@@ -90,19 +83,9 @@ class OwnPoints:
             placed = fit_places(_measure(problem, self, placed, like), solved, placed, settings)
         return _measure(problem, self, placed, like)
 
-    def after(
-        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
-    ) -> tuple[SolvedFrames, SolvedLayer]:
-        """See ``Layer``."""
-        return solved, self
-
-    def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
-        return motion
-
 
 @dataclass(frozen=True)
-class PlacedPoints:
+class PlacedPoints(Layer):
     """N own points at places on their bones."""
 
     points: tuple[OwnPoint, ...]
@@ -111,7 +94,6 @@ class PlacedPoints:
     """(N, 3) metres from the bone's joint, in its rest frame."""
     found: tuple[Diagnostic, ...]
     """Those that are not, and why."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
 
     def landmarks(self, body: Body) -> Landmarks:
         """Return the points as landmarks of a body."""
@@ -119,14 +101,6 @@ class PlacedPoints:
         rest = body.joints_template[joints] + self.offsets
         names, weights = tuple(point.name for point in self.points), np.eye(body.layout.num_joints)[joints]
         return Landmarks.of_points(names, rest, body.joints_shapedirs[joints], weights)
-
-    def terms(self) -> FrameObjective:
-        """See ``Layer``: the points are among the body's landmarks."""
-        return NO_TERMS
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
@@ -136,10 +110,6 @@ class PlacedPoints:
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
         return replace(solved, subject=subject, diagnostics=(*solved.diagnostics, *found)), self
-
-    def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
-        return motion
 
     def _report(self, problem: Problem, solved: SolvedFrames) -> Iterator[Diagnostic]:
         if not self.points:

@@ -9,7 +9,7 @@ from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.hand_problem import WristPath
 from solver_backend.fitters.hands.marker_hand import MarkerHand, calibrated_hand, marker_size
-from solver_backend.fitters.hands.solve_hand import nearest_rotations
+from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types.shapes import Float
 
 LAYOUTS: dict[str, tuple[str, ...]] = {
@@ -51,10 +51,10 @@ def palm_path(markers: HandMarkers, positions: np.ndarray, fps: float) -> WristP
     middle = np.where(weight, here, 0.0).sum(1, keepdims=True) / count
     below = np.where(weight, rest, 0.0).sum(1, keepdims=True) / count
     turned = np.swapaxes(np.where(weight, here - middle, 0.0), 1, 2) @ np.where(weight, rest - below, 0.0)
-    R = nearest_rotations(turned)
+    R = nearest_rotation(turned)
     t = (middle - np.swapaxes(R @ np.swapaxes(below, 1, 2), 1, 2))[:, 0]
     frames = np.arange(len(positions))
     near = np.exp(-0.5 * ((frames[:, None] - located) / (0.05 * fps)) ** 2)
     near += 1e-6 / (1.0 + np.abs(frames[:, None] - located)) ** 2
     near /= near.sum(1, keepdims=True)
-    return WristPath(nearest_rotations((near @ R.reshape(len(R), 9)).reshape(-1, 3, 3)), near @ t)
+    return WristPath(nearest_rotation((near @ R.reshape(len(R), 9)).reshape(-1, 3, 3)), near @ t)

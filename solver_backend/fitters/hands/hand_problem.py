@@ -19,14 +19,13 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
-"""Of a key: rotation vector by which the wrist leaves where the body has it (world), metres by which it leaves its
-place, and the angles of the fingers."""
+"""Parts of a key: rotation vector of the wrist against the body's (world), its shift in metres, and finger angles."""
 DOF = FINGERS.stop
 """Numbers of a key."""
 KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))
 """Layout of a key."""
 FLOOR = 1e-3
-"""Precision that everything has."""
+"""Least precision of every unknown."""
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
@@ -55,11 +54,10 @@ def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.
     return (mixes @ S.reshape(len(S), 9, -1)).reshape(-1, DOF, DOF), rows
 
 
-GIVES_WAY_M = 0.002
-"""Overlap that costs nothing: skin of fingers that lie side by side."""
-SIGMA_M = 0.001
-"""Standard deviation of what is beyond it: half of what the breadth of fingers differs by between people, so that
-detections which contradict each other do not press fingers together."""
+GIVES_WAY_M, SIGMA_M = 0.002, 0.001
+"""Overlap that costs nothing, as the skin of fingers that lie side by side, and the standard deviation of the rest:
+half of the difference of fingers' breadths between people, so that contradicting detections do not press fingers
+together."""
 
 
 def contact_equations(
@@ -67,8 +65,7 @@ def contact_equations(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of ``½ Σ max(depth - δ, 0)² / σ²``.
 
-    The way between two bones changes as their nearest points do, which move along the bones without a first-order
-    effect.
+    The nearest points of two bones move along these without a first-order effect on their distance.
 
     Args:
         points: (n, 21, 3) metres of ``HAND_POINTS``.
@@ -96,9 +93,9 @@ def contact_equations(
 
 
 SIZES = (0.75, 1.35)
-"""Least and largest hands, as shares of the body's own: seven standard deviations; another size is a fault."""
+"""Limits of hands' size by the body's own: seven standard deviations; another size is a fault."""
 TURN_SIGMA = float(np.deg2rad(35.0))
-"""How far a wrist is turned from where the body's keypoints have it: they hardly constrain twist."""
+"""Deviation of a wrist's turn from the body's, whose keypoints hardly constrain twist."""
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 """Standard deviations of accelerations over a tenth of a second, rad/s² and m/s². Those of fingers in the recorded
 exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred, 150 at most."""
@@ -106,14 +103,14 @@ exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred,
 
 @dataclass(frozen=True)
 class WristPath:
-    """Where a body has a wrist over F frames, and how sure that is."""
+    """A body's wrist over F frames."""
 
     rotations: Float[np.ndarray, "frames 3 3"]
     """(F, 3, 3) from the hand's frame at rest to the world."""
     places: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
-    """(F, 3, 3) m² of the place; None where the path constrains neither place nor turn and is only a start."""
+    """(F, 3, 3) m² of the place; None where the path is only a start and constrains neither place nor turn."""
 
 
 @dataclass(frozen=True)
@@ -121,19 +118,16 @@ class HandProblem:
     """One hand over F frames."""
 
     skeleton: HandSkeleton
-    """Its bones."""
     sites: HandSites
-    """The L points that are measured."""
+    """The L measured points."""
     wrist: WristPath
-    """What the hand's turns and shifts are from."""
+    """Origin of the hand's turns and shifts."""
     term: DataTerm
-    """How far the points are from what was measured."""
+    """Of the L points."""
     prior: HandPrior
-    """What fingers do together."""
     fps: float
-    """Frames per second."""
     keeps_apart: bool = False
-    """Whether the points are those of ``HAND_POINTS``, whose fingers keep out of one another."""
+    """The points are those of ``HAND_POINTS``, and fingers keep out of one another."""
 
     @property
     def num_frames(self) -> int:
@@ -199,7 +193,6 @@ class HandProblem:
         return (self.wrist.places[frames] + states[:, SHIFT])[:, None] + arms, jacobian
 
     def _turns(self, states: np.ndarray, frames: np.ndarray) -> np.ndarray:
-        """Return (n, 3, 3) rotations from the hand's frame to the world."""
         return exp_so3(states[:, TURN]) @ self.wrist.rotations[frames]
 
 
@@ -208,11 +201,9 @@ class KeyModel:
     """A hand's keys and their objective."""
 
     problem: HandProblem
-    """The hand."""
     layout: KeyframeLayout
-    """Windows of its keys."""
     moving: Bool[np.ndarray, " keys"] | None = None
-    """(K,) which keys move; None: all do."""
+    """(K,) keys that move; None for all."""
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
         """Return the (1,) cost and the normal equations of keys (K, D)."""
@@ -226,8 +217,7 @@ class KeyModel:
     def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyframeNormalEquations]:
         """Return the cost of keys and their equations: data, the body's wrist, the prior of hands, accelerations.
 
-        Accelerations are ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))`` of keys that are
-        h and h' apart.
+        With keys h and h' apart, ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))``.
         """
         rows, count = self.layout.rows(), self.layout.num_windows
         costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)

@@ -18,9 +18,9 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 from solver_backend.types.shapes import Bool, Float
 
 ROUNDS = 3
-"""Reweighted means by which a view's offset is found; a fourth moves it by less than a tenth of a pixel."""
+"""Reweighted means that find a view's offset; a fourth moves it by less than a tenth of a pixel."""
 _LOOSE = 3.0
-"""Robust scale of offsets where residuals are asked for without one."""
+"""Robust scale of offsets where none is given."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class HandViewTerm:
     """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``, o the offset of a view's whole hand.
 
     A detector that places its crop a little off moves all points of a hand alike: 21 of them locate it no better than
-    one does. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
+    one. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
     points: ReprojectionTerm
@@ -53,7 +53,7 @@ class HandViewTerm:
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
-        """Return what (F, L, 3) positions leave unexplained, in pixels, without the offsets of the views."""
+        """Return the residuals of (F, L, 3) positions in pixels, without the offsets of the views."""
         found = self.points.residuals(points)
         offset = self._offsets(found.error, np.where(found.measured, self.points.weight, 0.0), _LOOSE)[0]
         error = np.where(found.measured[..., None], found.error - offset[:, :, None], 0.0)
@@ -108,18 +108,15 @@ class HandViewTerm:
         return offset, penalty, robust, stiff
 
 
-NOISE_FRAMES = 20
-"""Frames on which the detector's noise is measured, and twice as many at most."""
-EVERY = 2
-"""Frames from one located frame to the next: the start of a solve needs no more."""
+NOISE_FRAMES, EVERY = 20, 2
+"""Frames on which the detector's noise is measured (at most twice as many), and the step between located frames: the
+start of a solve needs no more."""
 LEAST_POINTS = 8
-"""Points of a hand that a view must share with others for its offset to be one."""
-ALIKE_FRAMES = 20.0
-"""How many frames' worth of evidence there is that views have whole hands off alike."""
-LEAST_WHOLE = 0.2
-"""Least offsets of whole hands, as a share of the points' own noise: few frames show none."""
+"""Least points of a hand that a view shares with others to have an offset."""
+ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2
+"""Weight of the mean offset of all views, in frames, and the least offset as a share of the points' own noise."""
 RANGE = (0.25, 4.0)
-"""Least and largest variance of a point, as a share of the hand's median."""
+"""Limits of a point's variance by the hand's median."""
 _MEDIAN = 2.0 * float(np.log(2.0))
 """Median of a squared length in two dimensions, in variances per axis."""
 
@@ -131,23 +128,22 @@ class HandNoise:
     own_px: Float[np.ndarray, " points"]
     """(21,) of each point about its hand."""
     whole_px: Float[np.ndarray, " views"]
-    """(C,) of the whole hand in each view, with what is constant there, such as a camera's own error."""
+    """(C,) of the whole hand in each view, with constant errors such as the camera's."""
 
 
 @dataclass(frozen=True)
 class LocatedHand:
-    """One hand as the views alone have it."""
+    """One hand by the views alone."""
 
     points: Float[np.ndarray, "frames 21 3"]
     """(F, 21, 3) metres, NaN where no two views agree or nobody looked."""
     spread_m2: Float[np.ndarray, "frames 21"]
     """(F, 21) trace of the covariance by which points scatter about their hand."""
     noise: HandNoise
-    """Of the detector."""
 
 
 def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
-    """Return the hands that any view shows, by side, located in every other frame, which is enough to begin with."""
+    """Locate the hands that any view shows, by side, in every other frame."""
     both = views.xy.shape[2] * NUM_HAND_POINTS
     xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
     confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
@@ -170,22 +166,15 @@ def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
 
 
 def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
-    """Return the noise of one hand's detections.
+    """Return the noise of one hand's detections, (C, n, 21, 2) px.
 
-    Residuals of triangulated points split into their mean over a view's hand and what is left. A point of V views takes
+    Residuals of triangulated points split into their mean over a view's hand and the rest. A point of V views takes
     3 of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
     squares leave outliers out.
-
-    Args:
-        xy: (C, n, 21, 2) px detected.
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
-    points = np.asarray(found.points)
-    px = project(cameras, points)
-    error = (
-        np.where(used[..., None], xy - px, 0.0)
-        / np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
-    )
+    kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
+    error = np.where(used[..., None], xy - project(cameras, np.asarray(found.points)), 0.0) / kept
     count = used.sum(-1)
     enough = count >= LEAST_POINTS
     if enough.sum() < LEAST_POINTS:
@@ -209,27 +198,20 @@ def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: flo
     return float(np.median(known)) / _MEDIAN if len(known) >= LEAST_POINTS else otherwise
 
 
-SMALL_PX = 15.0
-"""A palm of fewer pixels is no hand to a detector: its points are guesses about as large as it is."""
-PALM_M = 0.09
-"""From the wrist to the middle finger's knuckle."""
+SMALL_PX, PALM_M = 15.0, 0.09
+"""Pixels of a palm, from the wrist to the middle finger's knuckle (metres), below which a detector guesses: its points
+are then off by about the size of the hand."""
 MODEL_ERROR_M = 0.004
 """Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
-
 ALONE = 0.04
-"""What a hand counts that one view alone shows: nothing separates a palm from its mirror image in depth there, and a
+"""Weight of a hand that one view alone shows: nothing there separates a palm from its mirror image in depth, and a
 wrist that follows the wrong one turns by half a circle."""
 
 
 def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
-    """Return the data term of one hand.
+    """Return the data term of one hand (side 0 left, 1 right) at (F, 3) wrists, metres.
 
     ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
-
-    Args:
-        side: 0 left, 1 right.
-        wrists: (F, 3) metres.
-        noise: of the detector.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
@@ -248,41 +230,34 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
 
 
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
-    """Return (C, F) how large a metre is in each picture at (F, 3) places."""
+    """Return (C, F) the size of a metre in each picture at (F, 3) places."""
     cameras = views.cameras
     depth = np.einsum("cj,fj->cf", cameras.R[:, 2], wrists) + cameras.t[:, 2, None]
     return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
 
 
-NEAR = 0.8
-"""A hand's wrist lies this near the body's at most, in lengths of the forearm in the picture: the detector's errors and
-the body's together are a third of that."""
-CLEARLY = 0.5
-"""Hands are exchanged where they lie nearer to each other's wrists by this many forearms."""
+NEAR, CLEARLY = 0.8, 0.5
+"""Largest distance of a hand's wrist from the body's in lengths of the forearm in the picture (detector and body err by
+a third of that), and the least gain of an exchange of hands."""
 LEAST_FRAMES = 3
-"""Shorter stretches are corrected without a word."""
+"""Shorter stretches are corrected without a diagnostic."""
 
 
 @dataclass(frozen=True)
 class SortedHands:
-    """Hands by side, and what was found of them."""
+    """The detections of each side at that side's wrist, and what was exchanged or left out."""
 
     views: HandViews
-    """The detections of each side at that side's wrist."""
     diagnostics: tuple[Diagnostic, ...]
-    """What was exchanged, and what was left out."""
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
     """Return detections by the wrists they lie at; hands that lie at no wrist are left out.
 
     A frame's two hands in one view are exchanged where both lie nearer to each other's wrist; one alone where it does.
-
-    Args:
-        wrists: (F, 2, 3) metres, of the solved body, left first.
-        elbows: (F, 2, 3).
+    Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
     """
-    at, up = (_in_pictures(views, points) for points in (wrists, elbows))
+    at, up = (project(views.cameras, points) for points in (wrists, elbows))
     forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
     seen = views.confidence[..., 0] > 0
     there = np.where(seen[..., None], views.xy[:, :, :, 0], np.nan)
@@ -302,14 +277,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
     return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
 
 
-def _in_pictures(views: HandViews, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) px of (F, 2, 3) points."""
-    cameras = views.cameras
-    return project(cameras, points)
-
-
 def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:
-    """Return a diagnostic for each view with (C, F) findings that last."""
     named = []
     for view in np.flatnonzero(found.any(axis=1)):
         runs = [run for run in true_runs(found[view]) if run[1] - run[0] + 1 >= LEAST_FRAMES]

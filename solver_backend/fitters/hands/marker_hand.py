@@ -20,14 +20,10 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types.shapes import Float
 
-MARKER_SIGMA_M = 0.002
-"""Standard deviation per axis of a marker around where a rigid bone has it: skin slides over knuckles."""
-PLACE_SIGMA_M = 0.006
-"""The same of a marker's place around its rule, before it is calibrated."""
-ROUNDS = 3
-"""Solves between which offsets are calibrated."""
-SAMPLE = 150
-"""Frames at most on which offsets are calibrated."""
+MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006
+"""Standard deviation per axis of a marker on its bone, as skin slides over knuckles, and of its uncalibrated place."""
+ROUNDS, SAMPLE = 3, 150
+"""Solves between which offsets are calibrated, and most frames for that."""
 
 
 @dataclass(frozen=True)
@@ -35,11 +31,10 @@ class MarkerHand:
     """A hand solved from markers."""
 
     markers: HandMarkers
-    """Labels, and sites as they were calibrated."""
+    """Labels, and calibrated sites."""
     problem: HandProblem
-    """What it was solved from."""
     states: Float[np.ndarray, "frames d"]
-    """(F, D), see ``hand_keys``."""
+    """(F, D), see ``hand_problem.KEY``."""
 
     @property
     def angles(self) -> Float[np.ndarray, "frames a"]:
@@ -55,11 +50,11 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Return a hand of known size, its markers' offsets calibrated between the solves.
+    """Return a hand of known size, with its markers' offsets calibrated between the solves.
 
     Args:
         positions: (F, L, 3) metres of the hand's markers, NaN where missing.
-        path: where a body has the wrist.
+        path: the body's wrist.
     """
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
@@ -84,9 +79,9 @@ def calibrated_hand(
 def calibrated_offsets(
     problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
 ) -> Float[np.ndarray, "markers 3"]:
-    """Return (L, 3) offsets between what the frames show and the rule, each as sure as it is.
+    """Return (L, 3) offsets: the means over frames, drawn to the rule by their precision.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames whose errors are independent.
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames of independent errors.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
     posed = problem.skeleton.pose(states[frames][:, FINGERS])
@@ -103,7 +98,7 @@ def calibrated_offsets(
 
 
 def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
-    """Return how many times the skeleton's a hand is, by distances of markers on the same segment or the palm."""
+    """Return the size of a hand by the skeleton's, from distances of markers on the palm."""
     sites = hand_markers(skeleton, labels).sites
     one, other = np.triu_indices(len(labels), 1)
     rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
@@ -117,14 +112,13 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
 
 
 LEAST_FRAMES = 8
-"""Frames in which a marker must be seen."""
-SPREAD_M = 0.008
-"""Median distance from its place on a segment, above which it moves with none: fingers of a first solve are off by some
-millimetres."""
+"""Least frames that show a marker."""
+SPREAD_M, REACH_M = 0.008, 0.035
+"""Largest median distance of a marker from its place on a segment (fingers of a first solve are off by millimetres),
+and from the segment's bone (a thick finger, a base, and a stalk)."""
 AS_GOOD, AS_GOOD_M = 1.5, 0.002
-"""Spread by the smallest one, and metres added, up to which a segment is as good: then the nearest has the marker."""
-REACH_M = 0.035
-"""Distance from a segment's bone beyond which a marker is not on it: a thick finger, a base, and a stalk."""
+"""Factor of the smallest spread, and metres added, up to which a segment is as good: the nearest such has the
+marker."""
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
 )
@@ -133,12 +127,10 @@ _SEGMENTS = HandSites(
 
 @dataclass(frozen=True)
 class Extra:
-    """Where the markers are."""
+    """Sites of the markers that are on the hand, and their columns."""
 
     sites: HandSites
-    """Of those that are on the hand."""
     columns: tuple[int, ...]
-    """Their columns."""
 
 
 def attach_markers(
@@ -146,9 +138,7 @@ def attach_markers(
 ) -> Extra:
     """Return the segments that markers move with: ``o_s = median_f G_sᵀ (x - p_s)``, the constant one of the nearest.
 
-    Args:
-        states: (F, D) its poses.
-        positions: (F, N, 3) metres, NaN where missing.
+    States are (F, D), positions (F, N, 3) metres, NaN where missing.
     """
     posed = problem.skeleton.pose(states[:, FINGERS])
     R = exp_so3(states[:, :3]) @ problem.wrist.rotations
@@ -176,27 +166,21 @@ def attach_markers(
 
 
 def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> HandMarkers:
-    """Return markers of a hand with those that were attached behind them.
-
-    Args:
-        labels: N of the others.
-        extra: from ``attach_markers``.
-    """
-    both = (
-        np.concatenate([getattr(markers.sites, part), getattr(extra.sites, part)])
-        for part in ("finger", "segment", "offset")
-    )
-    return HandMarkers((*markers.labels, *(labels[c] for c in extra.columns)), HandSites(*both))
+    """Return markers of a hand followed by attached ones, with the labels of all candidates."""
+    one, other = markers.sites, extra.sites
+    pairs = (one.finger, other.finger), (one.segment, other.segment), (one.offset, other.offset)
+    sites = HandSites(*(np.concatenate(pair) for pair in pairs))
+    return HandMarkers((*markers.labels, *(labels[c] for c in extra.columns)), sites)
 
 
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return a hand of a body from its markers, those without a place attached and measured too, and what is doubtful.
+    """Return a hand of a body from its markers, with attached ones that have no place, and diagnostics.
 
     Args:
         side: 0 left, 1 right.
-        path: where the body has the wrist.
+        path: the body's wrist.
     """
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
@@ -215,9 +199,8 @@ def worn_hand(
 
 def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
     """Return (16,) metres of places on segments from their bones; of the palm from the nearest metacarpal."""
-    skeleton = problem.skeleton
-    ends = skeleton.bones.reshape(15, 3)
-    on_palm = min(_from_line(offset[0], root) for root in skeleton.roots)
+    on_palm = min(_from_line(offset[0], root) for root in problem.skeleton.roots)
+    ends = problem.skeleton.bones.reshape(15, 3)
     return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])
 
 

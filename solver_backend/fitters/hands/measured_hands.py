@@ -9,7 +9,8 @@ from functools import singledispatch
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.hand_angles import KNUCKLES
+from solver_backend.body.hand_skeleton import BONES, HandSkeleton
 from solver_backend.body.hands import hand_of_shape
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic
@@ -33,46 +34,45 @@ from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types.shapes import Float
 
+_MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])
+"""Points at both ends of 19 bones: wrist to knuckles, and the bones of the fingers."""
 USUAL = 0.036
 """Standard deviation of the lengths of hands of people of one stature and forearm, as a share (ANSUR II)."""
-LEAST_BONES = 60
-"""Measured bones that determine a size: a second or so of a palm."""
-LEAST_EACH = 3
-"""Frames in which a bone must be measured to count."""
+LEAST_BONES, LEAST_EACH = 60, 3
+"""Least measured bones that determine a size (a second or so of a palm), and least frames of a bone."""
 NOISE_OFF = 0.3
-"""Share by which the variance that is subtracted may be wrong for all bones alike; what is constant in a view's errors
-is not seen in it. Noises of drawn hands are measured to 25 % (tests/fitters/hands/test_hand_view_term.py)."""
+"""Share by which the subtracted variance may be wrong for all bones alike, which lacks the constant part of a view's
+errors. Noises of drawn hands are measured to 25 % (tests/fitters/hands/test_hand_view_term.py)."""
 
 
 @dataclass(frozen=True)
 class HandSize:
-    """Size of a hand as a share of the one that the body's shape gives it."""
+    """Size of a hand by that of the body's shape, and its standard deviation; 1 and infinite where unknown."""
 
     scale: float
-    """As measured; 1 where too little is."""
     sigma: float
-    """Its standard deviation; infinite where too little is measured."""
 
 
 def hand_size(
     skeleton: HandSkeleton, points: Float[np.ndarray, "frames 21 3"], spread: Float[np.ndarray, "frames 21"]
 ) -> HandSize:
-    """Return how many times the skeleton's the bones of located points are.
+    """Return the size of located bones by the skeleton's.
 
-    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares where all squares are as far off: noise
-    makes a bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm
-    off. How sure that is shows in how well bones agree, and in how much was subtracted.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares with equal errors of all squares: noise makes a
+    bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm off. The
+    deviation follows from the agreement of the bones, and from the subtracted variance.
 
     Args:
         points: (F, 21, 3) metres, NaN where a point is not located.
         spread: (F, 21) m², trace of the covariance by which points scatter about their hand.
     """
-    square, rest = _square_bones(points), _square_bones(skeleton.points_at_rest[None])[0]
+    one, other = _MEASURED.T
+    square, rest = (((p[..., one, :] - p[..., other, :]) ** 2).sum(-1) for p in (points, skeleton.points_at_rest))
     known = np.isfinite(square)
     enough = np.flatnonzero(known.sum(axis=0) >= LEAST_EACH)
     if known.sum() < LEAST_BONES or not len(enough):
         return HandSize(1.0, np.inf)
-    noise = _sum_at_bones(spread)
+    noise = spread[:, one] + spread[:, other]
     each = np.array([np.median((square - noise)[known[:, b], b]) for b in enough])
     lost = np.array([np.median(noise[known[:, b], b]) for b in enough])
     own = rest[enough] / (rest[enough] ** 2).sum()
@@ -82,28 +82,13 @@ def hand_size(
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:
-    """Return the size of a person's hands that is likeliest: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
+    """Return the most likely size of a person's hands: ``(Σ s / σ² + 1 / σ₀²) / (Σ 1 / σ² + 1 / σ₀²)``."""
     known = [(1.0, USUAL**-2), *((hand.scale, hand.sigma**-2) for hand in hands)]
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
 
-def _square_bones(points: np.ndarray) -> np.ndarray:
-    """Return (F, 19) squared lengths: wrist to knuckles, and the bones of the fingers."""
-    chain = points[:, 1:].reshape(len(points), 5, 4, 3)
-    palm = ((chain[:, 1:, 0] - points[:, :1]) ** 2).sum(-1)
-    bones = (np.diff(chain, axis=2) ** 2).sum(-1)
-    return np.concatenate([palm, bones.reshape(len(points), -1)], axis=1)
-
-
-def _sum_at_bones(values: np.ndarray) -> np.ndarray:
-    """Return (F, 19) sums of (F, 21) values at the ends of the same bones."""
-    chain = values[:, 1:].reshape(len(values), 5, 4)
-    palm = chain[:, 1:, 0] + values[:, :1]
-    return np.concatenate([palm, (chain[:, :, 1:] + chain[:, :, :-1]).reshape(len(values), -1)], axis=1)
-
-
 USUAL_WRIST_M = 0.02
-"""Standard deviation per axis of a wrist where the method knows none; chosen by hand."""
+"""Standard deviation per axis of a wrist where the method estimates none; chosen by hand."""
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
 """Standard deviations per axis of a point about its hand and of the whole hand, in palms: those of MediaPipe's model on
 palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``), which one view cannot measure."""
@@ -114,7 +99,6 @@ class MeasuredHand:
     """One hand before it is solved."""
 
     problem: HandProblem
-    """What is to be solved."""
     located: np.ndarray
     """(F, 21, 3) metres to start from, NaN where a point is not located."""
 
@@ -126,11 +110,10 @@ class MeasuredHands:
     skeletons: tuple[HandSkeleton, HandSkeleton]
     """Left and right."""
     hands: Mapping[int, MeasuredHand]
-    """By side, 0 left and 1 right; a side that nobody sees is not there."""
+    """By side, 0 left and 1 right; unseen sides are missing."""
     size: float
-    """Of the hands, as a share of what the body's shape gives them."""
+    """Of the hands by that of the body's shape."""
     diagnostics: tuple[Diagnostic, ...]
-    """What is doubtful."""
 
 
 @dataclass(frozen=True)
@@ -224,11 +207,7 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
 
 
 def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
-    """Return the hands that one view shows, by side, none of their points located in space.
-
-    Args:
-        wrists: (F, 2, 3) metres, of the solved body, left first.
-    """
+    """Return the hands that one view shows, by side, with no point located, at (F, 2, 3) wrists, left first."""
     hands: dict[int, LocatedHand] = {}
     for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
         shown = (views.confidence[0, :, side] > 0).any(axis=-1)

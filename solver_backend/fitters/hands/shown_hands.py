@@ -37,11 +37,9 @@ class HandViews:
         return cls(cameras, keypoints.hands[..., :2], confidence) if confidence.any() else None
 
 
-NEAR_M = 0.06
-"""Median distance of a marker without a place from the nearest one of a hand, up to which it is the hand's: half of a
-hand's length."""
-OFTEN = 0.8
-"""Share of the frames that show both, in which it is so near."""
+NEAR_M, OFTEN = 0.06, 0.8
+"""Largest distance of a marker without a place from the nearest one of its hand (half of a hand's length), in this
+share of the frames that show both."""
 
 
 @dataclass(frozen=True)
@@ -63,13 +61,10 @@ def split_hands(
 ) -> tuple[MarkerCloud, HandClouds | None]:
     """Return a body's markers without those of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
-    Markers whose labels name no place go with a hand that they stay near to.
-
-    Args:
-        cloud: everybody's markers; the same object comes back where it has none of hands.
-        own: the user's place by label, see ``read_label_places``.
+    Markers whose labels name no place go with a hand that they stay near to. The same cloud comes back where it has no
+    hands. ``own`` has the user's place by label, see ``read_label_places``.
     """
-    labels = cloud.labels or ()
+    labels = cloud.names
     found = hand_columns([own.get(label, label) for label in labels])
     if not found:
         return cloud, None
@@ -78,7 +73,7 @@ def split_hands(
     kept = [i for i in range(len(labels)) if i not in taken]
     beside = {side: [column for column, whose in near.items() if whose == side] for side in found}
     points = np.asarray(cloud.positions)
-    return cloud.columns(kept, tuple(labels[i] for i in kept)), HandClouds(
+    return cloud.columns(kept), HandClouds(
         {side: tuple(columns) for side, columns in found.items()},
         {side: points[:, list(columns.values())] for side, columns in found.items()},
         {side: tuple(labels[c] for c in columns) for side, columns in beside.items() if columns},
@@ -87,7 +82,7 @@ def split_hands(
 
 
 def _near(cloud: MarkerCloud, found: Mapping[int, Mapping[str, int]], own: Mapping[str, str]) -> dict[int, int]:
-    labels = cloud.labels or ()
+    labels = cloud.names
     places = {label: place for label, place in own.items() if hand_place(place) is None}
     unknown = set(name_markers([label for label in labels if not is_unnamed(label)], places).unknown)
     points, near = np.asarray(cloud.positions), dict[int, int]()

@@ -1,4 +1,4 @@
-"""One hand, from where the body has its wrist to its fingers in every frame: start, passes, and how sure it is."""
+"""One hand from the body's wrist to its fingers in every frame: start, passes, and covariance."""
 
 from __future__ import annotations
 
@@ -24,36 +24,29 @@ from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, spline_states
 from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES, Convergence
 from solver_backend.fitters.subject_calibration.variances import reweighted_by_points
+from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
 NEAR, DONE = 1e-2, 1e-3
-"""Shares of the cost by which a step must lower it to go on, at wide scales and at the last."""
+"""Relative decreases of the cost at which a solve ends, at wide scales and at the last."""
 
 
 @dataclass(frozen=True)
 class HandKeys:
-    """Solved keys of a hand."""
+    """Solved keys of a hand, with the cost at the last robust scale."""
 
     keys: Float[np.ndarray, "keys d"]
-    """(K, D)."""
     cost: float
-    """At the last robust scale."""
     convergence: Convergence
-    """How that ended."""
 
 
 def solve_keys(
     model: KeyModel, keys: np.ndarray, scales: Sequence[float], iterations: int, alive: Callable[[], None]
 ) -> HandKeys:
-    """Return the keys that minimise the model, solved at each robust scale from where the one before ended.
-
-    Args:
-        keys: (K, D) where to start.
-        scales: Geman-McClure scales in standard deviations.
-    """
+    """Return the keys that minimise the model, from (K, D) keys, at each robust scale in turn."""
     stages = [(scale, LMSettings(iterations, NEAR if scale > scales[-1] else DONE, promise=1.0)) for scale in scales]
     found = minimise(model, keys, stages, alive)
     return HandKeys(found.state, float(found.cost[0]), Convergence.of(found))
@@ -73,12 +66,10 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
     return covariance
 
 
-PALM = (0, 1, *KNUCKLES[1:])
-"""Points of the palm: wrist, root of the thumb and knuckles."""
-LEAST_PALM = 4
-"""Points of the palm that place it."""
+PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4
+"""Points of the palm (wrist, root of the thumb and knuckles), and the least that place it."""
 FARTHEST_M = 0.08
-"""No wrist starts further from where the body has it."""
+"""Largest distance from the body's wrist at which a wrist starts."""
 
 
 def initial_keys(
@@ -87,7 +78,7 @@ def initial_keys(
     """Return (K, D) keys: means in time of the turns and angles that located points show, else the relaxed hand.
 
     Args:
-        wrist: where the body has its wrist.
+        wrist: the body's.
         points: (F, 21, 3) metres, NaN where a point is not located.
     """
     frames = np.arange(len(points))
@@ -95,11 +86,11 @@ def initial_keys(
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)
     turns, located = palm_turns(skeleton, points)
     relative = np.where(located[:, None, None], turns @ np.swapaxes(wrist.rotations, 1, 2), 0.0)
-    # What no frame near by shows is taken from those further off, the sooner the nearer.
+    # Where no frame near by shows the turn, farther ones count by their distance.
     far = near + 1e-3 / (1.0 + np.abs(layout.key_times[:, None] - frames) / spacing) ** 2
     mean = (far @ relative.reshape(len(points), 9)).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
     keys = np.zeros((layout.num_keys, DOF))
-    keys[:, TURN] = log_so3(nearest_rotations(mean))
+    keys[:, TURN] = log_so3(nearest_rotation(mean))
     angles = np.clip(measure_angles(points, skeleton.side), prior.low, prior.high)
     keys[:, FINGERS] = _means(near, angles, prior.mean)
     shift = points[:, 0] - wrist.places
@@ -119,33 +110,25 @@ def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, 
     there = np.where(weight, rest, 0.0)
     here = np.where(weight, here - here.sum(1, keepdims=True) / count, 0.0)
     there = np.where(weight, there - there.sum(1, keepdims=True) / count, 0.0)
-    return nearest_rotations(np.swapaxes(here, 1, 2) @ there + 1e-12 * np.eye(3)), located
+    return nearest_rotation(np.swapaxes(here, 1, 2) @ there + 1e-12 * np.eye(3)), located
 
 
 def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-    """Return (K, d) means over time of (F, d) values that may be NaN; what hardly any frame shows is otherwise."""
+    """Return (K, d) means over time of (F, d) values that may be NaN, drawn to ``otherwise``."""
     known = np.isfinite(values)
     weight, least = near @ known, 0.1
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
 
 
-def nearest_rotations(matrices: np.ndarray) -> np.ndarray:
-    """Return the (n, 3, 3) rotations nearest to matrices."""
-    U, _, V_T = np.linalg.svd(matrices)
-    U[..., :, 2] *= np.sign(np.linalg.det(U @ V_T))[..., None]
-    return U @ V_T
-
-
 WINDOW = 12
-"""Frames at 60 a second of a window with three keys: fingers open and close in a fifth of a second."""
+"""Frames at 60 per second of a window with three keys: fingers open and close in a fifth of a second."""
 INFORMED = 0.7
-"""A finger is seen where its knuckle's bend is known to less than this share of what is known of unseen fingers."""
+"""Largest deviation of the knuckle's bend of a seen finger, as a share of the prior's."""
 CALIBRATION = 0.5
-"""Share of the inflated posterior's variance that is found; see ``keyframes/posterior``. The least with which 95 %
-ellipsoids hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
+"""Calibration of the inflated posterior's variance; see ``keyframes/posterior``. The least with which 95 % ellipsoids
+hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
 CONSTANT_M = 0.004
-"""Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
-
+"""Standard deviation per axis of errors that do not average out: others' bones, calibration, a detector's bias."""
 THROUGH_M = 0.006
 """Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
 
@@ -155,11 +138,10 @@ class SolvedHand:
     """One hand over F frames."""
 
     problem: HandProblem
-    """What it was solved from."""
     turn: Float[np.ndarray, "frames 3"]
-    """(F, 3) rotation vectors by which the wrist leaves where the body has it, world."""
+    """(F, 3) rotation vectors of the wrist against the body's, world."""
     shift: Float[np.ndarray, "frames 3"]
-    """(F, 3) metres by which it leaves its place."""
+    """(F, 3) metres of the wrist against the body's."""
     angles: Float[np.ndarray, "frames a"]
     """(F, A) radians."""
     points: Float[np.ndarray, "frames 21 3"]
@@ -169,7 +151,12 @@ class SolvedHand:
     informed: Bool[np.ndarray, "frames 5"]
     """(F, 5) whether a finger is seen, in the order of ``FINGERS``; others rest."""
     convergence: Convergence
-    """How the last pass ended."""
+    """Of the last pass."""
+
+    @property
+    def states(self) -> Float[np.ndarray, "frames d"]:
+        """(F, D) turns, shifts and angles."""
+        return np.concatenate([self.turn, self.shift, self.angles], axis=1)
 
 
 def solve_hand(
@@ -177,8 +164,7 @@ def solve_hand(
 ) -> SolvedHand:
     """Return a hand solved over a take: all keys at once, with the noise of each view learned between two passes.
 
-    Args:
-        located: (F, 21, 3) metres to start from, NaN where a point is not located.
+    ``located`` are (F, 21, 3) metres to start from, NaN where a point is not located.
     """
     layout = KeyframeLayout.even(problem.num_frames, hand_window(problem.fps))
     keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
@@ -186,26 +172,19 @@ def solve_hand(
 
 
 def hand_window(fps: float) -> int:
-    """Return how many frames there are from one window of a hand to the next at this rate."""
+    """Return the number of frames from one window of a hand to the next at this rate."""
     return max(2, round(WINDOW * fps / REFERENCE_FPS))
 
 
 def solve_from(
     model: KeyModel, starts: Sequence[np.ndarray], settings: SolveSettings, alive: Callable[[], None]
 ) -> SolvedHand:
-    """Return a hand solved from whichever start ends lower.
-
-    Args:
-        model: the hand and where its keys stand.
-        starts: (K, D) keys each.
-    """
+    """Return a hand solved from the (K, D) keys that end with the lowest cost."""
     problem, scale = model.problem, settings.robust_scale
-    # Fingers that pass through one another on their way are no matter; where they end is.
+    # Fingers may pass through one another on their way, but not end so.
     through = replace(model, problem=replace(problem, keeps_apart=False))
-    wide = (4 * scale, 2 * scale)
-    found = min(
-        (solve_keys(through, keys, wide, settings.iterations, alive) for keys in starts), key=lambda keys: keys.cost
-    )
+    ends = [solve_keys(through, keys, (4 * scale, 2 * scale), settings.iterations, alive) for keys in starts]
+    found = min(ends, key=lambda keys: keys.cost)
     if settings.learn_noise:
         problem = with_learned_noise(problem, frame_states(model, found.keys), scale)
     model = replace(model, problem=problem)
@@ -218,20 +197,12 @@ def solve_from(
     shown = problem.at(problem.skeleton.keypoints())
     points, J = shown.points(states), shown.jacobian(states)
     covariance = inflation * (J @ spread[:, None] @ np.swapaxes(J, -1, -2)) + CONSTANT_M**2 * np.eye(3)
-    return SolvedHand(
-        problem,
-        states[:, TURN],
-        states[:, SHIFT],
-        states[:, FINGERS],
-        points,
-        covariance,
-        informed_fingers(problem, spread),
-        found.convergence,
-    )
+    parts = (states[:, part] for part in (TURN, SHIFT, FINGERS))
+    return SolvedHand(problem, *parts, points, covariance, informed_fingers(problem, spread), found.convergence)
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
-    """Return keys whose fingers run through one another less, where any do: solved from relaxed fingers there.
+    """Return keys with less overlapping fingers, where any overlap: solved from relaxed fingers there.
 
     Fingers that have passed through one another are kept on the wrong sides by what keeps them apart.
     """
@@ -248,18 +219,14 @@ def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, a
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
-    """Return the hand with the noise of each point as a solve's (F, D) states leave it."""
+    """Return the hand with the noise of each point by the residuals of (F, D) states."""
     sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
     points = problem.points(states[sample], sample)
     return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return (F, 5) fingers whose bends the data determine much better than the prior does.
-
-    Args:
-        spread: (F, D, D) covariances of the states.
-    """
+    """Return (F, 5) fingers with bends that the data determine much better than the prior, by (F, D, D) covariances."""
     variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
     bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
     share = np.zeros((len(spread), 5))

@@ -34,6 +34,7 @@ from solver_backend.fitters.hands.solve_hand import (
 from solver_backend.fitters.hands.wide_motion import with_hands
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.splice_range import range_layout
+from solver_backend.fitters.layers import SolvedLayer
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.problem import SolvedFrames
@@ -43,14 +44,14 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float, Int
 
 STEPS = 6
-"""Gauss-Newton steps; shifts are a few centimetres at most, and three do where the arm is bent."""
+"""Gauss-Newton steps; shifts are a few centimetres at most, and three are enough where the arm is bent."""
 COLLAR = 0.1
-"""How readily the collar turns, by shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
+"""Ease of the collar's turn against shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
 Pose2Sim's balancing trial the left wrist, 10 mm out of reach (52 in one frame of ten), is met with 11 degrees."""
 PRONATION = 0.5
 """Share of a hand's twist about the forearm that the elbow takes, as in the recordings that the pose prior knows."""
 LOADING_M2 = 1e-4
-"""Of the normal matrix: beyond what arm and collar reach no turn helps."""
+"""Damping of the normal matrix: beyond the reach of arm and collar no turn helps."""
 
 
 def follow_hand(
@@ -61,7 +62,7 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with a wrist turned and moved; whatever does not hang on that arm stays bit for bit.
+    """Return the poses with a wrist turned and moved; joints that are not on that arm stay bit for bit.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
 
@@ -89,11 +90,11 @@ def follow_hand(
         for joint, own in zip(chain, np.moveaxis(exp_so3(step[..., 0].reshape(-1, 3, 3)), 1, 0), strict=True):
             turn_so_far = own @ turn_so_far
             here = turn_so_far @ G[:, joint]
-            local[:, joint - 1] = np.where(moved[:, None, None], _since(parent, here), local[:, joint - 1])
+            local[:, joint - 1] = np.where(moved[:, None, None], np.swapaxes(parent, 1, 2) @ here, local[:, joint - 1])
             parent = here
         posed = forward_kinematics(body, betas, root, local, transl)
     still = ~moved & (np.linalg.norm(turn, axis=1) == 0)
-    turned = _since(posed.G[:, elbow], hand)
+    turned = np.swapaxes(posed.G[:, elbow], 1, 2) @ hand
     rest = body.rest_joints(betas)
     twist = exp_so3(PRONATION * _twist(turned, rest[wrist] - rest[elbow]))
     for joint, R in ((elbow, local[:, elbow - 1] @ twist), (wrist, np.swapaxes(twist, 1, 2) @ turned)):
@@ -109,30 +110,25 @@ def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
     return ((angle + np.pi) % (2.0 * np.pi) - np.pi)[:, None] * axis
 
 
-def _since(parent: np.ndarray, G: np.ndarray) -> np.ndarray:
-    """Return the (F, 3, 3) rotations G in the frames of their parents."""
-    return np.swapaxes(parent, 1, 2) @ G
-
-
 STAGE = "Hands"
 THROUGH_FRAMES = 3
-"""Frames of a stretch that is named."""
+"""Least frames of a reported stretch of overlapping fingers."""
 LEAST_FRAMES = 4
-"""Shorter takes have no keys."""
+"""Least frames of a take with keys."""
 
 
 @dataclass(frozen=True)
-class SolvedHands:
+class SolvedHands(SolvedLayer):
     """Hands of a take."""
 
     body: Body
-    """The body with fingers that move."""
+    """The body with movable fingers."""
     skeletons: tuple[HandSkeleton, HandSkeleton]
     """Left and right."""
     hands: Mapping[int, SolvedHand]
-    """By side, 0 left and 1 right; a side that nobody sees is not there."""
+    """By side, 0 left and 1 right; unseen sides are missing."""
     size: float
-    """Of the hands, as a share of what the body's shape gives them."""
+    """Of the hands by that of the body's shape."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with fingers."""
@@ -144,10 +140,7 @@ def solve_hands(
 ) -> tuple[SolvedFrames, SolvedHands | None]:
     """Return the poses with arms and wrists that agree with the hands, and the hands; None where the take is too short.
 
-    A body without fingers has none either, which is reported.
-
-    Args:
-        shown: what views or markers show of the hands.
+    A body without fingers has no hands either, which is reported.
     """
     if len(solved.frames.transl) < LEAST_FRAMES:
         return solved, None
@@ -170,14 +163,13 @@ def solve_hands(
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
-    """Return where fingers that are seen run through one another for several frames."""
+    """Return the diagnostic of seen fingers that run through one another for several frames."""
     deep = np.where(hand.informed.any(axis=1), finger_overlap(hand.points), 0.0)
     runs = [run for run in true_runs(deep > THROUGH_M) if run[1] - run[0] + 1 >= THROUGH_FRAMES]
     if not runs:
         return ()
     most = max(float(deep[first : last + 1].max()) for first, last in runs)
-    joint = f"{SIDES[side]}_hand"
-    return (diagnostic("fingers_through_fingers", joints=[joint], frames=runs, size_mm=1000.0 * most),)
+    return (diagnostic("fingers_through_fingers", joints=[f"{SIDES[side]}_hand"], frames=runs, size_mm=1000.0 * most),)
 
 
 def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarray, shift: np.ndarray) -> SolvedFrames:
@@ -186,7 +178,7 @@ def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarr
     Args:
         side: 0 left, 1 right.
         frames: (n,) numbers of the frames.
-        turn: (n, 3) rotation vectors by which the wrist leaves where the body has it.
+        turn: (n, 3) rotation vectors of the wrist against the body's.
         shift: (n, 3) metres.
     """
     subject, poses = solved.subject, solved.frames
@@ -197,10 +189,10 @@ def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarr
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
-    """Return what a motion records of its hands: size, and for each side how much is seen and how far it misses."""
+    """Return the motion's record of its hands: size, and each side's share of seen frames, error and status."""
     found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
-        left = hand.problem.term.residuals(hand.problem.points(_states(hand)))
+        left = hand.problem.term.residuals(hand.problem.points(hand.states))
         far = np.linalg.norm(left.error[left.measured], axis=-1)
         # Errors in views are in pixels; those of markers, of three dimensions, in metres.
         name, unit = ("reprojection_median_px", 1.0) if left.error.shape[-1] == 2 else ("residual_median_mm", 1000.0)
@@ -212,18 +204,13 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
     return found
 
 
-def _states(hand: SolvedHand) -> np.ndarray:
-    return np.concatenate([hand.turn, hand.shift, hand.angles], axis=1)
-
-
 @dataclass(frozen=True)
 class HandRange:
     """One hand in the frames of a range, and a window on either side of it."""
 
     frames: Int[np.ndarray, " n"]
-    """(n,) numbers of the frames."""
     hand: SolvedHand
-    """In these frames."""
+    """In these n frames."""
 
 
 def solve_hands_again(
@@ -234,14 +221,10 @@ def solve_hands_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:
-    """Return poses whose arms agree with the hands in a range, and these hands by side.
+    """Return poses with arms that agree with the hands in a range, and these hands by side.
 
-    The hands keep the size that the earlier solve found. Without fingers in the earlier motion poses stay as they are
+    The hands keep the size that the earlier solve found. Without fingers in the earlier motion, poses stay as they are
     and there are no hands.
-
-    Args:
-        shown: what views or markers show of the hands.
-        earlier: the motion before, with its fingers.
     """
     if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
@@ -273,7 +256,7 @@ def solve_hand_range(
     """Return one hand of a frame range solved again, from where it was or from its located points.
 
     Args:
-        measured: the hand over the whole take, its wrist where the body has it now.
+        measured: the hand over the whole take, on the body's present wrist.
         still: (F, A) radians of the earlier solve, in pinned frames those of the pins.
     """
     problem = measured.problem
@@ -283,7 +266,7 @@ def solve_hand_range(
     if settings.learn_noise:
         problem = with_learned_noise(problem, states, settings.robust_scale)
     part, own = problem.select(frames), KeyframeLayout(layout.bounds - layout.bounds[0])
-    # Where the earlier motion stays, its arms have followed the hands: these leave the wrists by nothing.
+    # Where the earlier motion stays, its arms have followed the hands, which are on the wrists.
     early, late = np.floor(layout.key_times).astype(int), np.ceil(layout.key_times).astype(int)
     kept = 0.5 * (states[early] + states[late])
     anew = initial_keys(part.skeleton, part.wrist, measured.located[frames], own, part.prior)
@@ -294,9 +277,8 @@ def solve_hand_range(
 
 
 def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
-    """Return a hand whose spline passes through the (n, D) states in the frames that stay exactly."""
-    found = np.concatenate([hand.turn, hand.shift, hand.angles], axis=1)
-    at = stays.astype(int)
+    """Return a hand with a spline that passes exactly through the (n, D) states in the frames that stay."""
+    found, at = hand.states, stays.astype(int)
     if len(at):
         left, every = states[at] - found[at], np.arange(len(found))
         found = found + np.stack([np.interp(every, at, column) for column in left.T], axis=1)

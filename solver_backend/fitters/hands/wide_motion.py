@@ -28,12 +28,8 @@ _UNSEEN_M = 0.04
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Return a motion with fingers; those that nobody sees rest relaxed, and are flagged.
-
-    Args:
-        statistics: what the motion records of them.
-    """
-    body = with_hand_size(hands.body, hands.size) if hands.size != 1.0 else hands.body
+    """Return a motion with fingers and the hands' ``statistics``; unseen fingers rest relaxed, and are flagged."""
+    body = with_hand_size(hands.body, hands.size)
     layout, narrow = body.layout, motion.body_layout
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
     frames, kept = motion.num_frames, len(shared)
@@ -76,7 +72,7 @@ def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, obje
 
 
 def without_fingers(motion: Motion) -> Motion:
-    """Return the motion of the body alone, as solves of bodies take it; the same one where it has no fingers.
+    """Return the motion of the body alone, the same one where it has no fingers.
 
     The hands' own joints, which SMPL has in the fingers' place, are at the knuckles of the middle fingers, at rest.
     """
@@ -94,16 +90,19 @@ def without_fingers(motion: Motion) -> Motion:
     return replace(motion, body_pose=turns.reshape(motion.num_frames, -1), body_layout=SMPL, **parts)
 
 
+def hand_size_in(motion: Motion) -> float:
+    """Return the size of a motion's hands by that of the body's shape; 1 where it states none."""
+    return float(motion.provenance.get("hands", {}).get("size", 1.0))
+
+
 def with_fingers_of(
     motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
 ) -> Motion:
     """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
 
-    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins; what is left there, all of it
-    where nothing was measured, fades linearly to the next pin or end.
-
-    Args:
-        earlier: as it was; the motion is returned as it is where this has no fingers.
+    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The rest, all of it where nothing
+    was measured, fades linearly to the next pin or end. The motion is returned as it is where the earlier one has no
+    fingers.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
@@ -126,7 +125,7 @@ def with_fingers_of(
             parts["joint_covariance"][rows] = packed(by_joint(joints))
             parts["joint_sigma"][rows] = mean_sigma(parts["joint_covariance"][rows])
     turns[:, kept - 1 :] += _left_at_stops(turns[:, kept - 1 :], before, solved)
-    sized = with_hand_size(with_fingers(body), float(earlier.provenance.get("hands", {}).get("size", 1.0)))
+    sized = with_hand_size(with_fingers(body), hand_size_in(earlier))
     posed = forward_kinematics(sized, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl)
     flags, resting = motion.flags, parts["resting"]
     if flags is not None and resting is not None:
@@ -156,7 +155,7 @@ def _beside(motion: Motion, earlier: Motion, kept: int) -> dict[str, Any]:
 
 
 def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
-    """Return (F, J, 3) what fingers lack of the earlier and of the pinned ones, faded between ends and pins."""
+    """Return (F, J, 3) differences of fingers from the earlier and the pinned ones, faded between ends and pins."""
     wanted, moved = solved.frame_range, set(solved.moved.tolist())
     pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
     wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
@@ -173,10 +172,10 @@ def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -
 
 FINGERS = slice(FIRST_FINGER, SMPL_HANDS.num_joints)
 """Columns of the finger joints."""
-_WRISTS = tuple(
+_WRISTS = [
     SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
     for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)
-)
+]
 """Wrist of each finger joint."""
 
 
@@ -186,9 +185,9 @@ def with_finger_turns(
     turns: Float[np.ndarray, "frames 30 3"],
     resting: Bool[np.ndarray, "frames 30"] | None = None,
 ) -> Motion:
-    """Return a motion as wide as ``SMPL_HANDS``, its fingers turned so.
+    """Return a motion as wide as ``SMPL_HANDS`` with turned fingers.
 
-    A finger's joint is as uncertain as its wrist: what gloves and clips leave open is not known.
+    A finger's joint is as uncertain as its wrist, as gloves and clips state nothing.
 
     Args:
         turns: (F, 30, 3) axis-angles of the finger joints in SMPL-H's order, from the body's rest.
@@ -197,19 +196,17 @@ def with_finger_turns(
     Raises:
         BodyInvalid: the body has no fingers, see ``with_fingers``.
     """
-    size = float(motion.provenance.get("hands", {}).get("size", 1.0))
-    fingered = with_fingers(body)
-    wide = with_hand_size(fingered, size) if size != 1.0 else fingered
+    wide = with_hand_size(with_fingers(body), hand_size_in(motion))
     layout, frames = wide.layout, motion.num_frames
     own = motion.body_pose.reshape(frames, -1, 3)[:, : FIRST_FINGER - 1]
     pose = np.concatenate([own, turns], axis=1)
     posed = forward_kinematics(wide, motion.betas, exp_so3(motion.global_orient), exp_so3(pose), motion.transl)
     parts: dict[str, np.ndarray | None] = {}
     if motion.joint_covariance is not None:
-        parts["joint_covariance"] = _widened(motion.joint_covariance, motion.joint_covariance[:, list(_WRISTS)])
+        parts["joint_covariance"] = _widened(motion.joint_covariance, motion.joint_covariance[:, _WRISTS])
         parts["joint_sigma"] = mean_sigma(parts["joint_covariance"])
     elif motion.joint_sigma is not None:
-        parts["joint_sigma"] = _widened(motion.joint_sigma, motion.joint_sigma[:, list(_WRISTS)])
+        parts["joint_sigma"] = _widened(motion.joint_sigma, motion.joint_sigma[:, _WRISTS])
     still = np.zeros((frames, len(_WRISTS)), bool) if resting is None else resting
     flags = motion.flags
     if still.any() or motion.resting is not None:

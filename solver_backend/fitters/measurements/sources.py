@@ -11,9 +11,8 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Severity
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.layers import NO_TERMS, RestWords, SolvedLayer
+from solver_backend.fitters.layers import PointSource, RestWords, SolvedLayer
 from solver_backend.fitters.model.states import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, state_layout
-from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
@@ -38,41 +37,23 @@ OF_MARKERS_M = {
 alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
 
 
+class _Points(PointSource):
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Bring parts that nothing informs to rest."""
+        return rest_parts(problem.measurements, solved), self
+
+
 @dataclass(frozen=True)
-class ViewPoints:
+class ViewPoints(_Points):
     """Keypoints that several calibrated cameras see."""
 
     cameras: Cameras
     """C cameras."""
     keypoints: Keypoints2D
     """What was detected."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
-    KEEPS_BONES: ClassVar[bool] = False
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
-
-    @property
-    def recipe(self) -> str:
-        """See ``PointSource``."""
-        return "views"
-
-    @property
-    def calibrated(self) -> bool:
-        """See ``PointSource``."""
-        return False
-
-    def terms(self) -> FrameObjective:
-        """See ``Layer``."""
-        return NO_TERMS
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
-
-    def after(
-        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
-    ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Bring parts that nothing informs to rest."""
-        return _bring_to_rest(problem, solved), self
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """See ``SolvedLayer``."""
@@ -96,7 +77,7 @@ class ViewPoints:
 
 
 @dataclass(frozen=True)
-class LocatedPoints:
+class LocatedPoints(_Points):
     """Labelled points that something located in space: optical markers, or a network's landmarks."""
 
     points: np.ndarray
@@ -107,7 +88,6 @@ class LocatedPoints:
     """(F, L) bit mask of ``MARKER_*``."""
     sigma_m: np.ndarray | None = None
     """(L,) standard deviation per axis of each marker around where the body has it; None before a calibration."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
     KEEPS_BONES: ClassVar[bool] = True
     REST: ClassVar[RestWords] = RestWords(Severity.NOTE, "has no markers", "have no markers")
 
@@ -125,20 +105,6 @@ class LocatedPoints:
     def recipe(self) -> str:
         """See ``PointSource``."""
         return "known person" if self.calibrated else "views"
-
-    def terms(self) -> FrameObjective:
-        """See ``Layer``."""
-        return NO_TERMS
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
-
-    def after(
-        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
-    ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Bring parts that nothing informs to rest."""
-        return _bring_to_rest(problem, solved), self
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with the markers, what they miss, and the recording with its gaps filled."""
@@ -187,10 +153,6 @@ class LocatedPoints:
         return with_window_variances(
             problem.measurements.term, posed.points, problem.fps, settings.robust_scale, dof, seen
         )
-
-
-def _bring_to_rest(problem: Problem, solved: SolvedFrames) -> SolvedFrames:
-    return rest_parts(problem.measurements, solved)
 
 
 MODEL_ERROR_M = 0.005

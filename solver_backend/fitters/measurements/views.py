@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -15,15 +14,13 @@ from solver_backend.cameras.robust_triangulation import Triangulation, triangula
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
-from solver_backend.fitters.build_motion import PosedTake
+from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.layers import Layer, Measurements, RoughMotion, SolvedLayer, seen_frames
+from solver_backend.fitters.layers import Layer, Measurements, RoughMotion, seen_frames
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.fitters.measurements.sources import ViewPoints, fit_sigma_px
 from solver_backend.fitters.model.states import FrameStates, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective
-from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.small_matrices import unpacked
@@ -184,30 +181,15 @@ def begin_at(
 
 
 @dataclass(frozen=True)
-class HeldMotion:
+class HeldMotion(Layer):
     """An earlier motion that holds the body where too few points are located."""
 
     term: RelativePositionTerm
     """Its poses, wherever they are."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
 
     def terms(self) -> FrameObjective:
         """See ``Layer``."""
         return FrameObjective((), relative=(self.term,))
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
-
-    def after(
-        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
-    ) -> tuple[SolvedFrames, SolvedLayer]:
-        """See ``Layer``."""
-        return solved, self
-
-    def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
-        return motion
 
 
 def _placed(points: np.ndarray, measurements: Measurements) -> tuple[float, np.ndarray, np.ndarray]:

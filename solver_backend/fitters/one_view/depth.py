@@ -12,7 +12,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.layers import RestWords, SolvedLayer
+from solver_backend.fitters.layers import PointSource, RestWords, SolvedLayer
 from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
@@ -78,7 +78,7 @@ class OneView:
 
 
 @dataclass(frozen=True)
-class OneCamera:
+class OneCamera(PointSource):
     """Keypoints that one camera sees, with the pose that was lifted from them."""
 
     views: ViewPoints
@@ -89,19 +89,12 @@ class OneCamera:
     """The floor, where the person's feet show it."""
     lifted: RelativePositionTerm
     """The lifted pose, wherever it is."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
-    KEEPS_BONES: ClassVar[bool] = False
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 
     @property
     def recipe(self) -> str:
         """See ``PointSource``."""
         return "one camera"
-
-    @property
-    def calibrated(self) -> bool:
-        """See ``PointSource``."""
-        return False
 
     @property
     def sight(self) -> np.ndarray:
@@ -111,10 +104,6 @@ class OneCamera:
     def terms(self) -> FrameObjective:
         """Return the floor and the lifted pose."""
         return FrameObjective(self.floor, relative=(self.lifted,))
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress

@@ -40,7 +40,7 @@ class PropState:
 
     @classmethod
     def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
-        """Return the state with the velocities of differences over two frames."""
+        """Return the state of poses, with velocities by differences over two frames."""
         before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
         step = dt * np.maximum(after - before, 1)[:, None]
         return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
@@ -58,9 +58,9 @@ def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 RELAXES_S = 0.5
-"""Time in which a velocity that nothing measures dies away; a hand's strokes last 0.2 to 1 s."""
+"""Time in which an unmeasured velocity dies away; a hand's strokes last 0.2 to 1 s."""
 TURN_PRECISION = 3.0 / np.pi**2
-"""Of a turn of which nothing is known: the variance of an angle between -π and π is π² / 3."""
+"""Precision of an unknown turn: the variance of an angle between -π and π is π² / 3."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class PropEquations:
     """Seconds between frames."""
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
-        """Return the (1,) cost and the normal equations; markers are doubted from so many standard deviations on."""
+        """Return the (1,) cost and the normal equations; ``scale`` is the robust one, in standard deviations."""
         cost, diagonal, g = self.of_markers(state, scale)
         e, before, after = self._between(state)
         weight = self._precision()
@@ -122,7 +122,7 @@ class PropEquations:
         return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
 
     def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
-        """Return the markers' cost, and what they add to the blocks (F, 12, 12) and the gradient (F, 12)."""
+        """Return the markers' cost, and their parts of the blocks (F, 12, 12) and the gradient (F, 12)."""
         error, turned = self.residuals(state)
         cost, weight = self.weights(error, scale)
         weight = weight / self.sigma_m**2
@@ -139,15 +139,9 @@ class PropEquations:
     def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return errors (F - 1, 12) between frames and their Jacobians by the frame before and the one after."""
         turn = turns(state.R[:-1], state.R[1:])
-        e = np.concatenate(
-            [
-                turn - self.dt * state.spin[:-1],
-                np.diff(state.t, axis=0) - self.dt * state.velocity[:-1],
-                np.diff(state.spin, axis=0),
-                np.diff(state.velocity, axis=0),
-            ],
-            axis=1,
-        )
+        moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
+        changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
+        e = np.concatenate([turn - self.dt * state.spin[:-1], moved, changed], axis=1)
         J = left_jacobian_inverse_so3(turn)
         after = np.tile(np.eye(SIZE), (len(e), 1, 1))
         before = -after
@@ -159,7 +153,7 @@ class PropEquations:
         return e, before, after
 
     def _precision(self) -> np.ndarray:
-        """Return (F - 1, 12, 12) Q⁻¹."""
+        """Return (F - 1, 12, 12) matrices Q⁻¹."""
         dt, half = self.dt, np.arange(SIZE // 2)
         share = 1.0 / np.repeat(self.unrest, 3, axis=1)
         weight = np.zeros((len(share), SIZE, SIZE))
@@ -170,11 +164,11 @@ class PropEquations:
 
 
 PASSES = 4
-"""Times that poses and shape follow from one another."""
+"""Alternations of poses and shape."""
 ON_A_LINE_M = 0.01
-"""Markers that are nearer than so to one line, root mean square, leave the turn about it open."""
+"""Largest root mean square distance from a line of markers that leave the turn about it open."""
 LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
-"""Of a marker per axis: optical systems have 0.1 to 1 mm; where they have more, markers are loose."""
+"""Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm; beyond, markers are loose."""
 
 
 @dataclass(frozen=True)
@@ -194,13 +188,10 @@ class PropStart:
 
 
 def start_prop(points: np.ndarray) -> PropStart:
-    """Return shape and poses of markers that move as one.
+    """Return shape and poses of (F, M, 3) markers in metres that move as one, NaN where missing.
 
-    The frame that shows most of them is the first shape; then poses follow from the shape (``umeyama``) and the shape
-    from the poses, the median over frames, until both agree.
-
-    Args:
-        points: (F, M, 3) metres, NaN where missing; three or more markers.
+    The frame that shows most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the
+    shape from the poses, the median over frames, until both agree.
     """
     seen = np.isfinite(points).all(-1)
     best = int(seen.sum(axis=1).argmax())
@@ -211,15 +202,17 @@ def start_prop(points: np.ndarray) -> PropStart:
         rest = quantile(np.where(posed[:, None, None], own, np.nan), 0.5, axis=0)
     rest -= rest.mean(axis=0)
     R, t, posed = _poses(points, rest)
-    if _on_a_line(rest):
-        R = _least_turned(rest, R)
+    if np.linalg.svd(rest, compute_uv=False)[1] < ON_A_LINE_M * np.sqrt(len(rest)):
+        R = _least_turned(np.linalg.svd(rest)[2], R)
     error = (points - (rest @ np.swapaxes(R, -1, -2) + t[:, None]))[posed]
-    sigma = 1.4826 / np.sqrt(_freedom(seen[posed])) * float(quantile(np.abs(error), 0.5, axis=(0, 1, 2)))
+    numbers = 3.0 * float(np.median(seen[posed].sum(axis=1)))
+    freedom = (numbers - 6.0) / numbers if numbers > 6.0 else 1.0
+    sigma = 1.4826 / np.sqrt(freedom) * float(quantile(np.abs(error), 0.5, axis=(0, 1, 2)))
     return PropStart(rest, *_between(R, t, posed), posed, min(max(sigma, LEAST_SIGMA_M), MOST_SIGMA_M))
 
 
 def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return R (F, 3, 3), t (F, 3) and which frames (F,) show three markers of known place."""
+    """Return R (F, 3, 3), t (F, 3) and the frames (F,) that show three markers of known place."""
     usable = np.isfinite(points).all(-1) & np.isfinite(rest).all(-1)
     posed = usable.sum(axis=1) >= 3
     R, t = np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3))
@@ -228,24 +221,13 @@ def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return R, t, posed
 
 
-def _on_a_line(rest: np.ndarray) -> bool:
-    return bool(np.linalg.svd(rest, compute_uv=False)[1] < ON_A_LINE_M * np.sqrt(len(rest)))
-
-
-def _least_turned(rest: np.ndarray, R: np.ndarray) -> np.ndarray:
-    axis = np.linalg.svd(rest)[2][0]
-    to = R @ axis
-    across, along = np.cross(axis, to), to @ axis
+def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Return the least turns that bring the line, ``axes[0]``, to its directions; ``axes[1]`` decides half turns."""
+    to = R @ axes[0]
+    across = np.cross(axes[0], to)
     sine = np.linalg.norm(across, axis=-1)
-    angle = np.arctan2(sine, along)
-    other = np.linalg.svd(rest)[2][1]
-    unit = np.where(sine[:, None] > 1e-9, across / np.maximum(sine, 1e-9)[:, None], other)
-    return exp_so3(angle[:, None] * unit)
-
-
-def _freedom(seen: np.ndarray) -> float:
-    numbers = 3.0 * float(np.median(seen.sum(axis=1)))
-    return (numbers - 6.0) / numbers if numbers > 6.0 else 1.0
+    unit = np.where(sine[:, None] > 1e-9, across / np.maximum(sine, 1e-9)[:, None], axes[1])
+    return exp_so3(np.arctan2(sine, to @ axes[0])[:, None] * unit)
 
 
 def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -258,14 +240,11 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
     return matrix_from_quat(full), np.stack([np.interp(frames, at, t[at, k]) for k in range(3)], axis=1)
 
 
-LAG_S = 0.1
-"""Over so long are accelerations measured: gaps are about as long, and markers' noise hardly counts."""
-AROUND_S = 1.0
-"""Over so long is unrest averaged."""
-USUAL_S = 0.1
-"""Seconds of the take's average that are counted with what is measured near by; in a gap they are all there is."""
+LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
+"""Seconds over which accelerations are measured (gaps are about as long, and markers' noise is negligible), over which
+unrest is averaged, and of the take's average that are added to it; in a gap they are all there is."""
 LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3
-"""Of the take's unrest that every stretch has at least; and what a prop at rest strays by in ``LAG_S``."""
+"""Least unrest as a share of the take's, and as the stray of a prop at rest in ``LAG_S``."""
 
 
 def unrest_of(start: PropStart, fps: float) -> np.ndarray:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import ClassVar
 
 import numpy as np
 
@@ -16,9 +15,8 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.props import Prop
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.layers import NO_TERMS, SolvedLayer
+from solver_backend.fitters.layers import Layer, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import FRAMES, LEAST_MARKERS, BonePoses, loose_groups
-from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.props.prop_equations import (
     LEAST_SIGMA_M,
@@ -38,14 +36,13 @@ from solver_backend.types import MarkerCloud, Motion
 
 
 @dataclass(frozen=True)
-class Props:
-    """Markers of a recording that are no known places of the person."""
+class Props(Layer):
+    """Markers of a recording at no known place of the person."""
 
     loose: tuple[MarkerCloud, ...] = ()
     """Those among the person's: bones carry some of them."""
     others: tuple[MarkerCloud, ...] = ()
-    """Those that are nobody's, by their prefixes."""
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
+    """Those with other prefixes."""
 
     @classmethod
     def of(cls, cloud: MarkerCloud, worn: Sequence[str], layout: str, others: MarkerCloud | None) -> Props:
@@ -56,20 +53,10 @@ class Props:
             layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
             others: markers of other prefixes.
         """
-        labels = cloud.labels or ()
-        names = name_markers([label for label in labels if not is_unnamed(label)], places_given(layout))
+        names = name_markers([label for label in cloud.names if not is_unnamed(label)], places_given(layout))
         used = {*worn, *names.virtual, *names.doubled}
-        kept = [i for i, label in enumerate(labels) if label not in used]
-        loose = (cloud.columns(kept, tuple(labels[i] for i in kept)),) if kept else ()
-        return cls(loose, () if others is None else (others,))
-
-    def terms(self) -> FrameObjective:
-        """See ``Layer``."""
-        return NO_TERMS
-
-    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """See ``Layer``."""
-        return problem
+        kept = [i for i, label in enumerate(cloud.names) if label not in used]
+        return cls((cloud.columns(kept),) if kept else (), () if others is None else (others,))
 
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
@@ -78,17 +65,12 @@ class Props:
         props, found = solve_props(self, solved, progress)
         return replace(solved, diagnostics=(*solved.diagnostics, *found)), SolvedProps(props)
 
-    def record(self, motion: Motion, posed: PosedTake) -> Motion:
-        """See ``SolvedLayer``."""
-        return motion
-
 
 @dataclass(frozen=True)
-class SolvedProps:
-    """Props of a take."""
+class SolvedProps(SolvedLayer):
+    """Props of a take, in the order in which they were solved."""
 
     props: tuple[Prop, ...]
-    """In the order in which they were solved."""
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with the props."""
@@ -96,24 +78,21 @@ class SolvedProps:
 
 
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
-"""Standard deviations from which on markers are doubted, first and last, and how many steps lead there: frames of one
-or two markers begin decimetres off."""
+"""First and last robust scale in standard deviations, and their number: frames of one or two markers begin decimetres
+off."""
 WRONG_M = 0.018
-"""A distance is wrong from so far off its median on: three times what distances of a rigid body stray by; of smaller
-errors the solve's robust penalty takes care."""
+"""Least deviation of a wrong distance from its median: three times the stray of a rigid body's distances. The solve's
+robust penalty handles smaller errors."""
 STEPS = LMSettings(6, 1e-5)
-"""Gauss-Newton steps at most, and the relative change of the cost at which they end; chosen by hand."""
+"""Most Gauss-Newton steps, and the relative change of the cost at which they end; chosen by hand."""
 LEAST_FRAMES = 4
-"""Frames in which a prop is located at least; chosen by hand."""
+"""Least frames that locate a prop; chosen by hand."""
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
-    """Return the prop that markers show; None where hardly a frame shows three of them.
+    """Return the prop of M labelled markers; None where too few frames show three of them.
 
-    Args:
-        name: what it is called.
-        labels: M labels.
-        points: (F, M, 3) world metres, NaN where missing.
+    The (F, M, 3) points are in world metres, NaN where missing.
     """
     if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
         return None
@@ -143,7 +122,7 @@ def _learned(equations: PropEquations, state: PropState) -> PropEquations:
 def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
     """Return the equations with the markers' own variance: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
 
-    The trace is how many of the measured numbers the poses take up, C their covariance.
+    The trace is the number of measured values that the poses take up, C their covariance.
 
     Reference: Hodges and Sargent 2001, "Counting degrees of freedom in hierarchical and other richly-parameterised
     models".
@@ -176,10 +155,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Return the points without those that contradict the largest group of a frame's markers that agree.
 
-    Where there are several such groups, two labels are exchanged perhaps, and all that contradict any are left out.
-
-    Args:
-        points: (F, M, 3) metres, NaN where missing.
+    Where several groups are the largest, labels may be exchanged, and all that contradict any are left out.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -196,15 +172,15 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 
 STAGE = "Solving the props"
 MOST = 12
-"""Props of a take, those of the most markers: crowds of stray points make groups by chance."""
+"""Most props of a take, those with the most markers: crowds of stray points make groups by chance."""
 FAR_M = 0.004
-"""Median distance of markers from a prop's own from which on they are no rigid body."""
+"""Least median distance of markers that are no rigid body."""
 UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
-"""Standard deviations from which on a prop's pose is hardly known."""
+"""Standard deviations beyond which a prop's pose is unknown."""
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Return the props among the markers of a take that nobody wears, and what was found of them."""
+    """Return the props among the markers that nobody wears, and their diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
@@ -214,14 +190,16 @@ def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tup
     props, diagnostics = list[Prop](), list[Diagnostic]()
     for n, (cloud, group) in enumerate(found):
         progress(STAGE, n, len(found))
-        points, labels = cloud.positions[:, group.columns], [(cloud.labels or ())[i] for i in group.columns]
+        points, labels = cloud.positions[:, group.columns], [cloud.names[i] for i in group.columns]
         prop = solve_prop(group.name, labels, points, cloud.fps)
         if prop is None:
             continue
         kept = [labels.index(label) for label in prop.labels]
         off = float(quantile(np.linalg.norm(prop.markers - points[:, kept], axis=-1), 0.5, axis=(0, 1)))
         if off < FAR_M:
-            prop = _in_its_own_axes(prop) if prop.is_of_poses else prop
+            if prop.is_of_poses:
+                origin = prop.points[0]
+                prop = prop.in_axes(origin, nearest_rotation((prop.points[1:] - origin).T))
             props.append(prop)
             diagnostics += _found(prop, off)
     if found:
@@ -235,25 +213,12 @@ def _bones(solved: SolvedFrames, frames: np.ndarray) -> BonePoses:
     return BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
 
-def _in_its_own_axes(prop: Prop) -> Prop:
-    origin = prop.points[0]
-    return prop.in_axes(origin, nearest_rotation((prop.points[1:] - origin).T))
-
-
 def _found(prop: Prop, off: float) -> Iterator[Diagnostic]:
-    source = "poses" if prop.is_of_poses else "markers"
-    yield diagnostic(
-        "prop_found", source=source, markers=prop.labels, prop=prop.name, count=len(prop.labels), size=1000 * off
-    )
+    source, named = "poses" if prop.is_of_poses else "markers", {"markers": prop.labels, "prop": prop.name}
+    yield diagnostic("prop_found", source=source, count=len(prop.labels), size=1000 * off, **named)
     unsure = (prop.sigma[:, 0] > UNSURE_M) | (prop.sigma[:, 1] > UNSURE_RAD)
     if unsure.all():
-        yield diagnostic("prop_pose_open", reason="line", markers=prop.labels, prop=prop.name)
+        yield diagnostic("prop_pose_open", reason="line", **named)
     elif unsure.any():
-        yield diagnostic(
-            "prop_pose_open",
-            reason="hidden",
-            markers=prop.labels,
-            prop=prop.name,
-            frames=true_runs(unsure),
-            remedy=Remedy.BRIDGED,
-        )
+        runs = true_runs(unsure)
+        yield diagnostic("prop_pose_open", reason="hidden", frames=runs, remedy=Remedy.BRIDGED, **named)
