@@ -100,9 +100,9 @@ def with_fingers_of(
 ) -> Motion:
     """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
 
-    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The rest, all of it where nothing
-    was measured, fades linearly to the next pin or end. The motion is returned as it is where the earlier one has no
-    fingers.
+    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins. The rest, all of it where
+    nothing was measured, fades linearly to the next pin or end. The motion is returned as it is where the earlier one
+    has no fingers.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
