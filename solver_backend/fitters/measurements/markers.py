@@ -27,7 +27,7 @@ from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
 SIGMA_M = 0.01
-"""Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
+"""Standard deviation of a marker against the body, per axis: sliding skin, and placement before calibration."""
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
@@ -45,24 +45,23 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
         hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
         if sideless:
             hint = (
-                f"Labels name a limb without its side: {_listed(tuple(sideless))}. Write the limb's places (as LELB, "
+                f"Labels name a limb without its side: {_listed(sideless)}. Write the limb's places (as LELB, "
                 "RWRA) with `layout`, and solve with --layout."
             )
         raise MarkersUnknown(
             f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows, an arm or a leg alone from "
             f"{LEAST_LIMB_MARKERS}; {len(names.known)} of the {len(labels)} labels are known: "
-            f"{_listed(tuple(names.known))}. Read were {_listed(tuple(read))}.",
+            f"{_listed(list(names.known))}. Read were {_listed(read)}.",
             where="markers",
             hint=hint,
         )
-    kept = [i for i, label in enumerate(labels) if label in names.known]
-    return cloud.columns(kept, tuple(labels[i] for i in kept))
+    return cloud.columns([i for i, label in enumerate(labels) if label in names.known])
 
 
 def measure_markers(
     cloud: MarkerCloud, body: Body, like: Array, sigma_m: float = SIGMA_M, own: Mapping[str, str] = MappingProxyType({})
 ) -> Measurements:
-    """Return what labelled markers measure.
+    """Return the measurements of labelled markers.
 
     Args:
         cloud: every marker labelled by a name that a layout knows (see ``LayoutFile.place_of``).
@@ -70,16 +69,15 @@ def measure_markers(
         own: places that the user gave, see ``name_markers``.
 
     Raises:
-        MarkersUnknown: there are no labels, one stands twice or is of no known layout.
-        NoDetections: in no frame enough markers are there to place a body.
+        MarkersUnknown: there are no labels, or one is there twice or of no known layout.
+        NoDetections: no frame shows enough markers to place a body.
     """
-    return measured_at(
-        cloud, marker_landmarks(body, _places(cloud, own)), like, np.full(len(cloud.labels or ()), sigma_m)
-    )
+    landmarks = marker_landmarks(body, _places(cloud, own))
+    return measured_at(cloud, landmarks, like, np.full(len(landmarks), sigma_m))
 
 
 def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: np.ndarray) -> Measurements:
-    """Return what markers measure whose landmarks are known.
+    """Return the measurements of markers with known landmarks.
 
     Args:
         cloud: F frames of L labelled markers. The tracker's own error adds to the place's: covariances
@@ -87,40 +85,37 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
         sigma_m: (L,) standard deviation of each marker against the body, per axis.
 
     Raises:
-        NoDetections: in no frame enough markers are there to place a body.
+        NoDetections: no frame shows enough markers to place a body.
     """
-    points = np.asarray(cloud.positions, dtype=np.float64)
-    located = np.isfinite(points).all(-1)
-    points = np.where(located[..., None], points, np.nan)
-    if not seen_frames(points).any():
-        raise NoDetections("In no frame are there enough markers to place a body.", hint="Choose another recording.")
+    points, located = _located(cloud.positions, "markers")
     noise = np.zeros((*points.shape, 3)) if cloud.covariance is None else np.nan_to_num(cloud.covariance)
     if cloud.covariance is None:
         own = 0.0 if cloud.residual is None else np.nan_to_num(np.maximum(cloud.residual, 0.0)) ** 2
-        filled = np.where(located[..., None], points, 0.0)
-        term = PositionTerm(constant(filled, like), constant(located / (sigma_m**2 + own), like))
+        term = _term(points, located / (sigma_m**2 + own), like)
     else:
         term = PositionTerm.of(points, noise + (sigma_m**2)[:, None, None] * np.eye(3), like)
-    return Measurements(
-        landmarks=landmarks,
-        points=points,
-        covariance=noise,
-        term=term,
-        fps=cloud.fps,
-        source=LocatedPoints.of(points, cloud.labels),
-        provenance={
-            "markers": list(landmarks.names),
-            "sigma_mm": [round(1000 * float(value), 3) for value in sigma_m],
-        },
-    )
+    sigma_mm = [round(1000 * float(value), 3) for value in sigma_m]
+    provenance = {"markers": list(landmarks.names), "sigma_mm": sigma_mm}
+    source = LocatedPoints.of(points, cloud.labels)
+    return Measurements(landmarks, points, noise, term, cloud.fps, source, provenance=provenance)
+
+
+def _located(points: np.ndarray, what: str) -> tuple[np.ndarray, np.ndarray]:
+    points = np.asarray(points, dtype=np.float64)
+    located = np.isfinite(points).all(-1)
+    points = np.where(located[..., None], points, np.nan)
+    if not seen_frames(points).any():
+        raise NoDetections(f"In no frame are there enough {what} to place a body.", hint="Choose another recording.")
+    return points, located
+
+
+def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
+    filled = np.where(np.isfinite(points), points, 0.0)
+    return PositionTerm(constant(filled, like), constant(weight, like))
 
 
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
-    """Return measured markers as those of a calibrated person.
-
-    Args:
-        sigma_m: (L,) standard deviation of each marker around where the body has it, per axis.
-    """
+    """Return measured markers as those of a calibrated person, with (L,) standard deviations per axis."""
     assert isinstance(measured.source, LocatedPoints)
     return replace(measured, subject=subject, source=replace(measured.source, sigma_m=sigma_m))
 
@@ -148,7 +143,7 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
     return tuple(names.known[label] for label in labels)
 
 
-def _listed(labels: tuple[str, ...], most: int = 12) -> str:
+def _listed(labels: Sequence[str], most: int = 12) -> str:
     more = f" and {len(labels) - most} others" if len(labels) > most else ""
     return (", ".join(labels[:most]) or "none") + more
 
@@ -156,46 +151,31 @@ def _listed(labels: tuple[str, ...], most: int = 12) -> str:
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
-    """Return what landmarks at known places of the body measure.
+    """Return the measurements of landmarks at known places of the body.
 
     Args:
         points: (F, L, 3) world metres, NaN where a landmark was not located.
         sigma_m: standard deviation of a landmark, per axis.
 
     Raises:
-        NoDetections: in no frame enough landmarks are there to place a body.
+        NoDetections: no frame shows enough landmarks to place a body.
     """
-    points = np.asarray(points, dtype=np.float64)
-    located = np.isfinite(points).all(-1)
-    points = np.where(located[..., None], points, np.nan)
-    if not seen_frames(points).any():
-        raise NoDetections("In no frame are there enough landmarks to place a body.", hint="Choose another recording.")
-    term = PositionTerm(
-        constant(np.where(located[..., None], points, 0.0), like), constant(located * sigma_m**-2, like)
-    )
-    return Measurements(
-        landmarks=landmarks,
-        points=points,
-        covariance=np.zeros((*points.shape, 3)),
-        term=term,
-        fps=fps,
-        source=LocatedPoints.of(points, landmarks.names),
-        provenance={"landmarks": list(landmarks.names), "sigma_mm": round(1000 * sigma_m, 3)},
-    )
+    points, located = _located(points, "landmarks")
+    term, noise = _term(points, located * sigma_m**-2, like), np.zeros((*points.shape, 3))
+    provenance = {"landmarks": list(landmarks.names), "sigma_mm": round(1000 * sigma_m, 3)}
+    source = LocatedPoints.of(points, landmarks.names)
+    return Measurements(landmarks, points, noise, term, fps, source, provenance=provenance)
 
 
 MOTION_SIGMA_M = 0.02
-"""How far a pose may stray from the motion's: a hand-set pose beside it counts for more."""
+"""Deviation of a pose from the motion's: hand-set poses weigh more."""
 YIELDING_S = 0.25
-"""So long before and after a pinned pose nothing is measured: there the earlier motion was wrong."""
+"""Seconds before and after a pinned pose without measurements: there the earlier motion was wrong."""
 _LANDMARKS = JointSet.HALPE_26
 
 
 def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Array) -> Measurements:
-    """Return the motion's own body points as measurements, but for the frames about a pinned one.
-
-    Args:
-        pinned: frames whose poses somebody set.
+    """Return the motion's own body points as measurements, except near the pinned frames.
 
     Raises:
         MotionInvalid: the motion is of another body or layout.
@@ -216,7 +196,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
 def measure_network_landmarks(
     cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent
 ) -> Measurements:
-    """Return what the network has for each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
+    """Return the network's landmarks in each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
 
     Raises:
         NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
@@ -236,15 +216,12 @@ def measure_network_landmarks(
 def measure_directly(
     capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
 ) -> Measurements:
-    """Return what the network has for the frames of a recording of markers.
-
-    Args:
-        person: who is known, if anybody.
+    """Return the network's landmarks for a recording of markers.
 
     Raises:
-        JobInvalid: the recording is none of markers.
+        JobInvalid: the recording is not of markers.
         SubjectInvalid: a person is known, by markers that have labels.
-        NoDetections, CaptureInvalid: as of ``measure_network_landmarks``.
+        NoDetections, CaptureInvalid: see ``measure_network_landmarks``.
     """
     if capture.markers is None or capture.keypoints is not None:
         raise JobInvalid(

@@ -24,26 +24,21 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"
 STEPS = 5
-LEAST_DELAY_FRAMES = 0.3
-"""Smaller delays are not worth a word ..."""
-LEAST_DELAY_SIGMAS = 8.0
-"""... nor those that are not sure: a detector's errors last longer than the deviation allows for."""
+LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS = 0.3, 8.0
+"""Least delay that is reported, in frames and in deviations: a detector's errors last longer than these allow for."""
 _UNKNOWN = ("delay_unknown", "delay_beyond")
-"""What is not confirmed where synchronisation is required."""
+"""Diagnostics that refuse a capture where synchronisation is required."""
 AWAY_S = 0.25
-"""Shorter absences are not named, only bridged and flagged."""
+"""Least absence that is reported; shorter ones are only interpolated and flagged."""
 
 
 @dataclass(frozen=True)
 class CheckedCapture:
-    """A capture with its faults repaired or left out."""
+    """A capture with its faults repaired or left out, its triangulation, and the diagnostics by first frame."""
 
     capture: Capture
-    """What is to be solved."""
     triangulation: Triangulation
-    """Of that capture."""
     diagnostics: tuple[Diagnostic, ...]
-    """What was found, by first frame."""
 
 
 def check_capture(
@@ -56,12 +51,11 @@ def check_capture(
 ) -> CheckedCapture:
     """Find faults of single views and repair them.
 
-    Frames that are shown twice first, then whole views (names, mirrored, turned), then time, then passers-by and limbs,
-    and what is still wrong is left out.
+    Repeated frames come first, then whole views (names, mirrored, turned), time, passers-by and limbs. Remaining faults
+    are left out.
 
     Args:
-        capture: as it was read.
-        triangulation: of that capture.
+        triangulation: of the capture as it was read.
         estimate_sync: where some camera is late, move the others by their delays too, however small.
         sync: "off" moves no camera in time; see ``SolveSettings``.
 
@@ -81,11 +75,8 @@ def check_capture(
         others = _others(capture, again | skipped, views.found)
         timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
     if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
-        raise NotSynchronised(
-            sentence(unknown[0]),
-            where=capture.name,
-            hint="Pass --sync auto to solve it as it is, or --sync off.",
-        )
+        hint = "Pass --sync auto to solve it as it is, or --sync off."
+        raise NotSynchronised(sentence(unknown[0]), where=capture.name, hint=hint)
     progress(STAGE, 2, STEPS)
     alone = exclude_bystanders(cameras, timed, triangulation)
     progress(STAGE, 3, STEPS)
@@ -128,58 +119,51 @@ def _in_time(
     every: bool,
     progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
-    """Return the detections, those of late (or all) cameras moved, their triangulation, and what is late or unknown."""
+    """Return the detections with late (or all) cameras moved, their triangulation, and diagnostics."""
     delays = estimate_delays(cameras, keypoints, triangulation, others, progress)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
-    moved = late | drifting
-    last = keypoints.num_frames - 1
+    moved, count = late | drifting, keypoints.num_frames
+    whole, found = [(0, count - 1)], list[Diagnostic]()
 
-    whole = [(0, last)]
-
-    def diagnose(code: str, which: np.ndarray, size: np.ndarray, **more: str) -> list[Diagnostic]:
-        repaired: dict[str, Any] = {"frames": whole, "remedy": Remedy.REPAIRED, **more}
-        return [
-            diagnostic(code, cameras=[cameras.names[v]], size=abs(size[v]), **repaired) for v in np.flatnonzero(which)
-        ]
+    def diagnose(code: str, which: np.ndarray, **more: Any) -> None:
+        for view in np.flatnonzero(which):
+            values = {key: abs(value[view]) if key == "size" else value for key, value in more.items()}
+            found.append(diagnostic(code, cameras=[cameras.names[view]], frames=whole, **values))
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
-    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (keypoints.num_frames >= LEAST_FRAMES)
-    found = [
-        diagnostic("delay_beyond", cameras=[cameras.names[v]], frames=whole)
-        for v in np.flatnonzero(delays.beyond & seeing)
-    ]
+    unknown = np.isnan(delays.frames) & seeing & ~delays.beyond & (count >= LEAST_FRAMES)
+    diagnose("delay_beyond", delays.beyond & seeing)
     for direction, sign in (("late", 1), ("early", -1)):
         which = late & ~drifting & (sign * delays.frames > 0)
-        found += diagnose("camera_late", which, delays.frames, direction=direction)
-    found += diagnose("rate_differs", drifting, 2 * delays.drift)
+        diagnose("camera_late", which, size=delays.frames, remedy=Remedy.REPAIRED, direction=direction)
+    diagnose("rate_differs", drifting, size=2 * delays.drift, remedy=Remedy.REPAIRED)
     if unknown[seeing].all() and unknown.any():
         found.append(diagnostic("delay_unknown", extent="all", frames=whole))
     else:
-        names = [cameras.names[v] for v in np.flatnonzero(unknown)]
-        found += [diagnostic("delay_unknown", extent="camera", cameras=[name], frames=whole) for name in names]
+        diagnose("delay_unknown", unknown, extent="camera")
     if moved.any():
         moving = moved | every
-        keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(last + 1)), 0.0))
+        keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(count)), 0.0))
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
     return keypoints, triangulation, found
 
 
 def _diagnose_view(cameras: Cameras, fault: ViewFault) -> Diagnostic:
-    """Return what was found of a view that was repaired."""
-    names, cause = [cameras.names[fault.view_range.view]], fault.explanation
-    frames = [(fault.view_range.first, fault.view_range.last)]
+    names, cause, more = [cameras.names[fault.view_range.view]], fault.explanation, dict[str, Any]()
     if isinstance(cause, Mirrored):
         code = "image_mirrored" if cause.image else "sides_exchanged"
-        return diagnostic(code, cameras=names, frames=frames, remedy=Remedy.REPAIRED)
-    if isinstance(cause, NamedLike):
+    elif isinstance(cause, NamedLike):
+        code = "names_exchanged"
         names.append(cameras.names[cause.other])
-        return diagnostic("names_exchanged", cameras=names, frames=frames, remedy=Remedy.REPAIRED)
-    return diagnostic("camera_turned", cameras=names, frames=frames, remedy=Remedy.REPAIRED, size=cause.degrees)
+    else:
+        code, more = "camera_turned", {"size": cause.degrees}
+    frames = [(fault.view_range.first, fault.view_range.last)]
+    return diagnostic(code, cameras=names, frames=frames, remedy=Remedy.REPAIRED, **more)
 
 
 def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> list[Diagnostic]:
-    """Return the views that repeat frames (C, F) often enough to be named, and the frames (F,) that all skip."""
+    """Return the diagnostics of views that repeat frames (C, F) often, and of frames (F,) that all skip."""
     share, where = 100.0 * again.mean(axis=1), {"frames": [(0, len(skipped) - 1)], "remedy": Remedy.BRIDGED}
     repeating = np.flatnonzero(share >= LEAST_REPEATED)
     found = [diagnostic("frames_repeated", cameras=[cameras.names[v]], **where, size=share[v]) for v in repeating]
@@ -187,6 +171,5 @@ def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> li
 
 
 def _absences(seen: np.ndarray, fps: float) -> list[Diagnostic]:
-    """Return the stretches in which no two cameras see the person."""
     runs = [run for run in true_runs(~seen) if run[1] - run[0] + 1 >= AWAY_S * fps]
     return [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in runs]

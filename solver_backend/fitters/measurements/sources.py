@@ -1,4 +1,4 @@
-"""Where a body's points are from: keypoints that several cameras see, or points that something located in space."""
+"""Sources of a body's points: keypoints of several cameras, or points located in space."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ if TYPE_CHECKING:
     from solver_backend.fitters.recipes.bundle import Bundle
 
 CONSTANT_M = 0.0065
-"""Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
-takes as known."""
+"""Standard deviation per axis of errors that do not average out: shape, bias and calibration, which the posterior takes
+as known."""
 OF_MARKERS_M = {
     "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
     "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
@@ -50,9 +50,7 @@ class ViewPoints(_Points):
     """Keypoints that several calibrated cameras see."""
 
     cameras: Cameras
-    """C cameras."""
     keypoints: Keypoints2D
-    """What was detected."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:

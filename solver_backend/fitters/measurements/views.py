@@ -39,7 +39,7 @@ def measure_views(
     estimate_sync: bool = False,
     sync: str = SYNC_AUTO,
 ) -> Measurements:
-    """Return what the views of a capture measure, after faults of single views were found and repaired.
+    """Return the measurements of a capture's views, after faults of single views were repaired.
 
     Args:
         estimate_sync: see ``check_capture``.
@@ -64,14 +64,13 @@ def measurements_of(
     *,
     model_error: bool = True,
 ) -> Measurements:
-    """Return the measurements of a capture that is triangulated and taken as it is.
+    """Return the measurements of a triangulated capture as it is.
 
     Args:
-        triangulation: of these.
-        model_error: allow for what a body cannot follow beside the detector's noise (see ``fit_sigma_px``).
+        model_error: allow for what a body cannot follow in addition to the detector's noise (see ``fit_sigma_px``).
 
     Raises:
-        NoDetections: in no frame enough points are known to place a body.
+        NoDetections: no frame shows enough points to place a body.
     """
     cameras, keypoints = capture.require_multiview()
     named = keypoints.named
@@ -106,14 +105,11 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with its confidences read by a noise map, and a note that reports it.
-
-    Args:
-        path: file of the noise map; empty leaves the capture as it is.
+    """Return the capture with its confidences read by a noise map, and a note; an empty path leaves it as it is.
 
     Raises:
         JobInvalid: the capture has no keypoints, or its confidences were weighted before.
-        FileMissing, FileDamaged: the noise map is not there, or is none.
+        FileMissing, FileDamaged: the noise map is missing or damaged.
     """
     if not path:
         return capture
@@ -135,20 +131,20 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
 
 
 ALIKE_S = 0.07
-"""Frames of so long count once, as where one camera is solved: its errors last."""
+"""Seconds whose frames count once, as where one camera is solved: its errors last."""
 UNKNOWN_SIGMA_M = 0.1
 """Deviation per axis of a motion that does not state its own."""
 SAME_DEG, SAME_M = 15.0, 0.6
-"""A motion that lies no further off is in the same world: one camera is off so far in depth and in up, and a turn
-that is fitted to its errors would turn right poses."""
+"""Largest difference of a motion in the same world: one camera is off so far in depth and in up, and a turn fitted to
+its errors would turn right poses."""
 LEAST_POINTS = 12
-"""Points of both by which the motion finds its place in the world of the cameras."""
+"""Least shared points that place the motion in the world of the cameras."""
 
 
 def begin_at(
     measurements: Measurements, motion: Motion, body: Body, prior: AutoencodingPrior, like: Array
 ) -> Measurements:
-    """Return what several cameras measure, starting at a motion; its poses hold where too few points are located.
+    """Start the measurements of several cameras at a motion, which holds where too few points are located.
 
     The motion's world may be another: it is turned, scaled and shifted onto the located points of all frames.
 
@@ -188,7 +184,7 @@ class HeldMotion(Layer):
     """Its poses, wherever they are."""
 
     def terms(self) -> FrameObjective:
-        """See ``Layer``."""
+        """Return the poses."""
         return FrameObjective((), relative=(self.term,))
 
 

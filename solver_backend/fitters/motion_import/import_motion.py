@@ -28,14 +28,13 @@ _ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))
 
 @dataclass(frozen=True)
 class ImportedMotion:
-    """A motion and how near it comes to its source."""
+    """A motion on our body, and its distance from the source."""
 
     motion: Motion
-    """On our body."""
     distances_mm: dict[str, float]
     """Root mean square distance of each joint from the skeleton's, by role."""
     raised_m: float
-    """By how much the motion was raised for the soles to stand on the floor."""
+    """Height by which the motion was raised for the soles to stand on the floor."""
 
 
 def import_motion(
@@ -44,8 +43,7 @@ def import_motion(
     """Return the motion of a skeleton on our body, with the shape of its bones' lengths, and its fingers if they move.
 
     Args:
-        source: the skeleton's motion.
-        roles: its joint by role.
+        roles: the skeleton's joint by role.
         body: with SMPL's joints first.
         keep_height: leave the motion at the clip's height; its lowest soles stand at z = 0 otherwise.
 
@@ -65,18 +63,25 @@ def import_motion(
     pose = np.zeros((source.num_frames, NUM_JOINTS - 1, 3))
     pose[:, : NUM_TURNED - 1] = log_so3(local)
     motion = Motion(
-        betas=betas, global_orient=log_so3(G[:, 0]), body_pose=pose.reshape(len(pose), -1),
-        transl=joints[:, 0] - rest[0], fps=source.fps, body=body.id, joints=joints,
-        contacts=standing_feet(body, betas, joints, source.fps), joint_sigma=sigma, resting=resting,
+        betas=betas,
+        global_orient=log_so3(G[:, 0]),
+        body_pose=pose.reshape(len(pose), -1),
+        transl=joints[:, 0] - rest[0],
+        fps=source.fps,
+        body=body.id,
+        joints=joints,
+        contacts=standing_feet(body, betas, joints, source.fps),
+        joint_sigma=sigma,
+        resting=resting,
         provenance={"source": source.name, "method": "motion import", "roles": roles},
-    )  # fmt: skip
+    )
     motion = _with_own_fingers(motion, body, source, roles)
     distances = {role: float(off[joint]) for role, joint in JOINT_OF.items() if np.isfinite(off[joint])}
     return ImportedMotion(motion, distances, raised)
 
 
 def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
-    """Return the motion with the skeleton's fingers, where they turn at any time and the body has finger joints."""
+    """Return the motion with the skeleton's fingers, where they ever turn and the body has finger joints."""
     moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
     try:
         fingered = with_fingers(body)
@@ -97,7 +102,7 @@ def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles:
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:
-    """Return (F, 24) which joints nothing shows: elbows, wrists and hands of arms that the skeleton lacks; or None."""
+    """Return (F, 24) the joints that nothing shows, elbows, wrists and hands of missing arms; or None."""
     unknown = np.isnan(places[0, :, 0])
     resting = np.zeros(places.shape[:2], dtype=bool)
     for elbow, wrist, hand in _ARMS:

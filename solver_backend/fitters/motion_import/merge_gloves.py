@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -21,34 +22,38 @@ from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float
 
 RATE = 100.0
-"""Samples a second of both speeds: twice what hands move within (Winter 2009: 99 % of motion is below 15 Hz)."""
-_SMOOTHED_S = 0.06
-"""Seconds that speeds are averaged over."""
+"""Samples per second of both speeds: twice what hands need (Winter 2009: 99 % of motion is below 15 Hz)."""
+_SMOOTHED_S, _APART_S = 0.06, 0.5
+"""Seconds over which speeds are averaged, and between clearly different offsets."""
 _OVERLAP_S, _OVERLAP = 2.0, 0.5
-"""Seconds, and share of the shorter recording, that both cover at least."""
+"""Least overlap in seconds, and as a share of the shorter recording."""
 STILL_RAD_S = 0.15
 """Root mean square of a wrist's speed below which it shows no time."""
-_APART_S = 0.5
-"""Seconds from which another offset is another one."""
 
 
 @dataclass(frozen=True)
 class WristClock:
-    """When one recording begins in the other."""
+    """Offset between two recordings of the same wrists."""
 
     offset_s: float
     """Seconds of the one at which the other begins."""
     agreement: float
     """Correlation of the speeds there."""
     next_best: float
-    """The highest correlation at an offset that is clearly another."""
+    """Highest correlation at a clearly different offset."""
     certainty: float
-    """Standard deviations by which the correlation is above that of recordings that have nothing to do with each other:
-    ``atanh(r) sqrt(n' - 3)`` of n' independent samples (Fisher 1915; Bartlett 1946)."""
+    """Standard deviations by which the correlation is above that of unrelated recordings: ``atanh(r) sqrt(n' - 3)`` of
+    n' independent samples (Fisher 1915; Bartlett 1946)."""
+
+    @property
+    def is_sure(self) -> bool:
+        """Whether the offset is beyond doubt."""
+        clear = self.agreement > self.next_best + _CLEARLY
+        return clear and self.agreement >= _AGREE and self.certainty >= _CERTAIN
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds, ``RATE`` a second, rad/s; NaN where no two rotations are known.
+    """Return angular speeds, ``RATE`` per second, in rad/s; NaN where fewer than two are known.
 
     Args:
         rotations: (F, 3, 3) in any world and axes.
@@ -68,12 +73,8 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
     """Return when the other recording begins in the one; None where no wrist moves, or they are too short.
 
-    The correlation of the speeds of all wrists over what both cover, at its highest of all offsets, between samples by
-    a parabola.
-
-    Args:
-        one: speeds (n,) of each wrist, ``RATE`` a second.
-        other: speeds (m,) of the same wrists.
+    The offset has the highest correlation of the speeds of all wrists over the overlap, between samples by a parabola.
+    Speeds are (n,) and (m,) of the same wrists, ``RATE`` per second.
     """
     pairs = [(a, b) for a, b in zip(one, other, strict=True) if _moves(a) and _moves(b)]
     if not pairs:
@@ -94,7 +95,7 @@ def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClo
 
 
 def _independent(a: np.ndarray, b: np.ndarray) -> float:
-    """Return how many independent samples two series of n are worth: ``n / Σ_k ρ_a(k) ρ_b(k)``, of autocorrelations."""
+    """Return the number of independent samples of two series of n: ``n / Σ_k ρ_a(k) ρ_b(k)``, of autocorrelations."""
     n = len(a)
     size = 1 << int(np.ceil(np.log2(2 * n)))
     power = [np.abs(np.fft.rfft(x - x.mean(), size)) ** 2 for x in (a, b)]
@@ -107,9 +108,9 @@ def _moves(speeds: np.ndarray) -> bool:
 
 
 def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
-    """Return the correlation of what both cover at every offset of b in a, from ``least - m`` to ``n - least``.
+    """Return the correlation over the overlap at every offset of b in a, from ``least - m`` to ``n - least``.
 
-    Sums over the common part come from cumulated ones, products from a convolution by Fourier transform.
+    Sums over the overlap come from cumulated ones, products from a convolution by Fourier transform.
     """
     n, m = len(a), len(b)
     size = 1 << int(np.ceil(np.log2(n + m)))
@@ -130,7 +131,7 @@ def _correlations(a: np.ndarray, b: np.ndarray, least: int) -> np.ndarray:
 
 
 def _vertex(scores: np.ndarray, best: int) -> float:
-    """Return where the parabola through the highest score and its neighbours is highest, in samples."""
+    """Return the vertex of the parabola through the highest score and its neighbours, in samples."""
     if not 0 < best < len(scores) - 1:
         return 0.0
     before, here, after = scores[best - 1 : best + 2]
@@ -139,21 +140,20 @@ def _vertex(scores: np.ndarray, best: int) -> float:
 
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
-"""Correlation of the wrists' speeds from which a time is sure, by how much every other is lower, and its certainty: of
-some hundred offsets that are tried, chance reaches 5 standard deviations once in ten thousand takes."""
+"""Least correlation of the wrists' speeds at a sure offset, its least lead over every other, and its least certainty:
+of some hundred offsets, chance reaches 5 standard deviations once in ten thousand takes."""
 _BEYOND_DEG, _BEYOND_SHARE = 15.0, 0.05
-"""Degrees beyond people's ranges, and share of the frames, from which angles are doubtful."""
+"""Least degrees beyond people's ranges, and least share of the frames, of doubtful angles."""
 
 
 @dataclass(frozen=True)
 class MergedHands:
-    """A motion with the hands of gloves."""
+    """A motion with the hands of gloves, and diagnostics."""
 
     motion: Motion
     offset_s: float
     """Second of the motion at which the gloves begin."""
     found: tuple[Diagnostic, ...]
-    """What was found on the way."""
 
 
 def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float | None = None) -> MergedHands:
@@ -161,9 +161,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
 
     Args:
         motion: of the body; fingers of sides that the gloves lack stay.
-        body: of the motion.
-        gloves: the recording.
-        offset_s: second of the motion at which it begins; None finds it by the wrists' turns.
+        offset_s: second of the motion at which the gloves begin; None finds it by the wrists' turns.
 
     Raises:
         BodyInvalid: the body has no fingers.
@@ -180,8 +178,9 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
     if not covered.any():
         raise MotionInvalid(
             f"The gloves' {gloves.times[-1]:.1f} s from {offset_s:+.1f} s share no frame with the motion.",
-            where=gloves.name, hint="Give another --offset.",
-        )  # fmt: skip
+            where=gloves.name,
+            hint="Give another --offset.",
+        )
     if not covered.all():
         found.append(diagnostic("gloves_cover_part", frames=true_runs(~covered), share=100.0 * covered.mean()))
     turns, resting, had = _fingers(motion)
@@ -205,7 +204,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
 
 
 def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return (F, 2, 15, 3) turns of the fingers and (F, 2, 15) which rest, to be written to; and whether it has any."""
+    """Return (F, 2, 15, 3) turns of the fingers and (F, 2, 15) which rest, both writable; and whether there are any."""
     turns, shape = finger_turns_of(motion), (motion.num_frames, 2, JOINTS_OF_A_HAND)
     if turns is None:
         return np.zeros((*shape, 3)), np.ones(shape, bool), False
@@ -214,37 +213,22 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
 
 
 def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
-    """Return the second at which the gloves begin, 0 where nothing shows it, and what was found."""
+    """Return the second at which the gloves begin, 0 where nothing shows it, and diagnostics."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)
     if clock is None:
         return 0.0, [diagnostic("gloves_time", result="unknown", severity=Severity.WARNING)]
     other = find_wrist_clock(own, theirs[::-1])
-    if other is not None and _is_sure(other) and other.agreement > clock.agreement + _CLEARLY:
+    if other is not None and other.is_sure and other.agreement > clock.agreement + _CLEARLY:
         return 0.0, [diagnostic("gloves_sides_exchanged", agreement=100.0 * other.agreement)]
-    if not _is_sure(clock):
-        return 0.0, [
-            diagnostic(
-                "gloves_time",
-                result="unsure",
-                severity=Severity.WARNING,
-                offset=clock.offset_s,
-                agreement=100.0 * clock.agreement,
-            )
-        ]
-    return clock.offset_s, [
-        diagnostic("gloves_time", result="found", offset=clock.offset_s, agreement=100.0 * clock.agreement)
-    ]  # fmt: skip
-
-
-def _is_sure(clock: WristClock) -> bool:
-    clear = clock.agreement > clock.next_best + _CLEARLY
-    return clear and clock.agreement >= _AGREE and clock.certainty >= _CERTAIN
+    figures: dict[str, Any] = {"offset": clock.offset_s, "agreement": 100.0 * clock.agreement}
+    if clock.is_sure:
+        return clock.offset_s, [diagnostic("gloves_time", result="found", **figures)]
+    return 0.0, [diagnostic("gloves_time", result="unsure", severity=Severity.WARNING, **figures)]
 
 
 def _wrists(motion: Motion) -> list[np.ndarray]:
-    """Return (F, 3, 3) world rotations of the left and the right wrist."""
     layout = motion.body_layout
     turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     local = exp_so3(turns.reshape(motion.num_frames, -1, 3))
@@ -259,7 +243,7 @@ def _wrists(motion: Motion) -> list[np.ndarray]:
 
 
 def _at(gloves: GloveTake, side: int, times: np.ndarray, covered: np.ndarray) -> np.ndarray:
-    """Return (F, A) angles of a side at times of the gloves, NaN where they are unknown."""
+    """Return (F, A) angles of a side at times of the gloves, NaN where unknown."""
     angles = np.full((len(times), NUM_ANGLES), np.nan)
     for a in range(NUM_ANGLES):
         known = np.isfinite(gloves.angles[:, side, a])
@@ -270,7 +254,6 @@ def _at(gloves: GloveTake, side: int, times: np.ndarray, covered: np.ndarray) ->
 
 
 def _beyond(angles: np.ndarray, side: int) -> list[Diagnostic]:
-    """Return a warning of angles that people do not have."""
     prior = load_hand_prior()
     off = np.nan_to_num(np.maximum(angles - prior.high, prior.low - angles))
     often = np.flatnonzero((off > np.deg2rad(_BEYOND_DEG)).mean(axis=0) > _BEYOND_SHARE)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
@@ -17,7 +18,7 @@ from solver_backend.types import SkeletonMotion
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
 NUM_TURNED = 1 + NUM_BODY_JOINTS
-"""Joints that are measured: all but SMPL's two hand joints."""
+"""Turned joints: all but SMPL's two hand joints."""
 _SPINE = SMPL.numbers("spine1", "spine2", "spine3")
 _NECK, _HEAD = SMPL.numbers("neck", "head")
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
@@ -25,7 +26,7 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 @dataclass(frozen=True)
 class Measured:
-    """What is known of our joints; world, metres."""
+    """A skeleton's part of our joints, in the world, metres."""
 
     places: np.ndarray
     """(F, NUM_JOINTS, 3), NaN where the skeleton has no such joint."""
@@ -36,14 +37,13 @@ class Measured:
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
-    """Return places and rotations of our joints as the skeleton has them.
+    """Return places and rotations of our joints by the skeleton.
 
     With G the rotation of a joint since the skeleton's rest, R_s that of its rest axes to the stage, R_b that of ours
-    and A what brings the bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: a bone points where theirs does.
+    and A that of its bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: our bones point where theirs do.
 
     Args:
-        motion: the skeleton's motion.
-        roles: its joint by role.
+        roles: the skeleton's joint by role.
         own_rest: (NUM_JOINTS, 3) joints of our body at rest, Y up.
 
     Raises:
@@ -64,7 +64,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
 
 
 def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the rotation by role that brings a bone from the skeleton's rest to ours, both on the stage."""
+    """Return the rotation by role from the skeleton's bone at rest to ours, both on the stage."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
         if not set(roles[:2]) <= index.keys():
@@ -80,10 +80,8 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
         if roles[2] not in index:
             continue
         if is_arm:
-            knuckles = [
-                index[f"{side}_{f}_1"] for f in ("index", "middle", "ring", "pinky") if f"{side}_{f}_1" in index
-            ]
-            if knuckles:
+            fingers = [f"{side}_{finger}_1" for finger in ("index", "middle", "ring", "pinky")]
+            if knuckles := [index[role] for role in fingers if role in index]:
                 reach = own[joints[2] + _HAND_AFTER_WRIST] - own[joints[2]]
                 aligned[roles[2]] = swing(lower @ (rest[knuckles].mean(0) - points[2]), reach) @ lower
         elif f"{side}_toe" in index:
@@ -95,7 +93,7 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
 
 
 def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return (F, 22, 3, 3): what the skeleton has, and between neighbours what it lacks."""
+    """Return (F, 22, 3, 3): the skeleton's rotations, with missing ones between their neighbours."""
     turns = np.empty((frames, NUM_TURNED, 3, 3))
     turns[:, 0] = G["pelvis"]
     spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
@@ -117,7 +115,7 @@ def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
 
 
 def _along(line: list[np.ndarray], share: float) -> np.ndarray:
-    """Return the rotation at a share of a chain of them, by the geodesic between neighbours."""
+    """Return the rotation at a share of a chain, by the geodesic between neighbours."""
     at = share * (len(line) - 1)
     low = min(int(at), len(line) - 1)
     if at - low < 1e-9 or low + 1 >= len(line):
@@ -129,42 +127,30 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 """Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
 _PLACE_SIGMA_M = 0.004
-"""Metres by which a joint of the limbs may be elsewhere."""
+"""Deviation of a joint of the limbs from the skeleton's, metres."""
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
-"""Radians by which a joint may be turned otherwise; the pelvis shows its tilt and stays, and collars begin elsewhere in
-every program, so that the same place of a shoulder needs another turn."""
+"""Deviation of turns, radians. The pelvis shows its tilt, and collars begin elsewhere in every program, so that the
+same place of a shoulder needs another turn."""
 _TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
 _ROUNDS, _BLOCK = 20, 256
 _DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
-"""Share that is added to the diagonal of the normal equations at first, and its factors where a step helps or does not:
-undamped steps end with shoulders 10 mm farther off on raised arms."""
-_LEAST_GAIN = 1e-3
-"""Share of the cost that a step must save for another one to follow."""
-_LONGEST_STEP = 0.4
-"""Radians that a joint turns in a round at most: farther off, the equations are not linear."""
-_CONVERGED = 1e-3
-"""Radians of a step from which the poses stay."""
-_ABOVE = np.zeros((NUM_JOINTS, NUM_TURNED), dtype=bool)
-"""Which turned joints each joint hangs from, itself included."""
-for _joint, _parent in enumerate(SMPL_PARENTS):
-    if _parent >= 0:
-        _ABOVE[_joint] = _ABOVE[_parent]
-    if _joint < NUM_TURNED:
-        _ABOVE[_joint, _joint] = True
-_MOVED = _ABOVE.copy()
-_MOVED[range(NUM_TURNED), range(NUM_TURNED)] = False
-"""(24, 22) which joints turning each one moves: those below it."""
+"""First share added to the diagonal of the normal equations, and its factors where a step helps or does not: undamped
+steps end with shoulders 10 mm farther off on raised arms."""
+_LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
+"""Share of the cost and radians below which a step is the last, and the most that a joint turns in a round, radians:
+farther off, the equations are not linear."""
+_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0
+"""(24, 22) turned joints above each joint, itself included."""
+_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)
+"""(24, 22) joints that turning each one moves: those below it."""
 
 
 def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
     """Return global rotations (F, 22, 3, 3) of our joints and places (F, 24, 3), by Levenberg-Marquardt.
 
     With a world rotation δ of each joint that takes all below along, places move by ``Σ δ_i × (p_k - p_i)`` and
-    rotations by ``Σ δ_i`` over what is above, so that both are linear in δ and in the root's place.
-
-    Args:
-        rest: (24, 3) joints of the shaped body at rest.
-        measured: what the skeleton states.
+    rotations by ``Σ δ_i`` over the joints above, so that both are linear in δ and in the root's place. ``rest`` are the
+    (24, 3) joints of the shaped body at rest.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
@@ -174,7 +160,7 @@ def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndar
 
 
 def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``fit_poses`` of some frames: Levenberg-Marquardt, each frame with a damping of its own."""
+    """Return ``fit_poses`` of some frames, each with a damping of its own."""
     known, prior = _known(places), _prior()
     G, root = turns.copy(), np.zeros((len(places), 3))
     root += (places[:, known] - posed(rest, G, root)[:, known]).mean(1)
@@ -210,7 +196,7 @@ def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple
 def _residuals(
     joints: np.ndarray, G: np.ndarray, places: np.ndarray, turns: np.ndarray, known: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return how far places (F, K, 3) and rotations (F, 22, 3) are off, by their deviations, and the sum of squares."""
+    """Return the residuals of places (F, K, 3) and rotations (F, 22, 3) in deviations, and the sum of squares."""
     r = (places[:, known] - joints[:, known]) / _PLACE_SIGMA_M
     turned = log_so3(turns @ np.swapaxes(G, -1, -2)) / _TURN_SIGMA[:, None]
     return r, turned, (r**2).sum((1, 2)) + (turned**2).sum((1, 2))
@@ -220,7 +206,7 @@ def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Return the (F, 24) deviations of joints in metres, the root mean square over the axes.
 
     With the normal equations H of the fit and the slopes J of a joint, ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``:
-    what the fit leaves open, and by how much the joint is not where the skeleton has it.
+    the freedom that the fit leaves, and the distance from the skeleton's joint.
 
     Args:
         joints: (F, 24, 3) of the fit.
@@ -240,7 +226,6 @@ def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 
 def _known(places: np.ndarray) -> np.ndarray:
-    """Return the joints of the limbs that the skeleton has."""
     return np.array([joint for joint in _PLACED if np.isfinite(places[0, joint, 0])])
 
 
@@ -263,7 +248,7 @@ def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
 
 
 def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
-    """Return (F, 3 K, 69): how the known places move with each joint's turn and with the root."""
+    """Return (F, 3 K, 69) derivatives of the known places by each joint's turn and the root."""
     v = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
     J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
     for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):

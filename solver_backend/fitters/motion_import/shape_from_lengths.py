@@ -13,26 +13,25 @@ _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "
 _PAIRS = (
     *(((a,), (b,)) for start, end in _BONES for a, b in zip(SMPL.both(start), SMPL.both(end), strict=True)),
     *((pair[:1], pair[1:]) for pair in (_HIPS, _SHOULDERS)),
-    (_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head")),
-)  # fmt: skip
-"""Ends of what is compared: bones of the limbs, widths, trunk, and shoulders to head; of several joints the middle."""
+    *((_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head"))),
+)
+"""Ends of the compared lengths: bones of the limbs, widths, trunk, and shoulders to head; of several joints the
+middle."""
 _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))
 """(12, 2) the one or two joints at each end."""
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
-"""Metres by which lengths may differ. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44
-degrees on `cmu_daz_martial_07`); the head's joint is drawn anywhere."""
+"""Deviation of lengths, metres. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44 degrees
+on `cmu_daz_martial_07`); the head's joint is drawn anywhere."""
 _ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
-"""A skeleton is one of our body's own where these lengths, so many times as certain, leave at most a millimetre with a
-shape of at most five standard deviations: then it is that shape, not one drawn to the mean."""
+"""A skeleton is one of our body's own where these lengths, with so many times the certainty, leave at most a millimetre
+with a shape of at most five standard deviations: then it is that shape, not one drawn to the mean."""
 
 
 def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
-    """Return the (10,) shape whose lengths are nearest, ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
+    """Return the (10,) shape with the nearest lengths, ``min Σ (l(β) - l)² / σ² + |β|²`` by Gauss-Newton.
 
-    Args:
-        body: the body.
-        rest: (24, 3) a skeleton's joints at rest, NaN where it has none.
+    ``rest`` are (24, 3) joints of a skeleton at rest, NaN where it has none.
     """
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
@@ -70,18 +69,14 @@ _FEET = ((7, 10), (8, 11))
 _LOWEST_SHARE = 2.0
 """Percentile of the frames' lowest soles that is the floor: single frames may lie deeper."""
 _NEAR_M, _STILL_M_S = 0.04, 0.3
-"""Height of a standing ball of the foot over its height at rest, and its speed, at most."""
+"""Largest height of a standing ball of the foot over its height at rest, and its largest speed."""
 
 
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height in metres at which the lowest soles stand.
 
-    A sole is below ankle and ball by what the shaped body at rest has there; a foot that stands has both down.
-
-    Args:
-        body: the body.
-        betas: (10,) its shape.
-        joints: (F, 24, 3) in the world.
+    A sole is below ankle and ball by their height in the shaped body at rest; a foot that stands has both down. Joints
+    are (F, 24, 3) in the world.
     """
     above = _rest_heights(body, betas)
     lowest = np.min([joints[:, joint, 2] - above[joint] for foot in _FEET for joint in foot], axis=0)

@@ -25,6 +25,7 @@ from solver_backend.fitters.partial_body.resting_spread import (
     ANCHORS,
     assumed_joints,
     assumed_places,
+    joined_words,
     stance,
     with_assumed_spread,
     with_resting_spread,
@@ -36,42 +37,39 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 LEADS: dict[str, tuple[str, float]] = {
     "trunk": ("spine1", 0.08),
     "head": ("neck", 0.06),
-    "left_upper_arm": ("left_shoulder", 0.06),
-    "right_upper_arm": ("right_shoulder", 0.06),
-    "left_forearm": ("left_elbow", 0.06),
-    "right_forearm": ("right_elbow", 0.06),
-    "left_thigh": ("left_hip", 0.06),
-    "right_thigh": ("right_hip", 0.06),
-    "left_shank": ("left_knee", 0.06),
-    "right_shank": ("right_knee", 0.06),
+    **{
+        f"{side}_{part}": (f"{side}_{joint}", 0.06)
+        for part, joint in (("upper_arm", "shoulder"), ("forearm", "elbow"), ("thigh", "hip"), ("shank", "knee"))
+        for side in ("left", "right")
+    },
 }
-"""The joint whose turn poses each part of ``PARTS``, and the least lever in metres of a landmark that informs it. The
-waist's markers have levers of 53 mm about the lowest joint of the spine and T12 131; C7 has 31 about the neck, the
-acromion 34 about the shoulder, the elbow's 31 about the elbow, and the tibia's tuberosity 74 about the knee."""
+"""The joint that poses each part of ``PARTS``, and the least lever in metres of a landmark that informs it. The waist's
+markers have levers of 53 mm about the lowest joint of the spine and T12 131; C7 has 31 about the neck, the acromion 34
+about the shoulder, the elbow's 31 about the elbow, and the tibia's tuberosity 74 about the knee."""
 HOLD_S, FADE_S = 0.5, 0.5
-"""So long after it was last informed (and before it is again) a part follows the fit; then it comes to rest in the
-time that follows. Gaps of up to a second are bridged as ever."""
+"""Seconds for which a part follows the fit after it was last informed (and before it is again), and in which it then
+comes to rest. Gaps of up to a second are interpolated."""
 UNKNOWN_S = 0.5
-"""So long before the first and after the last frame that informs a part, its deviation rises to that of one at rest:
-nothing leads back from there, and the fit states 14 to 26 mm of arms that are 29 to 242 mm off in the last 0.25 and
-0.5 s without markers (CMU 02_01 and 135_02, five exercises of UI-PRMD). Its pose follows the fit, which is nearer than
-a rest: 38 to 90 mm against 197 to 293 in 0.5 s of three exercises."""
+"""Seconds before the first and after the last informed frame in which a part's deviation rises to that at rest: nothing
+leads back from there, and the fit states 14 to 26 mm of arms that are 29 to 242 mm off in the last 0.25 and 0.5 s
+without markers (CMU 02_01 and 135_02, five exercises of UI-PRMD). Its pose follows the fit, which is nearer than a
+rest: 38 to 90 mm against 197 to 293 in 0.5 s of three exercises."""
 
 
 BETWEEN = 0.4
-"""Share of the resting variance that a part has at most while it is bridged between frames that inform it. In gaps of
-0.5 and 1 s of arms and legs (CMU 02_01, 135_02) joints are 40 to 175 mm off per axis where the fit states 8 to 22; in
-one of 0.1 s the third power leaves 3 % of the deviation at rest."""
+"""Largest share of the resting variance while a part is interpolated between informed frames. In gaps of 0.5 and 1 s of
+arms and legs (CMU 02_01, 135_02) joints are 40 to 175 mm off per axis where the fit states 8 to 22; in one of 0.1 s the
+third power leaves 3 % of the deviation at rest."""
 
 
 @dataclass(frozen=True)
 class PartShares:
-    """What is at rest, and what is as little known as if it were: (F,) from 0 to 1 of each part that is anywhere."""
+    """Shares (F,), from 0 to 1, of each part that is uninformed anywhere."""
 
     rest: dict[str, np.ndarray]
-    """How far a part is at rest."""
+    """Share of the rest in the pose."""
     spread: dict[str, np.ndarray]
-    """Share of the resting variance that its own has: at least as much."""
+    """Least share of the resting variance."""
 
 
 def resting_shares(
@@ -83,18 +81,18 @@ def resting_shares(
     fps: float,
     pinned: Sequence[int] = (),
 ) -> PartShares:
-    """Return how far each part that is not informed throughout is at rest, and how little is known of it.
+    """Return the shares of rest and of resting variance of each part that is not informed throughout.
 
     A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as
-    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1;
-    before the first and after the last informed frame the variance rises with the time over ``UNKNOWN_S``, squared, and
+    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
+    Before the first and after the last informed frame the variance rises with the time over ``UNKNOWN_S``, squared, and
     between informed frames with its third power up to ``BETWEEN``.
 
     Args:
         offsets: (L, 3) of the landmarks in the rest frame, metres.
         located: (F, L) bool.
         seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
-        pinned: frames whose poses somebody set, which informs every part.
+        pinned: frames with poses that somebody set, which informs every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -104,9 +102,8 @@ def resting_shares(
     for part, (joint, least) in LEADS.items():
         if not {joint, ANCHORS[part]} <= set(body.layout.joints):
             continue
-        informed = (
-            located[np.ix_(frames, lever[:, body.layout.joints.index(joint)] >= least)].any(axis=1) | known[frames]
-        )
+        leads = lever[:, body.layout.joints.index(joint)] >= least
+        informed = located[np.ix_(frames, leads)].any(axis=1) | known[frames]
         away, between = _distance(frames, frames[informed])
         u, gone = np.clip((away / fps - HOLD_S) / FADE_S, 0.0, 1.0), np.minimum(away / fps / UNKNOWN_S, 1.0)
         rest, unknown = u * u * (3.0 - 2.0 * u), np.where(between, np.minimum(gone**3, BETWEEN), gone**2)
@@ -123,13 +120,13 @@ def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
 
 
 def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the parts that no landmark of those located, (L,) bool, informs, all of them without offsets."""
+    """Return the parts that none of the located landmarks, (L,) bool without offsets, informs."""
     once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
     return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
-    """Return (L, J) how far landmarks at rest move by the turn of each joint, metres per radian about a far axis."""
+    """Return (L, J) movements of landmarks at rest by the turn of each joint, metres per radian about a far axis."""
     below = subtree_matrix(body.parents)
     share = landmarks.weights @ below.T
     places = np.einsum("jb,lbi->lji", below, landmarks.anchors) + share[..., None] * offsets[:, None]
@@ -149,21 +146,20 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the parts that no landmark informs at rest; the same object where there are none.
+    """Return the poses with the uninformed parts at rest; the same object where there are none.
 
-    Args:
-        pinned: see ``resting_shares``.
+    ``pinned`` are frames with poses that somebody set.
     """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
     offsets, seen = to_numpy(subject.offsets), measurements.seen
-    found = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
-    shares = found.rest
-    if not found.spread:
+    parts = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
+    shares, spread = parts.rest, parts.spread
+    if not spread:
         return solved
-    below = {part: _below(layout, part) for part in found.spread}
+    below = {part: _below(layout, part) for part in spread}
     if not shares:  # every part is informed, some of them not to the take's ends
-        return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, found.spread))
+        return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, spread))
     assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, offsets, measurements.located)
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
@@ -177,10 +173,13 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     if covariance is not None:
         covariance = constant(with_assumed_spread(to_numpy(covariance), layout, assumed), covariance)
     known = replace(solved, frames=frames, covariance=covariance)
-    covariance = _spread_out(known, measurements.fps, layout, below, found.spread)
+    covariance = _spread_out(known, measurements.fps, layout, below, spread)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
+    found = [*solved.diagnostics, *_diagnose(shares, measurements.source.REST)]
+    if where:
+        found.append(diagnostic("place_assumed", part=where, mm=1000 * sigma_m))
     return replace(
         solved,
         frames=frames,
@@ -188,11 +187,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         contacts=contacts,
         fitted=fitted,
         resting=resting > 0.0,
-        diagnostics=(
-            *solved.diagnostics,
-            *_diagnose(shares, measurements.source.REST),
-            *([diagnostic("place_assumed", part=where, mm=1000 * sigma_m)] if where else []),
-        ),
+        diagnostics=tuple(found),
     )
 
 
@@ -203,20 +198,14 @@ def _spread_out(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> Array | None:
-    """Return the covariances with the spread of what is hardly known, None where there are none."""
+    """Return the covariances with the spread of resting parts, None where there are none."""
     if solved.covariance is None:
         return None
     body, frames = solved.subject.body, solved.frames
     posed = forward_kinematics(body, solved.subject.betas, frames.root, frames.local, frames.transl)
     G, pelvis = to_numpy(posed.G), to_numpy(posed.joints)[:, 0]
-    spread = with_resting_spread(
-        to_numpy(solved.covariance),
-        G[:, list(body.recorded_joints)],
-        stance(G[:, 0], pelvis, fps),
-        layout,
-        below,
-        shares,
-    )
+    recorded, shown = G[:, list(body.recorded_joints)], stance(G[:, 0], pelvis, fps)
+    spread = with_resting_spread(to_numpy(solved.covariance), recorded, shown, layout, below, shares)
     return constant(spread, solved.covariance)
 
 
@@ -254,7 +243,7 @@ def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagn
 
 
 def listed(parts: list[str]) -> str:
-    """Return the words for parts of ``PARTS``, both sides and both halves of a limb as one: "Arms and head"."""
+    """Return the words for parts of ``PARTS``, with sides and halves of a limb joined: "Arms and head"."""
     words = []
     for limb, halves in (("arm", ("upper_arm", "forearm")), ("leg", ("thigh", "shank"))):
         sides = {side: [half for half in halves if f"{side}_{half}" in parts] for side in ("left", "right")}
@@ -264,5 +253,5 @@ def listed(parts: list[str]) -> str:
         for side, found in sides.items():
             words += [f"{side} {limb}"] if len(found) == 2 else [f"{side} {_NAMES[half]}" for half in found]
     words += [part for part in ("trunk", "head") if part in parts]
-    text = " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
+    text = joined_words(words)
     return text[:1].upper() + text[1:]

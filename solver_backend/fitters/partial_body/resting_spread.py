@@ -42,48 +42,44 @@ BESIDE_MM: dict[str, dict[str, float]] = {
 """Deviation per axis, millimetres, that joints beside a resting part have more than the fit states: its markers would
 show how the pelvis leans and how large the person is. By part without its side; of two thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
-"""Degrees by which the pelvis leans where the spread of trunk, head and legs is twice that of one upright, and beyond
-which it grows no more: who bends, sits, kneels or lies has them three times as far from their rest as who stands."""
+"""Lean of the pelvis that doubles the spread of trunk, head and legs, and beyond which it grows no more: people who
+bend, sit, kneel or lie have them three times as far from their rest as people who stand."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
-"""The same of arms beyond a lean of ``TILT_DEG``: who bends reaches for something. Of CMU's 229 clips their ellipsoids
-are right up to 15 degrees, and 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
+"""The same of arms beyond a lean of ``TILT_DEG``: people bend to reach for something. Of CMU's 229 clips their
+ellipsoids are right up to 15 degrees, and 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
 SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
-"""Metres per second along the ground up to which a pelvis stays where it is, and from which the person walks; seconds
-over which its speed is taken."""
+"""Largest speed of a pelvis along the ground that stays, least speed of a walk, and seconds over which it is taken."""
 WALKING = {"arm": 0.62, "upper": 0.75}
-"""How large the spread of arms, and of head and shoulders above a seen pelvis, is in who walks by that of who stays: a
+"""Spread of arms, and of head and shoulders above a seen pelvis, of people who walk by that of people who stay: a
 walk's arms hang, a stander's do anything. Radii that hold 50, 80 and 95 % of the arms of CMU's walks are 0.47, 0.66 and
-0.81 times as large as those of who stays, of the upper body 0.74, 0.73 and 0.75."""
+0.81 times as large as those of people who stay, of the upper body 0.74, 0.73 and 0.75."""
 LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
-"""Metres of the pelvis below its highest in the take from which legs bend and from which their spread grows no more,
-and how large it is then: 1.4 (knees), 1.2 (ankles) in CMU's clips."""
+"""Depth of the pelvis below its highest in the take from which legs bend and beyond which their spread grows no more,
+metres, and its factor then: 1.4 (knees), 1.2 (ankles) in CMU's clips."""
 _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
 
 
 @dataclass(frozen=True)
 class Stance:
-    """What a pelvis shows of what the rest of the body does, (F,) each."""
+    """Stance of a person by the pelvis, (F,) each."""
 
     lean: np.ndarray
     """Degrees between its axis and the vertical."""
     walking: np.ndarray
-    """0 of who stays in place to 1 of who walks."""
+    """From 0, staying in place, to 1, walking."""
     low: np.ndarray
-    """0 of who stands to 1 of who sits, squats, kneels or lies."""
+    """From 0, standing, to 1, sitting, squatting, kneeling or lying."""
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
-    """Return what (F, 3, 3) rotations and (F, 3) places of a pelvis show, metres, Z up."""
+    """Return the stance by (F, 3, 3) rotations and (F, 3) places of a pelvis, metres, Z up."""
     lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
     half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
     first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
     speed = np.linalg.norm(places[last, :2] - places[first, :2], axis=-1) * fps / np.maximum(last - first, 1)
     drop = float(np.quantile(places[:, 2], 0.95)) - places[:, 2]
-    return Stance(
-        lean,
-        np.clip((speed - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0),
-        np.clip((drop - LOW_M) / (LOWEST_M - LOW_M), 0.0, 1.0),
-    )
+    walking, low = (speed - SLOW_M_S) / (FAST_M_S - SLOW_M_S), (drop - LOW_M) / (LOWEST_M - LOW_M)
+    return Stance(lean, np.clip(walking, 0.0, 1.0), np.clip(low, 0.0, 1.0))
 
 
 def with_resting_spread(
@@ -96,13 +92,12 @@ def with_resting_spread(
 ) -> np.ndarray:
     """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth`` by what the pelvis shows. Joints of ``BESIDE_MM`` have their variances added, times s.
+    k is ``growth``. Joints of ``BESIDE_MM`` have their variances added, times s.
 
     Args:
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
-        shown: by the pelvis.
-        below: joints whose places each part's turns move.
+        below: joints that each part's turns move.
         shares: (F,) of each part, s.
     """
     found = unpacked(covariance)
@@ -128,15 +123,10 @@ def with_resting_spread(
 
 
 def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
-    """Return by how much the spread of a joint about its anchor, both without sides, differs from an upright stander's.
+    """Return the factor of a joint's spread about its anchor, both without sides, against an upright stander's.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` of trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` of arms, 1 of a head on a chest that is seen; times ``WALKING`` and, of legs, ``LOW``.
-
-    Args:
-        shown: by the pelvis, which leans by θ.
-        anchor: without its side.
-        joint: without its side.
+    ARM_TILT_DEG`` of arms, 1 of a head on a seen chest; times ``WALKING`` and, of legs, ``LOW``. θ is the pelvis' lean.
     """
     if joint in _ARM:
         leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
@@ -156,14 +146,14 @@ def _bare(name: str) -> str:
 CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
 """Joints that place the body where one of them is measured."""
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
-"""A joint is measured by a landmark so near: the pelvis' markers are 114 mm from its joint and 150 from the hips,
-which are 124 from it; the acromion's is 153 from the neck, and a wand on the thigh, which shows no hip,
-230 from that."""
+"""Largest distance of a landmark that measures a joint: the pelvis' markers are 114 mm from its joint and 150 from the
+hips, which are 124 from it; the acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230 from
+that."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
-"""Deviation per axis of an assumed joint by its distance from the nearest landmark: where trunk or head is measured,
-where two limbs are, and where one is. Of CMU's 02_01 and 135_02 and four takes of UI-PRMD with the other markers
-removed, the pelvis is 33 mm off below a chest, 85 above legs or lower legs, 90 between arms, 155 above one leg and 290
-below one arm (rms per axis, from the solve of all markers)."""
+"""Deviation per axis of an assumed joint by its distance from the nearest landmark: with a measured trunk or head, with
+two measured limbs, and with one. Of CMU's 02_01 and 135_02 and four takes of UI-PRMD with the other markers removed,
+the pelvis is 33 mm off below a chest, 85 above legs or lower legs, 90 between arms, 155 above one leg and 290 below one
+arm (rms per axis, from the solve of all markers)."""
 _LEG_JOINTS = ("hip", "knee", "ankle", "foot")
 _WORDS = {
     "pelvis": "pelvis", "hip": "hips", "knee": "knees", "spine": "trunk", "collar": "shoulders",
@@ -172,7 +162,7 @@ _WORDS = {
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
-    """Return the deviation per axis, metres, of the joints whose places only a posture determines.
+    """Return the deviation per axis, metres, of the joints that only a posture determines.
 
     A joint is measured where a landmark is near it, and where it lies between such joints: between any two where one of
     ``CORE`` is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm
@@ -195,12 +185,12 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     if not core:
         near -= {j for j in near if away[j] > 0.0 and names[j].endswith(("collar", "shoulder"))}
     measured, parents = _between(near, body.parents, across=core), body.parents
-    limbs = {(name.split("_")[0], name.endswith(_LEG_JOINTS)) for name in (names[j] for j in near)}
+    limbs = {(names[j].split("_")[0], names[j].endswith(_LEG_JOINTS)) for j in near}
     share = BEYOND_CHEST_RAD if core else BEYOND_LIMBS_RAD if len(limbs) > 1 else BEYOND_LIMB_RAD
-    below = set(measured)
+    known = set(measured)
     for j, parent in enumerate(parents):
-        below |= {j} if parent in below else set()
-    return {name: share * float(away[j]) for j, name in enumerate(names) if j not in below}
+        known |= {j} if parent in known else set()
+    return {name: share * float(away[j]) for j, name in enumerate(names) if j not in known}
 
 
 def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
@@ -216,7 +206,12 @@ def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tu
     """Return the words for assumed joints that are not at rest, and the largest deviation among them in metres."""
     kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
     words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
-    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words), max(kept.values(), default=0)
+    return joined_words(words), max(kept.values(), default=0)
+
+
+def joined_words(words: Sequence[str]) -> str:
+    """Return an enumeration: "arms, trunk and head"."""
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words)
 
 
 def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> set[int]:

@@ -12,8 +12,8 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.residuals.positions import SIGMA_M, PositionTerm, foot_contact_term
 
 ALONG_SIGHT = 3.0
-"""So many times as fast it may seem along the line of sight of a single camera, which sees no depth. On 48 filmed takes
-of subjects 08, 60 and of some that the lifter is trained on, feet skate by 0.011 cm a frame instead of 0.012 and joints
+"""Factor of the speed limit along the line of sight of a single camera, which sees no depth. On 48 filmed takes of
+subjects 08, 60 and of some that the lifter is trained on, feet skate by 0.011 cm a frame instead of 0.012 and joints
 are 0.1 mm nearer, with 2 as with 4; on the benchmark's own takes a foot goes deeper below the floor with 4."""
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")
 """A detector's keypoints and places of markers, without their side."""
@@ -30,35 +30,36 @@ class Contacts:
     """(F, L, 3) metres: the mean position of each stand, 0 elsewhere."""
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return (F, 2) bool: any point of the left, of the right foot is planted; None where no point is a foot's."""
-        if not _foot_columns(names):
-            return None
+        """Return (F, 2) bool: a point of the left and of the right foot is planted; None where no point is a foot's."""
         feet = _foot_columns(names)
+        if not feet:
+            return None
         sides = [[k for k in feet if names[k].startswith(side)] for side in _SIDES]
         return np.stack([self.planted[:, columns].any(axis=1) for columns in sides], axis=1)
 
     def term(self, like: Array, firmness: float = 1.0) -> PositionTerm:
-        """Return what draws the planted points to their anchors, with so many times smaller a standard deviation."""
+        """Return the term that draws the planted points to their anchors; firmness divides its deviation."""
         return foot_contact_term(self.planted, self.anchors, like, SIGMA_M / firmness)
 
 
 def find_contacts(
-    points: np.ndarray, names: tuple[str, ...], fps: float, fixed: np.ndarray | None = None,
+    points: np.ndarray,
+    names: tuple[str, ...],
+    fps: float,
+    fixed: np.ndarray | None = None,
     sight: np.ndarray | None = None,
-) -> Contacts:  # fmt: skip
+) -> Contacts:
     """Find the frame ranges in which points of the feet are slow and low.
 
     Args:
         points: (F, L, 3) solved positions, metres, Z up.
-        names: of the L points.
         fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
         sight: (F, 3) unit direction of the one camera that sees the person; None where several do.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
-    frames, count = points.shape[:2]
     columns = _foot_columns(names)
-    planted, anchors = np.zeros((frames, count), dtype=bool), np.zeros((frames, count, 3))
-    if frames < 3 or not columns:
+    planted, anchors = np.zeros(points.shape[:2], dtype=bool), np.zeros(points.shape)
+    if len(points) < 3 or not columns:
         return Contacts(planted, anchors)
     feet = points[:, columns]
     way, seconds = steps(feet, fps)

@@ -20,17 +20,15 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marq
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
 FIXED = 1e12
-"""Precision of what is kept."""
+"""Precision of kept unknowns."""
 
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """What is known of a person before the take; noise in neighbouring frames is shared, so evidence is discounted."""
+    """Prior knowledge of a person; the shape space has unit variance."""
 
-    betas_sigma: float = 1.0
-    """The shape space has unit variance."""
     offset_sigma_m: float | np.ndarray = 0.02
-    """How far a detector's idea of a point may lie from ours; (L,), or one for all."""
+    """Deviation of a detector's points from ours; (L,), or one for all."""
     evidence: float = 0.2
     """Share of each frame's information that is new: detector noise is correlated in time."""
     free_betas: bool = True
@@ -46,26 +44,28 @@ class _ShapeState:
 
 
 def fit_shape(
-    subject: Subject, prior: PosePrior, objective: FrameObjective, start: FrameStates, scales: tuple[float, ...],
-    settings: LMSettings, shape_prior: ShapePrior = ShapePrior(),
-) -> tuple[Subject, FrameStates]:  # fmt: skip
+    subject: Subject,
+    prior: PosePrior,
+    objective: FrameObjective,
+    start: FrameStates,
+    scales: tuple[float, ...],
+    settings: LMSettings,
+    shape_prior: ShapePrior = ShapePrior(),
+) -> tuple[Subject, FrameStates]:
     """Fit shape, landmark offsets and the poses of a sample of frames together (arrowhead normal equations).
 
     Args:
-        subject: where shape and offsets start.
-        objective: of the sample.
+        subject: start of shape and offsets.
         start: poses of the sample.
         scales: of Geman-McClure's penalty, falling.
         settings: of each scale.
-        shape_prior: what is known of shape and offsets.
     """
     state, layout = _ShapeState(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
 
     def retract(s: _ShapeState, step: Array) -> _ShapeState:
         m = precision.shape[0]
-        xp = array_namespace(step)
-        by_frame = xp.reshape(step[0, m:], (len(start.z), -1))
+        by_frame = array_namespace(step).reshape(step[0, m:], (len(start.z), -1))
         return _ShapeState(moved(s.subject, step[0, :m]), s.frames.retract(by_frame, layout))
 
     for scale in scales:
@@ -80,7 +80,6 @@ def fit_shape(
 def _arrowhead(
     prior: PosePrior, state: _ShapeState, objective: FrameObjective, scale: float, precision: Array, mean: Array
 ) -> tuple[Array, Arrowhead]:
-    """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)
     frames, layout = posed(prior, state.frames), state_layout(prior).without(UNCOVERED, RESIDUAL)
     d_pose_d_state, dof = d_pose_d_key(layout, prior, state.frames.z, state.frames.residual), frames.layout.dof
@@ -116,7 +115,7 @@ def _arrowhead(
 def refit_shape(
     subject: Subject, frames: PosedFrames, objective: FrameObjective, scale: float, shape_prior: ShapePrior
 ) -> Subject:
-    """Return the subject with shape and offsets re-estimated (one linear step) from poses that stay as they are."""
+    """Return the subject with shape and offsets re-estimated (one linear step) from fixed poses."""
     if not (shape_prior.free_betas or shape_prior.free_offsets):
         return subject
     J, gradient, information, _ = _point_jacobian(subject, frames, objective, scale)
@@ -146,7 +145,7 @@ def _parameters(subject: Subject) -> Array:
 
 
 def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
-    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or what is kept."""
+    """Return the (10 + 3 L,) mean of the shared unknowns: the average person without bias, or kept values."""
     xp = array_namespace(subject.betas)
     betas = xp.zeros_like(subject.betas) if shape_prior.free_betas else subject.betas
     offsets = xp.zeros_like(subject.offsets) if shape_prior.free_offsets else subject.offsets
@@ -154,8 +153,8 @@ def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
 
 
 def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
-    """Return the (10 + 3 L,) precision of the shared unknowns; what is kept has ``FIXED``."""
-    betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if shape_prior.free_betas else FIXED)
+    """Return the (10 + 3 L,) precision of the shared unknowns; kept ones have ``FIXED``."""
+    betas = np.full(10, 1.0 if shape_prior.free_betas else FIXED)
     loose = np.asarray(shape_prior.offset_sigma_m) ** -2.0 if shape_prior.free_offsets else np.array(FIXED)
     offsets = np.repeat(np.broadcast_to(loose, len(subject.landmarks)), 3)
     return constant(np.concatenate([betas, offsets]), subject.betas)
@@ -183,9 +182,9 @@ SAMPLE_FRAMES = 32
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
-    """Return the subject with the shape learned from a sample of frames, where the settings know none.
+    """Return the subject with the shape learned from a sample of frames, where the settings state none.
 
-    A person who is known before the solve stays as they are.
+    A person who is known before the solve is kept.
     """
     if problem.measurements.subject is not None:
         return problem.measurements.subject

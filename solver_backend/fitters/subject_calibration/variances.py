@@ -12,9 +12,9 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant, to_
 from solver_backend.residuals.terms import DataTerm
 
 PRIOR_FRAMES = 60.0
-"""How many frames' worth of evidence there is that all views are alike; errors of neighbouring frames are."""
+"""Weight of equal views in frames: errors of neighbouring frames are alike."""
 RANGE = (0.2, 5.0)
-"""Least and largest variance of one view's keypoint, as a share of the keypoint's mean over the views."""
+"""Limits of the variance of one view's keypoint, by the keypoint's mean over the views."""
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
@@ -31,12 +31,11 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     ``v_cl = (Σ_f |r|²/d + n v_l) / (Σ_f (1 - h) + n)`` over the inliers, in units of the variance assumed so far: the
     restricted maximum of the log-variance's likelihood (thesis eqs. 5.2, 5.3) under an inverse-gamma prior. h is the
     share of a view's own error that the point takes over, ``w J S⁻¹ Jᵀ`` with ``S = Σ_c w Jᵀ J``. Variances are
-    relative to their keypoint's mean: how noisy a keypoint is altogether is known from what the views disagree on, and
-    residuals of a body that does not follow a bent toe or a fast limb yet would pass for more of it, and keep it so.
-    Points that are measured once teach nothing.
+    relative to their keypoint's mean: the views' disagreement determines a keypoint's overall noise, and residuals of a
+    body that does not follow a bent toe or a fast limb yet would pass for more of it, and keep it so. Points that are
+    measured once teach nothing.
 
     Args:
-        subject: the person.
         frames: poses of the sample.
         term: data of all frames.
         scale: detections beyond this many standard deviations are left out.
@@ -65,30 +64,29 @@ def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: f
 WINDOW_S = 0.5
 """Length of a stretch: errors of markers and of networks last about as long."""
 TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0
-"""Frames' worth of evidence that a landmark is like all others, and that a stretch of it is like the rest."""
+"""Weights, in frames, of the mean landmark, and of a landmark's mean over the take."""
 LANDMARK_RANGE = (0.2, 25.0)
-"""Least and largest variance, as a share of the first."""
+"""Limits of the variance by the first."""
 
 
 def with_window_variances(
-    term: DataTerm, points: Array, fps: float, scale: float, dof: float,
-    looked_at: np.ndarray | None = None,
-) -> DataTerm:  # fmt: skip
+    term: DataTerm, points: Array, fps: float, scale: float, dof: float, looked_at: np.ndarray | None = None
+) -> DataTerm:
     """Return the term with a variance for every landmark and stretch of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
     assumed so far, and v_l from all of the take about the mean landmark in the same way: the maximum of the
     log-variances' likelihood (thesis eqs. 5.2, 5.3) in closed form, under inverse-gamma priors. h is the share of a
-    landmark's error that the body takes over: unknowns by measured coordinates. A level below what was assumed is not
-    believed, as residuals of a solution are smooth alike; a level above it is.
+    landmark's error that the body takes over: unknowns by measured coordinates. A level below the assumed one is not
+    used, as residuals of a solution are smooth in any case.
 
     Args:
         term: landmarks measured once, all F frames.
         points: (F, L, 3) landmarks of a solution.
         scale: landmarks beyond this many standard deviations are left out.
         dof: unknowns of a solution for each frame.
-        looked_at: (T,) bool of all frames of the term: those that the points are of; None: all. A stretch without any
-            is as the landmark is elsewhere.
+        looked_at: (T,) bool of all frames of the term: those of the points; None for all. A stretch without any has the
+            landmark's mean.
 
     Reference: Kendall and Gal 2017, eq. 8, whose minimum by a variance this is.
     """
@@ -102,14 +100,9 @@ def with_window_variances(
     mean = square.sum() / max(free.sum(), 1.0)
     by_landmark = (square.sum(0) + TAKE_FRAMES * mean) / (free.sum(0) + TAKE_FRAMES)
     window = (np.arange(len(looked_at)) / max(1.0, WINDOW_S * fps)).astype(int)
-    sums, freedoms = (_by_window(values, window[looked_at], window[-1] + 1) for values in (square, free))
+    sums, freedoms = np.zeros((2, window[-1] + 1, square.shape[1]))
+    for total, values in ((sums, square), (freedoms, free)):
+        np.add.at(total, window[looked_at], values)
     variance = (sums + WINDOW_FRAMES * by_landmark) / (freedoms + WINDOW_FRAMES)
     level = min(float(np.median(by_landmark)), 1.0)
     return term.rescaled(constant(np.clip(variance / max(level, 1e-3), *LANDMARK_RANGE)[window][None], points))
-
-
-def _by_window(values: np.ndarray, window: np.ndarray, count: int) -> np.ndarray:
-    """Return (W, L) sums of (F, L) values over the frames of each window; 0 where it has none."""
-    found = np.zeros((count, values.shape[1]))
-    np.add.at(found, window, values)
-    return found
