@@ -36,33 +36,26 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class AnnyRig:
-    """A skinned mesh in its own rest pose: V vertices, B bones, N shapes."""
+    """A skinned mesh in its own rest pose: V vertices, B bones, N shapes; metres, Y up, facing +Z."""
 
     bones: tuple[str, ...]
-    """B names."""
     parents: tuple[int, ...]
     """Index of each bone's parent; -1 at the root."""
     weights: csr_matrix
     """(V, B)."""
     faces: np.ndarray
-    """(T, 3)."""
     vertices: np.ndarray
-    """(N, V, 3) of N sampled shapes, metres, Y up, facing +Z."""
+    """(N, V, 3)."""
     heads: np.ndarray
     """(N, B, 3)."""
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
-    """Sample adult shapes: the skin and both eyes.
-
-    Args:
-        topology: one of ``TOPOLOGIES``.
-        num_samples: shapes.
-        seed: of the sampling.
+    """Sample adult shapes of one of ``TOPOLOGIES``: the skin and both eyes.
 
     Raises:
         BackendMissing: ``anny`` or torch is not installed.
-        JobInvalid: the topology is not one of those.
+        JobInvalid: the topology is unknown.
     """
     if topology not in TOPOLOGIES:
         raise JobInvalid(f"The topology {topology!r} is unknown; {', '.join(TOPOLOGIES)} are known.")
@@ -83,10 +76,9 @@ def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
     index, value = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
     rows = np.repeat(np.arange(len(index)), index.shape[1])
     weights = csr_matrix((value.ravel(), (rows, index.ravel())), shape=(len(index), model.bone_count))
-    return _skin_alone(AnnyRig(
-        tuple(model.bone_labels), tuple(int(p) for p in model.bone_parents), weights,
-        model.faces.numpy().astype(np.int64), np.concatenate(vertices), np.concatenate(heads),
-    ))  # fmt: skip
+    parents, faces = tuple(int(p) for p in model.bone_parents), model.faces.numpy().astype(np.int64)
+    parts = np.concatenate(vertices), np.concatenate(heads)
+    return _skin_alone(AnnyRig(tuple(model.bone_labels), parents, weights, faces, *parts))
 
 
 def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
@@ -148,14 +140,11 @@ _LOG = logging.getLogger(__name__)
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
     """Return the arrays of the body file, with SMPL's keys; the pelvis is the origin for every shape.
 
-    Args:
-        topology: one of ``TOPOLOGIES``.
-        num_samples: shapes that the ten components are taken from.
-        seed: of the sampling.
+    The ten components are taken from ``num_samples`` shapes.
 
     Raises:
         BackendMissing: ``anny`` or torch is not installed.
-        JobInvalid: the topology is not one of those.
+        JobInvalid: the topology is unknown.
     """
     rig = read_rig(topology, num_samples, seed)
     owner = _owners(rig)
@@ -179,14 +168,12 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
 
 def _sources() -> dict[str, str]:
     """Return the rig's bone that begins at each of the 24 joints."""
-    sides = {
-        f"{side}_{ours}": f"{bone}.{side[0].upper()}" for ours, bone in _LEFT.items() for side in ("left", "right")
-    }
-    return _MIDLINE | sides
+    pairs = [(side, ours, bone) for ours, bone in _LEFT.items() for side in ("left", "right")]
+    return _MIDLINE | {f"{side}_{ours}": f"{bone}.{side[0].upper()}" for side, ours, bone in pairs}
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return for each bone the joint that carries it: its own, its nearest ancestor's, toes and fingers one each."""
+    """Return the joint of each bone: its own, or its nearest ancestor's; toes and fingers have one each."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):
@@ -215,9 +202,7 @@ def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     for side, sign in (("left", 1.0), ("right", -1.0)):
         for start, end in _AIMS:
             a, b = (SMPL_JOINTS.index(f"{side}_{joint}") for joint in (start, end))
-            target = (
-                np.array([sign, 0.0, 0.0]) if start in ("shoulder", "elbow", "wrist") else np.array([0.0, -1.0, 0.0])
-            )
+            target = np.array([sign, 0.0, 0.0] if start in ("shoulder", "elbow", "wrist") else [0.0, -1.0, 0.0])
             turns[:, a] = _aim(rig.heads[:, source[b]] - rig.heads[:, source[a]], target)
         hand, wrist = (SMPL_JOINTS.index(f"{side}_{joint}") for joint in ("hand", "wrist"))
         turns[:, hand] = turns[:, wrist]

@@ -1,10 +1,63 @@
-"""The arrays of the generator: NumPy's alone."""
+"""Arrays of meshes that the generator's parts share: edges, normals, neighbours and smooth steps."""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.sparse as sp
 
 Array = np.ndarray
 
-
 NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)
+"""Features that a face of the mesh can show."""
+FLIP = np.array([-1.0, 1.0, 1.0])
+"""Turns a point into its mirror image."""
+
+
+def half_edges(faces: Array) -> Array:
+    """Return the (3 T, 2) directed edges of (T, 3) faces."""
+    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+
+
+def edges_of(faces: Array) -> Array:
+    """Return the (E, 2) edges, each once, the lower vertex first."""
+    return np.unique(np.sort(half_edges(faces), axis=1), axis=0)
+
+
+def neighbour_graph(faces: Array, count: int) -> sp.csr_matrix:
+    """Return the (count, count) matrix with 1 for every pair of vertices that share an edge."""
+    pairs = half_edges(faces)
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    return sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+
+
+def averaging(graph: sp.csr_matrix) -> sp.csr_matrix:
+    """Return the matrix with rows divided by their sums."""
+    return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
+
+
+def face_normals(vertices: Array, faces: Array) -> Array:
+    """Return the (T, 3) normals of faces, as long as twice their areas."""
+    corners = vertices[faces]
+    return np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+
+
+def normal_sums(vertices: Array, faces: Array) -> Array:
+    """Return the (V, 3) sums of ``face_normals`` around each vertex."""
+    total, normals = np.zeros_like(vertices), face_normals(vertices, faces)
+    for k in range(3):
+        np.add.at(total, faces[:, k], normals)
+    return total
+
+
+def part_of(faces: Array, chosen: Array, count: int) -> Array:
+    """Return the faces with all vertices chosen, numbered by place among these; ``count`` is that of all vertices."""
+    number = np.full(count, -1)
+    number[chosen] = np.arange(len(chosen))
+    own = number[faces]
+    return own[(own >= 0).all(axis=1)]
+
+
+def smooth_step(x: Array, low: float, high: float) -> Array:
+    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
+    t = np.clip((x - low) / (high - low), 0.0, 1.0)
+    return t * t * (3.0 - 2.0 * t)

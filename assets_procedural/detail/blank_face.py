@@ -7,7 +7,7 @@ import scipy.sparse as sp
 from scipy.interpolate import RBFInterpolator
 from scipy.sparse.linalg import spsolve
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, averaging, neighbour_graph
 
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
@@ -26,14 +26,13 @@ def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array
     skin around.
 
     Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3).
         head: (3,) metres, the head's joint.
     """
     folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
     away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)
     free, around, centre = away < 1.0, (away >= 1.0) & (away < _AROUND), head + _MIDDLE
-    plate, chosen = _umbrella(faces, len(vertices)), np.flatnonzero(free)
+    chosen, count = np.flatnonzero(free), len(vertices)
+    plate = sp.csr_matrix(averaging(neighbour_graph(faces, count)) - sp.eye(count))
     held = -plate[chosen][:, ~free] @ vertices[~free]
     even = spsolve(plate[chosen][:, chosen].tocsc(), held)
     radius, way = _rays(vertices[around] - centre)
@@ -45,11 +44,3 @@ def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array
 def _rays(points: Array) -> tuple[Array, Array]:
     length = np.linalg.norm(points, axis=1)
     return length, points / length[:, None]
-
-
-def _umbrella(faces: Array, count: int) -> sp.csr_matrix:
-    """Return (V, V): the mean of a vertex's neighbours less the vertex."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
-    return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph - sp.eye(count))

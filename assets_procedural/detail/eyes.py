@@ -9,10 +9,10 @@ from __future__ import annotations
 import numpy as np
 
 from assets_procedural.arrays import EYEBALL, IRIS, NONE, PUPIL, Array
-from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
+from assets_procedural.detail.patches import HalfBody, Oval, Patch, fan, replace, rings_to_faces, surface_around
 
 EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
-"""Of the left eyeball in the fitted mesh, metres, floor at y = 0."""
+"""Centre of the left eyeball in the fitted mesh, metres, floor at y = 0."""
 EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020
 """Radii. Irises of adults are 11.7 mm across in the mean (Rüfer et al. 2005); the fitted face is a little small."""
 _CORNEA_M = 0.0006
@@ -27,16 +27,12 @@ _LID_RINGS = (0.76, 0.48, 0.22)
 """Rings of the lids, as shares of the distance from the lids' edge to the rim of the hole."""
 _BALL_RINGS = (0.5,)
 _CLIPPED = 0.86
-"""Share of the distance to the lids' edge beyond which the iris has no ring of its own, where a lid lies over it."""
+"""Share of the distance to the lids' edge beyond which a lid covers the iris, which then has no ring of its own."""
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
 def put_in_eye(half: HalfBody) -> HalfBody:
-    """Return the half body with an eye in place of the slit.
-
-    Raises:
-        BodyInvalid: the slit is not where it is looked for.
-    """
+    """Return the half body with an eye in place of the slit; raise ``BodyInvalid`` if the slit is elsewhere."""
     return replace(half, _HOLE.holds, _eye(half))
 
 
@@ -56,17 +52,14 @@ def _eye(half: HalfBody) -> Patch:
     points += [np.column_stack([ring, _ball_depth(ring)]) for ring in ball]
     vertices = np.concatenate([*points, np.array([[*centre, _ball_depth(centre[None])[0]]])])
     rings = list(np.arange(len(points) * _AROUND).reshape(-1, _AROUND))
-    middle = np.full(_AROUND, len(vertices) - 1)
-    faces = rings_to_faces(rings, closed=True)
-    fan = np.stack([rings[-1], np.roll(rings[-1], -1), middle], axis=1)
-    faces = np.concatenate([faces, fan])
+    faces = np.concatenate([rings_to_faces(rings, closed=True), fan(rings[-1], len(vertices) - 1)])
     return Patch(vertices, faces, _shown(vertices, faces, len(lids)), rings[0], True)
 
 
 def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
-    """Return the (N, 2) border of the iris, drawn in where a lid lies over it, and the (N, 2) ways to it.
+    """Return the (N, 2) border of the iris, drawn in under the lids, and the (N, 2) directions to it.
 
-    The ways stand halfway between even angles and those of the lids' edge, so that faces between them are not skewed.
+    The directions are halfway between even angles and those of the lids' edge, so that faces between are not skewed.
     """
     out = seen - EYE_CENTRE[:2]
     to_edge = np.unwrap(np.arctan2(out[:, 1], out[:, 0]))
@@ -77,7 +70,7 @@ def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
 
 
 def _shown(vertices: Array, faces: Array, lids: int) -> Array:
-    """Return (Q,) what each face shows, by how far from the pupil's centre it is."""
+    """Return (Q,) the feature of each face, by its distance from the pupil's centre."""
     away = np.linalg.norm(vertices[faces].mean(axis=1)[:, :2] - EYE_CENTRE[:2], axis=1)
     on_ball = np.arange(len(faces)) >= 2 * _AROUND * lids
     return np.select([~on_ball, away < PUPIL_M, away < IRIS_M], [NONE, PUPIL, IRIS], EYEBALL)

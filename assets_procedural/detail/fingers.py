@@ -12,14 +12,15 @@ from itertools import pairwise
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import FLIP, Array, smooth_step
 from assets_procedural.layout import JOINT
+from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
 _WEB_M = 0.003
-"""How much further a finger may be before it hardly counts."""
+"""Additional distance at which a farther finger counts little."""
 _PALM_M = 0.016, 0.030
-"""From the thumb's axis: skin nearer than the first turns wholly with it, beyond the second not at all."""
+"""Distance from the thumb's axis within which skin turns wholly with it, and beyond which it does not."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +67,11 @@ STRAIGHTENED = 1.14471
 def finger_knots(joints: Array) -> Array:
     """Return the (40, 3) knots of all digits of both hands, metres; the right hand's mirror the left's."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
-    return np.concatenate([left, left * [-1.0, 1.0, 1.0]])
+    return np.concatenate([left, left * FLIP])
 
 
 def relaxed_knots(knots: Array) -> Array:
-    """Return the (40, 3, C) knots, or their derivatives, where the curled fingers have them.
-
-    Args:
-        knots: (40, 3, C) of the body with spread fingers, metres.
-    """
+    """Return the (40, 3, C) knots of the curled fingers, or their derivatives, by those of spread fingers in metres."""
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
         sign = np.array([flip, 1.0, 1.0])[:, None]
@@ -87,12 +84,12 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
     """Return points, or derivatives of points, of a body with spread fingers after its fingers have curled.
 
     With shares ``s`` that belong to a point, each knuckle at ``k`` takes ``p`` to ``k + R(s) (p - k)``, which is linear
-    in ``p`` and ``k`` together: what is true of points is true of their derivatives.
+    in ``p`` and ``k`` together: derivatives follow the same rule as points.
 
     Args:
         points: (V, 3, C) of the whole body: points, or their derivatives by C shape coefficients.
         knots: (40, 3, C) the same of ``finger_knots``.
-        straight: (V, 3) metres, where the points of the fitted body are, in which shares are measured.
+        straight: (V, 3) metres, points of the fitted body, in which shares are measured.
         joints: (24, 3) metres, of the fitted body.
     """
     out, hand, wrist = points.copy(), joints[JOINT["left_hand"]], joints[JOINT["left_wrist"]]
@@ -106,11 +103,14 @@ def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -
 
 def _curled(place: Array, points: Array, knots: Array) -> Array:
     """Return (N, 3, C) points of the left hand with every digit curled; ``place`` is metres from its joint."""
-    near = {name: _distance(place, np.array(digit.knots)) for name, digit in DIGITS.items()}
+    near = {
+        name: np.min([distance_to_segment(place, *bone) for bone in pairwise(np.array(digit.knots))], axis=0)
+        for name, digit in DIGITS.items()
+    }
     away = np.stack([near[name] for name in DIGITS if name != "thumb"])
     share = np.exp(-(away - away.min(axis=0)) / _WEB_M)
     share /= share.sum(axis=0)
-    of_thumb = (1.0 - _step(near["thumb"], *_PALM_M)) * (near["thumb"] < away.min(axis=0))
+    of_thumb = (1.0 - smooth_step(near["thumb"], *_PALM_M)) * (near["thumb"] < away.min(axis=0))
     shares = np.concatenate([of_thumb[None], np.where(of_thumb > 0, 0.0, share)])
     bent = [_bent(place, points, knots[k], digit) for k, digit in enumerate(DIGITS.values())]
     return points + sum(s[:, None, None] * (to - points) for s, to in zip(shares, bent, strict=True))
@@ -122,7 +122,7 @@ def _bent(place: Array, points: Array, knots: Array, digit: Digit) -> Array:
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     for k in (2, 1, 0):
         before = along[max(k - 1, 0)] + along[k]
-        share = _step((place - chain[k]) @ before / np.linalg.norm(before), -digit.soft_m[k], digit.soft_m[k])
+        share = smooth_step((place - chain[k]) @ before / np.linalg.norm(before), -digit.soft_m[k], digit.soft_m[k])
         hinge = np.cross(along[k], _UP)
         vector = -np.deg2rad(digit.flexion_deg[k]) * hinge / np.linalg.norm(hinge)
         if k == 0:
@@ -130,18 +130,3 @@ def _bent(place: Array, points: Array, knots: Array, digit: Digit) -> Array:
         turn = Rotation.from_rotvec(share[:, None] * vector).as_matrix()
         points = knots[k] + np.einsum("nab,nbc->nac", turn, points - knots[k])
     return points
-
-
-def _distance(points: Array, knots: Array) -> Array:
-    """Return the (N,) distance to a chain of segments."""
-    found = []
-    for a, b in pairwise(knots):
-        t = ((points - a) @ (b - a) / ((b - a) @ (b - a))).clip(0.0, 1.0)
-        found.append(np.linalg.norm(points - a - t[:, None] * (b - a), axis=1))
-    return np.min(found, axis=0)
-
-
-def _step(x: Array, low: float, high: float) -> Array:
-    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
-    t = np.clip((x - low) / (high - low), 0.0, 1.0)
-    return t * t * (3.0 - 2.0 * t)

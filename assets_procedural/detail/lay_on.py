@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.interpolate import RBFInterpolator
 
-from assets_procedural.arrays import LIPS, NONE, Array
+from assets_procedural.arrays import LIPS, NONE, Array, averaging, neighbour_graph
 from assets_procedural.detail.eyes import put_in_eye
 from assets_procedural.detail.nails import put_on_nails
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
@@ -25,21 +25,16 @@ _UPPER_M, _LOWER_M = 0.0066, 0.0076
 _RED = (0.17, 0.46, 0.74, 1.0)
 """Rings of the red, as shares of its height."""
 _BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)
-"""How far each of them reaches beyond the end of the seam."""
-_GROOVE_M, _GROOVE_WIDTH_M = 0.0019, 0.0011
-_BORDER_M = 0.0006
-"""How far the lips' border stands out in the middle."""
+"""Reach of each of them beyond the end of the seam."""
+_GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006
+"""Depth and width of the groove between the lips, and height of their border in the middle."""
 _HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)
 """The opening of the mouth: centre and radii in metres, measured on the base mesh by hand."""
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips in place of the slit.
-
-    Raises:
-        BodyInvalid: the slit is not where it is looked for.
-    """
+    """Return the half body with closed lips in place of the slit; raise ``BodyInvalid`` if the slit is elsewhere."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -98,7 +93,7 @@ def _rim(count: int) -> Array:
 
 
 def _groove(points: Array, seam: Array) -> Array:
-    """Return how deep the groove between the lips is at (N, 2) points, shallower towards the corner."""
+    """Return the depth of the groove between the lips at (N, 2) points, shallower towards the corner."""
     height = np.interp(points[:, 0], seam[:, 0], seam[:, 1])
     beyond = np.maximum(points[:, 0] - seam[-1, 0], 0.0)
     away = np.hypot(points[:, 1] - height, 2.0 * beyond)
@@ -107,31 +102,26 @@ def _groove(points: Array, seam: Array) -> Array:
 
 
 _FROM_M, _TO_M = 0.022, 0.040
-"""Ahead of the foot's joint: where the deepening sets in and where it is whole."""
+"""Distance ahead of the foot's joint where the deepening begins and is complete."""
 _SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58
 """Taubin 1995, "Curve and surface smoothing without shrinkage": forth and back, so that large forms stay."""
 _GAIN, _MOST_M = 2.2, 0.004
 _KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)
-"""Inwards and outwards of the foot's joint, where the change fades: keypoints are cast on both outer toes."""
+"""Distance inwards and outwards of the foot's joint where the change fades: keypoints are cast on both outer toes."""
 _SOLE_M = 0.006
-"""Up to this height nothing is moved up or down, so that the soles stay on the floor."""
+"""Height below which nothing moves up or down, so that the soles stay on the floor."""
 
 
 def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
-    """Return the half body's vertices with what distinguishes them from a smoothed foot doubled at the toes.
+    """Return the half body's vertices with deeper gaps between the toes, x >= 0, floor at y = 0.
 
     ``v + g (v - S v)``, S a number of averages over neighbours and g the share, an unsharp mask.
-
-    Args:
-        vertices: (V, 3) metres, x >= 0, floor at y = 0.
-        faces: (T, 3).
-        joints: (24, 3) metres, in the same frame.
     """
     foot = joints[JOINT["left_foot"]]
     ahead = (vertices[:, 2] - foot[2] + 0.30 * np.abs(vertices[:, 0] - foot[0] + 0.02) - _FROM_M) / (_TO_M - _FROM_M)
     t = np.clip(ahead, 0.0, 1.0) * ((vertices[:, 1] < 0.06) & (vertices[:, 2] > 0.1))
     share = t * t * (3.0 - 2.0 * t)
-    mean = _average(faces, len(vertices))
+    mean = averaging(sp.csr_matrix(neighbour_graph(faces, len(vertices)) + sp.eye(len(vertices))))
     smooth = vertices
     for _ in range(_SMOOTHINGS):
         for step in (_SHRINK, _SWELL):
@@ -146,29 +136,16 @@ def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
     return vertices + change
 
 
-def _average(faces: Array, count: int) -> sp.csr_matrix:
-    """Return (V, V): the mean of a vertex and its neighbours."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
-    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count)) + sp.eye(count)
-    return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph)
-
-
 ULNA_HEAD = np.array([0.0060, 0.0150, -0.0262])
 """From the left wrist's joint, metres."""
 _OUTWARDS = np.array([0.0, 0.5, -0.866])
 _REDONE_M, _AROUND_M = 0.012, 0.030
-"""Skin within the first is laid anew; from there to the second it is what the new skin joins."""
+"""Radius of the new skin, and of the skin that it joins."""
 _DOME_M, _DOME_WIDTH_M = 0.0009, 0.008
 
 
 def round_ulna(vertices: Array, joints: Array) -> Array:
-    """Return the half body's vertices with a rounded head of the ulna.
-
-    Args:
-        vertices: (V, 3) metres, x >= 0.
-        joints: (24, 3) metres, in the same frame.
-    """
+    """Return the half body's vertices, x >= 0, with a rounded head of the ulna."""
     offset = vertices - joints[JOINT["left_wrist"]] - ULNA_HEAD
     aside = np.cross(_OUTWARDS, [1.0, 0.0, 0.0])
     plane = offset @ np.stack([[1.0, 0.0, 0.0], aside], axis=1)
@@ -184,22 +161,17 @@ def round_ulna(vertices: Array, joints: Array) -> Array:
 
 @dataclass(frozen=True)
 class DetailedBody:
-    """A body to be looked at from near."""
+    """A closed and symmetric body for close-ups, with the feature of each face (T,)."""
 
     mesh: SymmetricMesh
-    """Closed and symmetric."""
     feature: Array
-    """(T,) what each face shows: a number of ``features``."""
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
     """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails; fingers stay spread.
 
-    Args:
-        joints: (24, 3) metres, in the same frame.
-
     Raises:
-        BodyInvalid: what is to be replaced is not where it is looked for, or the result is not closed.
+        BodyInvalid: a detail's place is elsewhere, or the result is not closed.
     """
     faces = mesh.faces[: len(mesh.faces) // 2]
     half = HalfBody(mesh.vertices[: faces.max() + 1], faces, np.full(len(faces), NONE))

@@ -8,9 +8,9 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import RBFInterpolator
 
-from assets_procedural.arrays import NAIL, NONE, Array
+from assets_procedural.arrays import NAIL, NONE, Array, normal_sums
 from assets_procedural.detail.fingers import DIGITS
-from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces
+from assets_procedural.detail.patches import HalfBody, Patch, fan, replace, rings_to_faces
 from assets_procedural.layout import JOINT
 
 _AROUND = 10
@@ -18,18 +18,18 @@ _AROUND = 10
 _RINGS = (1.0, 0.86, 0.74)
 """Skin, bottom of the fold and border of the plate, as shares of the oval's radii; chosen by hand on the picture."""
 _HOLE = 1.25
-"""Vertices within so many radii give way, so that the faces around a nail are no slivers."""
+"""Radii within which vertices give way, so that the faces around a nail are no slivers."""
 _FOLD_M, _PLATE_M = -0.0004, 0.0003
 """The fold lies below the skin, the plate above it; chosen by hand on the picture."""
 _DEEP_M, _BESIDE_M = 0.009, 0.011
-"""Skin so far under the nail's middle and so far beside it counts as the skin around it."""
+"""Largest depth under the nail's middle, and distance from it, of the skin around."""
 _FACING = 0.45
-"""Least cosine between the nail's normal and a normal of skin that shows where the surface lies."""
+"""Least cosine between the nail's normal and a normal of skin that shows the surface."""
 
 
 @dataclass(frozen=True)
 class NailPlace:
-    """Where one nail of the left side is."""
+    """Place of one nail of the left side."""
 
     centre: Array
     """(3,) metres, within 2 mm of the skin."""
@@ -59,11 +59,7 @@ _BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
-    """Return the half body with nails.
-
-    Args:
-        half: with straight spread fingers, floor at y = 0.
-        joints: (24, 3) metres, in the same frame.
+    """Return the half body, with straight spread fingers and floor at y = 0, with nails.
 
     Raises:
         BodyInvalid: a nail is not on the skin.
@@ -86,13 +82,12 @@ def _places(joints: Array) -> list[NailPlace]:
 
 
 def _upright(along: Array) -> Array:
-    """Return the unit vector at a right angle to ``along`` that points up most."""
+    """Return the unit vector perpendicular to ``along`` that points up most."""
     up = np.array([0.0, 1.0, 0.0]) - along[1] * along
     return up / np.linalg.norm(up)
 
 
 def _turned(vector: Array, axis: Array, angle: float) -> Array:
-    """Return a vector at a right angle to the unit axis, turned about it."""
     return np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
 
 
@@ -112,10 +107,7 @@ def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
 
 
 def _faces_up(half: HalfBody, up: Array) -> Array:
-    corners = half.vertices[half.faces]
-    normal, total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), np.zeros_like(half.vertices)
-    for k in range(3):
-        np.add.at(total, half.faces[:, k], normal)
+    total = normal_sums(half.vertices, half.faces)
     return total @ up > _FACING * np.linalg.norm(total, axis=1)
 
 
@@ -127,7 +119,7 @@ def _nail(place: NailPlace, skin: RBFInterpolator) -> Patch:
     height = np.repeat([0.0, _FOLD_M, _PLATE_M, _PLATE_M], [_AROUND] * len(_RINGS) + [1])
     vertices = place.centre + np.column_stack([flat, skin(flat) + height]) @ place.axes
     rings = list(np.arange(len(_RINGS) * _AROUND).reshape(-1, _AROUND))
-    fan = np.stack([rings[-1], np.roll(rings[-1], -1), np.full(_AROUND, len(vertices) - 1)], axis=1)
+    plate = fan(rings[-1], len(vertices) - 1)
     bands = [rings_to_faces([outer, inner], closed=True) for outer, inner in pairwise(rings)]
-    feature = np.repeat([NONE, NONE, NAIL], [len(bands[0]), len(bands[1]), len(fan)])
-    return Patch(vertices, np.concatenate([*bands, fan]), feature, rings[0], True)
+    feature = np.repeat([NONE, NONE, NAIL], [len(bands[0]), len(bands[1]), len(plate)])
+    return Patch(vertices, np.concatenate([*bands, plate]), feature, rings[0], True)

@@ -12,7 +12,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from assets_procedural.arrays import NONE, Array
+from assets_procedural.arrays import NONE, Array, half_edges, normal_sums
 from solver_backend.exchange.errors import BodyInvalid
 
 _BESIDE_M, _BEHIND_M = 0.0045, 0.007
@@ -22,14 +22,11 @@ Depth = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class HalfBody:
-    """The half mesh x >= 0 with what its faces show."""
+    """The half mesh x >= 0, floor at y = 0, with the feature of each face (T,)."""
 
     vertices: Array
-    """(V, 3) metres, floor at y = 0."""
     faces: Array
-    """(T, 3)."""
     feature: Array
-    """(T,) one of the numbers of ``features``."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +38,6 @@ class Patch:
     faces: Array
     """(Q, 3) into ``vertices``, wound outwards as seen from the front."""
     feature: Array
-    """(Q,)."""
     ring: Array
     """(R,) indices of the outermost vertices, counter-clockwise as seen from the front."""
     closed: bool
@@ -50,23 +46,20 @@ class Patch:
 
 @dataclass(frozen=True)
 class Oval:
-    """The vertices of an upright ellipse as seen from the front, those far behind left out."""
+    """Vertices in an upright ellipse as seen from the front, except those far behind."""
 
     centre: Array
-    """(2,) x and y, metres."""
     radii: Array
-    """(2,) metres."""
     least_z: float
-    """What lies behind it is not meant, metres."""
 
     def holds(self, vertices: Array, wider_m: float = 0.0) -> Array:
-        """Return (V,) whether it holds each of (V, 3) vertices, its radii made wider."""
+        """Return (V,) whether it holds each of (V, 3) vertices, with wider radii."""
         apart = np.linalg.norm((vertices[:, :2] - self.centre) / (self.radii + wider_m), axis=1)
         return (apart < 1.0) & (vertices[:, 2] > self.least_z)
 
 
 def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
-    """Return the half body with every vertex that ``hole`` marks taken out and the patch put in.
+    """Return the half body with the vertices that ``hole`` marks taken out and the patch put in.
 
     Raises:
         BodyInvalid: the hole's rim is not one chain, or there is none.
@@ -85,18 +78,11 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return z over (x, y) of the skin that is seen from the front, bridged smoothly (thin plate) where left out.
+    """Return z over (x, y) of the skin as seen from the front, smooth over what is left out.
 
-    Args:
-        half: the body.
-        near: (V,) marks vertices that the surface is to pass through.
-        left_out: (V,) marks vertices that it is not to pass through.
+    It passes through the vertices that ``near`` (V,) marks, except those that ``left_out`` (V,) marks.
     """
-    corners = half.vertices[half.faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    total = np.zeros_like(half.vertices)
-    for k in range(3):
-        np.add.at(total, half.faces[:, k], normal)
+    total = normal_sums(half.vertices, half.faces)
     facing = near & (total[:, 2] > 0.35 * np.linalg.norm(total, axis=1))
     points = half.vertices[facing & ~left_out]
     points = points[_uncovered(points, half.vertices[near])]
@@ -107,7 +93,7 @@ def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
 
 
 def _uncovered(points: Array, others: Array) -> Array:
-    """Mark the points that no other lies before, so that pockets under the skin do not count as skin."""
+    """Mark the points that no other point covers, so that pockets under the skin do not count as skin."""
     beside = KDTree(others[:, :2]).query_ball_point(points[:, :2], _BESIDE_M)
     return np.array([z > others[found, 2].max() - _BEHIND_M for z, found in zip(points[:, 2], beside, strict=True)])
 
@@ -123,6 +109,11 @@ def rings_to_faces(rings: list[Array], closed: bool) -> Array:
         faces.append(np.where(even, np.stack([a, b, c], 1), np.stack([a, b, d], 1)))
         faces.append(np.where(even, np.stack([a, c, d], 1), np.stack([b, c, d], 1)))
     return np.concatenate(faces)
+
+
+def fan(ring: Array, middle: int) -> Array:
+    """Return the (R, 3) faces between a closed ring and a vertex in its middle."""
+    return np.stack([ring, np.roll(ring, -1), np.full(len(ring), middle)], axis=1)
 
 
 def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
@@ -145,18 +136,14 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge that would join the two, on a grid of a micrometre; infinite beyond an end."""
+    """Return the length of the edge between the two, on a grid of a micrometre; infinite beyond an end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)
 
 
 def _outside(faces: Array, keep: Array, count: int) -> Array:
-    """Return (T,) the faces kept, without pockets under the skin that the hole cuts off.
-
-    Raises:
-        BodyInvalid: none is kept.
-    """
+    """Return (T,) the kept faces, without pockets under the skin that the hole cuts off."""
     if not keep.any():
         raise BodyInvalid("The rim of a hole is empty: the hole takes all.", hint="Fit the hole to the mesh anew.")
     edges = np.array(sorted(_directed(faces[keep])))
@@ -181,5 +168,4 @@ def _rim(kept: Array, removed: Array, closed: bool) -> Array:
 
 
 def _directed(faces: Array) -> set[tuple[int, int]]:
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    return {(int(a), int(b)) for a, b in pairs}
+    return {(int(a), int(b)) for a, b in half_edges(faces)}

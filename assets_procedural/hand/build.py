@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import FLIP, Array, part_of
 from assets_procedural.build import BODY_FILE, BuiltBody
 from assets_procedural.hand.joints import (
     FIRST,
@@ -17,7 +17,14 @@ from assets_procedural.hand.joints import (
     hand_weights,
     place_hand_joints,
 )
-from assets_procedural.skeleton.correctives import dual_quaternion_blend, joint_masks, parted, swelling, to_rest
+from assets_procedural.skeleton.correctives import (
+    dual_quaternion_blend,
+    fit_to_turns,
+    joint_masks,
+    parted,
+    swelling,
+    to_rest,
+)
 from assets_procedural.skeleton.joints import fit_regressor
 from assets_procedural.skeleton.skinning import pose_skeleton
 from solver_backend.body.hand_angles import ANGLES, FINGER_OF, JOINT_OF
@@ -42,34 +49,24 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
     """Return (V, 3, 270) correctives of the finger joints, metres per unit of ``flatten(R_j - I)``.
 
     Args:
-        vertices: (V, 3) rest vertices, metres.
-        faces: (T, 3).
         weights: (V, 52).
-        hands: rest joints and fingertips.
-        mirror: (V,) index of each vertex's mirror image.
     """
     masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
     turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
     chosen = np.flatnonzero(weights[:, [WRIST, *LEFT]].any(axis=1))
-    number = np.full(len(vertices), -1)
-    number[chosen] = np.arange(len(chosen))
-    own = number[faces]
     # The piece ends at the forearm, which no finger moves: its volume changes as the whole body's does.
-    piece = (vertices[chosen], own[(own >= 0).all(axis=1)], weights[chosen])
+    piece = (vertices[chosen], part_of(faces, chosen, len(vertices)), weights[chosen])
     for k, j in enumerate(LEFT):
         bone = hands.joints[j] - hands.joints[j - 1] if k % PER_FINGER == PER_FINGER - 1 else None
         bone = hands.joints[j + 1] - hands.joints[j] if bone is None else bone
         sampled = sample_turns(turns, k, rng)
         mask = masks[chosen, k]
         wanted = np.stack([_wanted(*piece, hands.joints, j, bone, mask, turn) for turn in sampled])
-        features = (sampled - np.eye(3)).reshape(_COUNT, 9)
-        fitted = np.linalg.solve(features.T @ features + _RIDGE * np.eye(9), features.T @ wanted.reshape(_COUNT, -1))
-        directions[chosen, :, 0, k] = np.transpose(fitted.reshape(9, -1, 3), (1, 2, 0)) * mask[:, None, None]
+        directions[chosen, :, 0, k] = fit_to_turns(sampled, wanted, _RIDGE, mask)
     directions = np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
     # The mirror image: x flips, and R turns into S R S with S = diag(-1, 1, 1).
-    flip = np.array([-1.0, 1.0, 1.0])
-    sign = flip[:, None, None] * (flip[:, None] * flip).ravel()
+    sign = FLIP[:, None, None] * (FLIP[:, None] * FLIP).ravel()
     directions[mirror, :, 1] = directions[:, :, 0] * sign
     return directions.reshape(len(vertices), 3, -1)
 
@@ -79,7 +76,6 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
 
     Args:
         skeleton: of the left hand.
-        joint: 0 to 14.
     """
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
@@ -90,7 +86,7 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
 
 
 def left_skeleton(hands: HandJoints) -> HandSkeleton:
-    """Return the left hand of these joints, the thumb first."""
+    """Return the left hand, the thumb first."""
     chains = np.concatenate([hands.joints[list(LEFT)].reshape(5, 3, 3), hands.tips[:5, None]], axis=1)
     order = [SMPL_FINGERS.index(finger) for finger in FINGERS]
     return HandSkeleton.of_points(np.concatenate([hands.joints[[WRIST]], chains[order].reshape(-1, 3)]), 0)
@@ -99,7 +95,6 @@ def left_skeleton(hands: HandJoints) -> HandSkeleton:
 def _wanted(
     vertices: Array, faces: Array, weights: Array, joints: Array, joint: int, bone: Array, mask: Array, turn: Array
 ) -> Array:
-    """Return the (V, 3) rest offsets wanted for one turned joint."""
     local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
     local[joint] = turn
     turns, shifts = pose_skeleton(joints, local, PARENTS)
@@ -132,11 +127,10 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
     weights = hand_weights(vertices, faces, real["weights"], joints, hands.tips, mirror).astype(np.float32)
     size = hand_size_directions(vertices, weights.astype(np.float64), joints)
     joint_size = joints[FIRST:] - np.repeat(joints[[WRIST, MIRROR[WRIST]]], len(LEFT), axis=0)
-    regressor = fit_regressor(
-        vertices, np.concatenate([real["shapedirs"], size[..., None]], axis=2), joints[FIRST:],
-        np.concatenate([hands.joint_dirs[FIRST:], joint_size[..., None]], axis=2), mirror,
-        tuple(MIRROR[j] - FIRST for j in range(FIRST, len(PARENTS))),
-    )  # fmt: skip
+    dirs = np.concatenate([real["shapedirs"], size[..., None]], axis=2)
+    joint_dirs = np.concatenate([hands.joint_dirs[FIRST:], joint_size[..., None]], axis=2)
+    other = tuple(MIRROR[j] - FIRST for j in range(FIRST, len(PARENTS)))
+    regressor = fit_regressor(vertices, dirs, joints[FIRST:], joint_dirs, mirror, other)
     posedirs = fit_hand_correctives(vertices, faces, weights.astype(np.float64), hands, mirror)
     chosen = np.nonzero((weights[:, FIRST:].sum(axis=1) > 0) | (regressor != 0).any(axis=0))[0]
     return {
@@ -151,11 +145,7 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
 
 
 def flat_rotations(hands: HandJoints) -> Array:
-    """Return (30, 3, 3) rotations from rest to a flat hand, of each finger bone as a whole, in SMPL-H's order.
-
-    Args:
-        hands: rest joints and fingertips.
-    """
+    """Return (30, 3, 3) rotations from rest to a flat hand, of each finger bone as a whole, in SMPL-H's order."""
     skeleton = left_skeleton(hands)
     angles = skeleton.rest_angles.copy()
     angles[[name.endswith("flexion") for name in ANGLES]] = 0.0
@@ -163,5 +153,4 @@ def flat_rotations(hands: HandJoints) -> Array:
     turned = (skeleton.pose(angles[None]).frames[0, :, 1:] @ np.swapaxes(skeleton.rest, -1, -2)).reshape(-1, 3, 3)
     left = np.zeros_like(turned)
     left[np.array(COLUMNS).ravel()] = turned
-    flip = np.array([-1.0, 1.0, 1.0])
-    return np.concatenate([left, left * flip[:, None] * flip])
+    return np.concatenate([left, left * FLIP[:, None] * FLIP])

@@ -9,32 +9,21 @@ import scipy.sparse as sp
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import FLIP, Array, part_of
 from assets_procedural.detail.fingers import DIGITS, relaxed_knots
 from assets_procedural.skeleton.skinning import MAX_INFLUENCES, cotangent_laplacian, distance_to_segment
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
-PARENTS = SMPL_HANDS.parents
-"""Parent of each of the 52 joints."""
-MIRROR = SMPL_HANDS.mirror
-"""Joint of the other side."""
-FIRST = SMPL_HANDS.group("left_hand")[0]
-"""The first finger joint; those before it are SMPL's."""
-WRIST = SMPL_HANDS.joints.index("left_wrist")
-"""The left wrist."""
+PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror
+"""Parent, and joint of the other side, of each of the 52 joints."""
 LEFT = SMPL_HANDS.group("left_hand")
-"""The left hand's finger joints."""
-PER_FINGER = 3
-"""Joints of a finger."""
+"""The left hand's finger joints; those before are SMPL's."""
+FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
+"""The first finger joint, the left wrist, and the joints of a finger."""
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
-    """Return the segments (start, end) of the bones of the left wrist's and finger joints.
-
-    Args:
-        joints: (52, 3) metres.
-        tips: (5, 3) metres, the ends of the left hand's fingers.
-    """
+    """Return the bones (start, end) of the left wrist and finger joints, by (5, 3) finger ends."""
     ends = {j: joints[j + 1] for j in LEFT if (j - FIRST) % PER_FINGER < PER_FINGER - 1}
     ends |= {LEFT[PER_FINGER * k + PER_FINGER - 1]: tip for k, tip in enumerate(tips)}
     bones = {WRIST: [(joints[WRIST], joints[knuckle]) for knuckle in LEFT[::PER_FINGER]]}
@@ -44,15 +33,14 @@ def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]
 _DIGIT = {"pinky": "little"}
 """Names of the generator's digits where they are not SMPL-H's fingers'."""
 _ROUNDS = 3
-"""How often the joints are moved to the middle of sections that halve the bend between them."""
+"""Moves of the joints to the middle of sections that halve the bend between them."""
 _FREE_SKIN, _BESIDE_M = 0.65, 0.006
-"""Share of a finger's first bone at which its skin is its own, beyond the web; metres that a knuckle moves at most."""
-_FLIP = np.array([-1.0, 1.0, 1.0])
+"""Share of a finger's first bone beyond the web, and the most that a knuckle moves, metres."""
 
 
 @dataclass(frozen=True)
 class HandJoints:
-    """The body's joints with fingers, and where the fingers end."""
+    """The body's joints with fingers, and the fingers' ends."""
 
     joints: Array
     """(52, 3) metres."""
@@ -73,28 +61,14 @@ class Knots:
 
     @classmethod
     def relaxed(cls, spread: Array, directions: Array) -> Knots:
-        """Return the knots of the fitted body's, given while its fingers are spread.
-
-        Args:
-            spread: (40, 3) metres.
-            directions: (40, 3, 10) metres per unit of shape.
-        """
+        """Return the relaxed knots by those of the spread fingers, (40, 3), and their directions."""
         return cls(relaxed_knots(spread[..., None])[..., 0], relaxed_knots(directions))
 
 
 def place_hand_joints(
     joints: Array, joint_dirs: Array, knots: Knots, vertices: Array, dirs: Array, faces: Array
 ) -> HandJoints:
-    """Return the joints of the body with fingers at rest.
-
-    Args:
-        joints: (24, 3) metres.
-        joint_dirs: (24, 3, 10) metres per unit of shape.
-        knots: of the relaxed digits.
-        vertices: (V, 3) rest vertices, metres.
-        dirs: (V, 3, 10) metres per unit of shape.
-        faces: (T, 3).
-    """
+    """Return the joints of the body with fingers at rest; directions are (.., 3, 10) per unit of shape."""
     left, left_dirs = _in_order(knots.points), _in_order(knots.directions)
     centres = np.zeros((len(left), len(vertices)))
     moved = np.isin(np.arange(len(left)) % 4, (1, 2))
@@ -116,13 +90,12 @@ def place_hand_joints(
     found, found_dirs = np.zeros((len(MIRROR), 3)), np.zeros((len(MIRROR), 3, dirs.shape[2]))
     found[:FIRST], found_dirs[:FIRST] = joints[:FIRST], joint_dirs[:FIRST]
     for side in (list(LEFT), [MIRROR[j] for j in LEFT]):
-        flip = np.ones(3) if side[0] == FIRST else _FLIP
+        flip = np.ones(3) if side[0] == FIRST else FLIP
         found[side], found_dirs[side] = left[is_joint] * flip, left_dirs[is_joint] * flip[:, None]
-    return HandJoints(found, found_dirs, np.concatenate([left[~is_joint], left[~is_joint] * _FLIP]))
+    return HandJoints(found, found_dirs, np.concatenate([left[~is_joint], left[~is_joint] * FLIP]))
 
 
 def _in_order(values: Array) -> Array:
-    """Return the left hand's knots in the order of SMPL-H's fingers."""
     names = list(DIGITS)
     order = [names.index(_DIGIT.get(finger, finger)) for finger in SMPL_FINGERS]
     digits = values[: len(values) // 2].reshape(len(names), 4, *values.shape[1:])
@@ -134,13 +107,9 @@ def _unit(vector: Array) -> Array:
 
 
 def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) -> Array:
-    """Return (V,) weights, summing to 1, of the centre of the section's outline whose centre is nearest to a point.
+    """Return (V,) weights, summing to 1, of the centre of a plane section's outline.
 
-    Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3).
-        near: (3,) metres, a point of the plane.
-        normal: (3,) of the plane.
+    Of several outlines it is the one with its centre nearest to ``near``, a point (3,) of the plane.
     """
     height = (vertices - near) @ normal
     crossing = (height[faces] > 0).any(axis=1) & (height[faces] <= 0).any(axis=1)
@@ -165,25 +134,14 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     return weights
 
 
-_FLOW = 3.0
-"""How sharply heat keeps to the nearest bone."""
-_SMALLEST = 0.01
-"""Shares below this are left out."""
+_FLOW, _SMALLEST = 3.0, 0.01
+"""Sharpness with which heat keeps to the nearest bone, and the least share of a bone."""
 _BONES = 4
-"""Bones of a hand that carry a vertex, at most: what glTF and game engines keep."""
+"""Most bones of a hand that carry a vertex, as glTF and game engines keep."""
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:
-    """Return (V, 52) weights.
-
-    Args:
-        vertices: (V, 3) rest vertices, metres.
-        faces: (T, 3).
-        weights: (V, 24) of the body without finger joints.
-        joints: (52, 3) metres.
-        tips: (10, 3) metres.
-        mirror: (V,) index of each vertex's mirror image.
-    """
+    """Return (V, 52) weights of (52, 3) joints and (10, 3) tips, by those of the body without fingers."""
     out = np.zeros((len(vertices), len(joints)))
     out[:, :FIRST] = weights[:, :FIRST]
     carried = weights[:, WRIST] + weights[:, FIRST]
@@ -198,11 +156,8 @@ def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, t
 
 
 def _heat_shares(vertices: Array, faces: Array, chosen: Array, bones: dict[int, list[tuple[Array, Array]]]) -> Array:
-    """Return (N, B) heat weights of the chosen vertices, their piece of the mesh alone."""
-    number = np.full(len(vertices), -1)
-    number[chosen] = np.arange(len(chosen))
-    own = number[faces]
-    points, own = vertices[chosen], own[(own >= 0).all(axis=1)]
+    """Return (N, B) heat weights of the chosen vertices, on their piece of the mesh alone."""
+    points, own = vertices[chosen], part_of(faces, chosen, len(vertices))
     distance = np.stack([np.min([distance_to_segment(points, *s) for s in segments], 0) for segments in bones.values()])
     nearest = distance.min(axis=0)
     owner = distance <= nearest + 1e-9

@@ -10,7 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import spsolve
 
 from assets_procedural import arrays
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, face_normals, half_edges
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 
 _MARGIN = 0.006
@@ -28,21 +28,14 @@ class TextureMap:
     """(F, 3) index into ``vt`` of each face's corners."""
 
     def per_vertex(self, faces: Array, count: int) -> Array:
-        """Return (V, 2): one coordinate a vertex, the first chart's where a seam gives several."""
+        """Return (V, 2) one coordinate per vertex, the first chart's at seams."""
         uv = np.zeros((count, 2))
         uv[faces[::-1].ravel()] = self.vt[self.ft[::-1].ravel()]
         return uv
 
 
 def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array) -> TextureMap:
-    """Flatten and pack every part.
-
-    Args:
-        vertices: (V, 3) metres.
-        faces: (F, 3).
-        part: (F,) number of the body part of each face.
-        facing: (P, 3) for each part the direction that its first shell faces.
-    """
+    """Flatten and pack every part, (F,); ``facing`` (P, 3) is the direction that its first shell faces."""
     label = _shells(vertices, faces, part, facing)
     charts, ft = [], np.zeros_like(faces)
     offset = 0
@@ -60,12 +53,10 @@ def build_texture_map(vertices: Array, faces: Array, part: Array, facing: Array)
 def flatten(vertices: Array, faces: Array) -> Array:
     """Return the (V, 2) least squares conformal map of a disk (Levy et al. 2002), its area equal to the surface's."""
     corners = vertices[faces]
-    x = corners[:, 1] - corners[:, 0]
-    length = np.linalg.norm(x, axis=1)
-    normal = np.cross(x, corners[:, 2] - corners[:, 0])
+    x, to_third = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    length, normal = np.linalg.norm(x, axis=1), np.cross(x, to_third)
     doubled = np.linalg.norm(normal, axis=1)
     y = np.cross(normal / doubled[:, None], x / length[:, None])
-    to_third = corners[:, 2] - corners[:, 0]
     u = np.einsum("fa,fa->f", to_third, x) / length
     v = np.einsum("fa,fa->f", to_third, y)
     local = np.stack([0 * u, length, u], axis=1) + 1j * np.stack([0 * u, 0 * u, v], axis=1)
@@ -90,8 +81,8 @@ def signed_areas(points: Array, faces: Array) -> Array:
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two border vertices far from each other; of mirror images the one with the lower number."""
-    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    """Return two distant border vertices; of mirror images the one with the lower number."""
+    pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])
     first = rim[_furthest(vertices[rim], vertices[rim].mean(axis=0))]
@@ -104,8 +95,7 @@ def _furthest(points: Array, origin: Array) -> int:
 
 def _shells(vertices: Array, faces: Array, part: Array, facing: Array) -> Array:
     """Return (F,) chart numbers: connected pieces of each part that face its direction, or away from it."""
-    corners = vertices[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal = face_normals(vertices, faces)
     towards = np.einsum("fa,fa->f", normal, facing[part]) / np.linalg.norm(normal, axis=1)
     graph = _face_graph(faces, part)
     degree = np.maximum(np.asarray(graph.sum(axis=1)).ravel(), 1.0)
@@ -131,7 +121,7 @@ def _pieces(faces: Array, group: Array) -> Array:
 
 def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
     """Return the adjacency of faces of the same group."""
-    pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+    pairs = np.sort(half_edges(faces), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(pairs.T[::-1])
     a, b = owner[order][0::2], owner[order][1::2]  # closed mesh: every edge has two faces
@@ -184,21 +174,8 @@ def _shelves(sizes: Array, order: Array) -> Array | None:
 SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(7)
 MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")
 """Names of the materials, in the order of their numbers."""
-PART_FACING = np.array(
-    [
-        (0.0, 0.0, 1.0),  # head
-        (0.0, 0.0, 1.0),  # torso
-        (0.0, 0.0, 1.0),  # left leg
-        (0.0, 0.0, 1.0),  # right leg
-        (0.0, 1.0, 0.0),  # left foot
-        (0.0, 1.0, 0.0),  # right foot
-        (0.0, 1.0, 0.0),  # left arm
-        (0.0, 1.0, 0.0),  # right arm
-        (0.0, 1.0, 0.0),  # left hand
-        (0.0, 1.0, 0.0),  # right hand
-    ]
-)
-"""(10, 3) direction that the first shell of each part faces."""
+PART_FACING = np.array([(0.0, 0.0, 1.0)] * 4 + [(0.0, 1.0, 0.0)] * 6)
+"""(10, 3) direction that the first shell of each part faces: head, torso and both legs; feet, arms and hands."""
 _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 
@@ -219,15 +196,7 @@ def face_parts(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
 
 
 def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
-    """Return the (F,) material of each face: head, hands and feet are skin, the rest wears a suit; eyes and lips.
-
-    Args:
-        part: (F,) from ``face_parts``.
-        feature: (F,) numbers of ``features``.
-    """
+    """Return the (F,) material of each face by its part and feature; the body wears a suit."""
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
-    of_feature = {
-        arrays.LIPS: LIPS, arrays.EYEBALL: EYEBALL, arrays.IRIS: IRIS, arrays.PUPIL: PUPIL, arrays.NAIL: NAIL,
-    }  # fmt: skip
-    conditions = [feature == number for number in of_feature]
-    return np.select(conditions, list(of_feature.values()), plain).astype(np.uint8)
+    of_feature = np.array([0, LIPS, EYEBALL, IRIS, PUPIL, NAIL])
+    return np.where(feature == arrays.NONE, plain, of_feature[feature]).astype(np.uint8)

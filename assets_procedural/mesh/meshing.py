@@ -10,6 +10,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 from skimage.measure import marching_cubes
 
+from assets_procedural.arrays import edges_of, face_normals, half_edges
 from assets_procedural.mesh.remeshing import on_grid, relax, remesh
 from assets_procedural.surface.primitives import Primitives
 from solver_backend.exchange.errors import BodyInvalid
@@ -109,8 +110,7 @@ def mirror_half(vertices: np.ndarray, faces: np.ndarray) -> SymmetricMesh:
 
 def euler_number(faces: np.ndarray, num_vertices: int) -> int:
     """Return V - E + F."""
-    edges = np.unique(np.sort(_half_edges(faces), axis=1), axis=0)
-    return num_vertices - len(edges) + len(faces)
+    return num_vertices - len(edges_of(faces)) + len(faces)
 
 
 def check_closed(faces: np.ndarray, num_vertices: int) -> None:
@@ -119,7 +119,7 @@ def check_closed(faces: np.ndarray, num_vertices: int) -> None:
     Raises:
         BodyInvalid: an edge has not exactly one face on each side, or Euler's number is not 2.
     """
-    directed = _half_edges(faces)
+    directed = half_edges(faces)
     forward = np.unique(directed, axis=0)
     closed = len(forward) == len(directed) and np.array_equal(forward, np.unique(directed[:, ::-1], axis=0))
     euler = euler_number(faces, num_vertices)
@@ -129,10 +129,6 @@ def check_closed(faces: np.ndarray, num_vertices: int) -> None:
             f"The mesh is {found}; one closed surface with 2 is expected.",
             hint="The primitives leave a hole or a bridge; fit them again.",
         )
-
-
-def _half_edges(faces: np.ndarray) -> np.ndarray:
-    return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
 
 
 def _marching_half(primitives: Primitives, cell: float = 0.003) -> tuple[np.ndarray, np.ndarray]:
@@ -158,7 +154,7 @@ def _weld(vertices: np.ndarray, faces: np.ndarray, tolerance: float) -> tuple[np
 
 
 def _largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    edges = _half_edges(faces)
+    edges = half_edges(faces)
     graph = coo_matrix((np.ones(len(edges)), edges.T), shape=(len(vertices),) * 2)
     _, label = connected_components(graph, directed=False)
     keep = label == np.bincount(label).argmax()
@@ -168,7 +164,7 @@ def _largest(vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.nd
 
 def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return per vertex its area and wanted edge length before the common scale: finer where the skin bends."""
-    edges = np.unique(np.sort(_half_edges(faces), axis=1), axis=0)
+    edges = edges_of(faces)
     normal = primitives.normals(vertices)
     step = np.linalg.norm(vertices[edges[:, 0]] - vertices[edges[:, 1]], axis=1)
     bend = np.linalg.norm(normal[edges[:, 0]] - normal[edges[:, 1]], axis=1) / np.maximum(step, 5e-4)
@@ -186,8 +182,7 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
     for _ in range(60):
         for a, b in ((0, 1), (1, 0)):
             np.minimum.at(size, edges[:, a], size[edges[:, b]] + _GRADATION * step)
-    corners = vertices[faces]
-    face_area = 0.5 * np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    face_area = 0.5 * np.linalg.norm(face_normals(vertices, faces), axis=1)
     area = np.zeros(len(vertices))
     for k in range(3):
         np.add.at(area, faces[:, k], face_area / 3.0)
@@ -196,7 +191,7 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
 
 def _cut_loop(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray, plane: Plane) -> np.ndarray:
     """Move the nearer end of every edge that crosses the plane onto it, along the skin."""
-    edges = np.unique(np.sort(_half_edges(faces), axis=1), axis=0)
+    edges = edges_of(faces)
     side = np.where(plane.near(vertices), plane.side(vertices), np.nan)
     crossing = edges[side[edges[:, 0]] * side[edges[:, 1]] < 0]
     nearer = np.where(np.abs(side[crossing[:, 0]]) <= np.abs(side[crossing[:, 1]]), crossing[:, 0], crossing[:, 1])

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable
 
 import numpy as np
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, face_normals, half_edges
 
 Point = tuple[float, float, float]
 Face = tuple[int, int, int]
@@ -28,7 +28,7 @@ class HalfMesh:
     def edges(self) -> Array:
         """Return the (E, 2) sorted edges in a fixed order."""
         faces = np.array(list(self.faces.values()))
-        pairs = np.sort(np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]), axis=1)
+        pairs = np.sort(half_edges(faces), axis=1)
         keys = np.unique(pairs[:, 0] * len(self.vertices) + pairs[:, 1])
         return np.stack(np.divmod(keys, len(self.vertices)), axis=1)
 
@@ -189,7 +189,6 @@ def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rou
 
     Args:
         vertices: (V, 3); the border has x == 0 exactly.
-        faces: (T, 3).
         size_at: maps (N, 3) points to (N,) wanted edge lengths, metres.
         project: maps (N, 3) points and (N,) border marks to points on the surface.
         rounds: split, collapse, flip and relax this often.
@@ -210,10 +209,8 @@ def relax(
     vertices: Array, faces: Array, size_at: SizeAt, project: Project, fixed: Array | None = None, step: float = 0.6
 ) -> Array:
     """Return the vertices moved along the surface towards the weighted centres of their triangles."""
-    corners = vertices[faces]
-    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normal, centre = face_normals(vertices, faces), vertices[faces].mean(axis=1)
     area = 0.5 * np.linalg.norm(normal, axis=1)
-    centre = corners.mean(axis=1)
     weight = area / size_at(centre) ** 2
     total = _scatter(faces, weight, len(vertices))
     pulled = _scatter(faces, weight[:, None] * centre, len(vertices))
@@ -241,8 +238,7 @@ def _scatter(faces: Array, values: Array, count: int) -> Array:
 
 def _along_border(vertices: Array, faces: Array, border: Array, step: float) -> Array:
     """Return the moves of border vertices towards the middle of their two border neighbours."""
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    keys, counts = np.unique(np.sort(pairs, axis=1), axis=0, return_counts=True)
+    keys, counts = np.unique(np.sort(half_edges(faces), axis=1), axis=0, return_counts=True)
     rim = keys[counts == 1]
     total, count = np.zeros_like(vertices), np.zeros(len(vertices))
     for a, b in ((0, 1), (1, 0)):

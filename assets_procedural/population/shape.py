@@ -18,12 +18,10 @@ Profile = Callable[[Array], Array]
 
 @dataclass(frozen=True)
 class RestFrame:
-    """Rest joints of the body to deform, floor at y = 0."""
+    """Rest joints (24, 3) of the body to deform, floor at y = 0, and the height of its top, metres."""
 
     joints: Array
-    """(24, 3) metres."""
     top: float
-    """Height of the vertex of the head, metres."""
 
     def at(self, name: str) -> Array:
         """Return a joint by name."""
@@ -31,7 +29,7 @@ class RestFrame:
 
 
 def build_fields(frame: RestFrame) -> dict[str, Field]:
-    """Return one field a measure of ``statistics.MEASURES``; each maps (N, 3) points to (N, 3) displacements."""
+    """Return one field per measure of ``MEASURES``; each maps (N, 3) points to (N, 3) displacements."""
     return _length_fields(frame) | _girth_fields(frame)
 
 
@@ -151,12 +149,10 @@ def _everywhere(p: Array) -> Array:
 
 
 def _arm(p: Array) -> Array:
-    """Mark the arm: above the chest and outside it."""
     return _step(p[:, 0], 0.13, 0.21) * _step(p[:, 1], 1.10, 1.24)
 
 
 def _step(x: Array, low: float, high: float) -> Array:
-    """Return a smooth step from 0 below ``low`` to 1 above ``high``."""
     t = np.clip((x - low) / (high - low), 0.0, 1.0)
     return t * t * t * (t * (6.0 * t - 15.0) + 10.0)
 
@@ -176,26 +172,24 @@ NUM_BETAS = 10
 NEUTRAL_STATURE_M = 1.70
 """Stature of the mean shape, metres: between the means of women and men; chosen by hand."""
 _MARGIN_M = 0.001
-"""By how much shapes stay within the 1st and 99th percentile, metres; chosen by hand."""
+"""Margin of shapes to the 1st and 99th percentile, metres; chosen by hand."""
 _TRUNK_GIRTHS = ("chestcircumference", "waistcircumference", "buttockcircumference")
 
 
 @dataclass(frozen=True)
 class ShapeSpace:
-    """The mean shape and its components, floor at y = 0 for the mean."""
+    """The mean shape, floor at y = 0, and its components, metres per standard deviation."""
 
     vertices: Array
-    """(V, 3) metres."""
     joints: Array
-    """(24, 3) metres."""
     vertex_dirs: Array
-    """(V, 3, 10) metres per standard deviation."""
+    """(V, 3, 10)."""
     joint_dirs: Array
-    """(24, 3, 10) metres per standard deviation."""
+    """(24, 3, 10)."""
     carried: Array
-    """(P, 3) metres: points that went along."""
+    """(P, 3) points that went along."""
     carried_dirs: Array
-    """(P, 3, 10) metres per standard deviation."""
+    """(P, 3, 10)."""
     measures: Measures
     """Landmarks and tapes on this mesh."""
     explained: float
@@ -212,14 +206,9 @@ def population_mean(statistics: Statistics) -> Array:
 def build_shape_space(
     vertices: Array, faces: Array, joints: Array, statistics: Statistics, carried: Array | None = None
 ) -> ShapeSpace:
-    """Bring a fitted body to the population's mean and span the shape space around it.
+    """Bring a fitted body, floor at y = 0, to the population's mean and span the shape space around it.
 
-    Args:
-        vertices: (V, 3) metres, floor at y = 0.
-        faces: (T, 3).
-        joints: (24, 3) metres.
-        statistics: of the population.
-        carried: (P, 3) metres, points that move with the body and do not count for its components.
+    ``carried`` (P, 3) are points that move with the body and do not count for its components.
     """
     carried = np.zeros((0, 3)) if carried is None else carried
     vertices, joints, carried = calibrate(vertices, faces, joints, population_mean(statistics), carried)

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial import ConvexHull
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, edges_of
 from assets_procedural.layout import JOINT
 from assets_procedural.surface.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
@@ -46,7 +46,7 @@ MEASURES = (
 )
 """ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths."""
 NUM_LENGTHS = 9
-"""How many of ``MEASURES`` are lengths."""
+"""Lengths among ``MEASURES``."""
 
 
 @dataclass(frozen=True)
@@ -146,8 +146,6 @@ class Measures:
     tapes: dict[str, Tape]
     straightened: float
     """Length of the hand with straight fingers over that of this mesh."""
-    offsets: dict[str, float]
-    """What joint-based lengths add, metres: skin landmarks are not joint centres."""
 
     def __call__(self, vertices: Array, joints: Array) -> Array:
         """Return the (M,) measures in the order of ``MEASURES``, metres."""
@@ -172,7 +170,7 @@ class Measures:
             "footlength": vertices[self.toe, 2] - vertices[self.heel, 2],
         }
         values |= {name: tape.length(vertices) for name, tape in self.tapes.items()}
-        return np.array([values[name] + self.offsets.get(name, 0.0) for name in MEASURES])
+        return np.array([values[name] + OFFSETS.get(name, 0.0) for name in MEASURES])
 
     def jacobian(self, vertices: Array, joints: Array, moved: Array, moved_joints: Array) -> Array:
         """Return the (M, K) central differences by K displacement fields of the vertices and joints."""
@@ -184,8 +182,8 @@ class Measures:
         return np.stack(columns, axis=1)
 
 
-_OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
-"""What is added to a measured length, metres: landmarks on the skin are no joint centres; chosen by hand."""
+OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
+"""Additions to a measured length, metres: landmarks on the skin are no joint centres; chosen by hand."""
 _UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
 _TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
     "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),
@@ -205,11 +203,7 @@ _TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width
 def place_measures(vertices: Array, faces: Array, joints: Array, straightened: float = 1.0) -> Measures:
     """Find the landmarks and lay the tapes on a rest mesh of stature near 1.70 m, floor at y = 0, any place in z.
 
-    Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3).
-        joints: (24, 3) metres.
-        straightened: length of the hand with straight fingers over that of this mesh.
+    ``straightened`` is the length of the hand with straight fingers by that of this mesh.
     """
     left = vertices[:, 0] > 0.0
     midline = np.nonzero((np.abs(vertices[:, 0]) < 1e-9) & (vertices[:, 1] > 0.5))[0]
@@ -226,25 +220,18 @@ def place_measures(vertices: Array, faces: Array, joints: Array, straightened: f
             for name, (normal, (x, y, z), box) in _TAPES.items()
         },
         straightened=straightened,
-        offsets=_OFFSETS,
     )
 
 
 def place_tape(
     vertices: Array, faces: Array, normal: tuple[float, ...], through: tuple[float, ...], box: float = 0.0
 ) -> Tape:
-    """Return the convex hull of a plane section: a tape bridges hollows.
+    """Return the convex hull of a plane section, by the plane's normal and a point on it: a tape bridges hollows.
 
-    Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3).
-        normal: of the plane.
-        through: a point on the plane, metres.
-        box: keep |x| below this; 0 keeps the left side.
+    ``box`` keeps |x| below this; 0 keeps the left side.
     """
     n = np.array(normal) / np.linalg.norm(normal)
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    edges = np.unique(np.sort(pairs, axis=1), axis=0)
+    edges = edges_of(faces)
     height = (vertices - np.array(through)) @ n
     a, b = height[edges[:, 0]], height[edges[:, 1]]
     cut = (a * b <= 0) & (a != b)

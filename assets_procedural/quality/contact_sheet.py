@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator
+import json
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -16,115 +16,13 @@ from assets_procedural.layout import JOINT, PARENTS
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
+from assets_procedural.surface.primitives import NUMBERS
 
 Degrees = dict[str, tuple[float, float, float]]
-
-BENDS: dict[str, Degrees] = {
-    "elbow": {"left_elbow": (0, -1, 0), "right_elbow": (0, 1, 0)},
-    "knee": {"left_knee": (1, 0, 0), "right_knee": (1, 0, 0)},
-    "hip": {"left_hip": (-1, 0, 0), "right_hip": (-1, 0, 0)},
-    "shoulder": {"left_shoulder": (0, -1, 0), "right_shoulder": (0, 1, 0)},
-}
-"""Axis of each bend, both sides; the shoulder's brings the arms forward."""
-
-EXTREMES: dict[str, Degrees] = {
-    "high knee": {"left_hip": (-90, 0, 0), "left_knee": (90, 0, 0), "right_elbow": (0, 90, 0)},
-    "deep squat": {
-        "left_hip": (-115, 0, 14),
-        "right_hip": (-115, 0, -14),
-        "left_knee": (125, 0, 0),
-        "right_knee": (125, 0, 0),
-        "left_ankle": (-25, 0, 0),
-        "right_ankle": (-25, 0, 0),
-        "spine1": (15, 0, 0),
-        "spine2": (10, 0, 0),
-        "left_shoulder": (0, -80, 0),
-        "right_shoulder": (0, 80, 0),
-    },
-    "cross-legged": {
-        "left_hip": (-92, 82, -15),
-        "right_hip": (-92, -82, 15),
-        "left_knee": (130, 0, 0),
-        "right_knee": (130, 0, 0),
-    },
-    "arms down": {
-        "left_collar": (0, 0, -8),
-        "right_collar": (0, 0, 8),
-        "left_shoulder": (0, 0, -70),
-        "right_shoulder": (0, 0, 70),
-        "left_elbow": (0, -15, 0),
-    },
-    "arms up": {
-        "left_collar": (0, 0, 22),
-        "right_collar": (0, 0, -22),
-        "left_shoulder": (0, 0, 65),
-        "right_shoulder": (0, 0, -65),
-    },
-    "hands to face": {
-        "left_shoulder": (0, -55, -25),
-        "right_shoulder": (0, 55, 25),
-        "left_elbow": (0, -135, 0),
-        "right_elbow": (0, 135, 0),
-    },
-    "forearm twist": {
-        "left_wrist": (90, 0, 0),
-        "right_wrist": (-90, 0, 0),
-        "left_elbow": (0, -60, 0),
-        "right_shoulder": (0, 30, 50),
-    },
-    "toe touch": {
-        "spine1": (30, 0, 0),
-        "spine2": (25, 0, 0),
-        "spine3": (20, 0, 0),
-        "neck": (25, 0, 0),
-        "left_hip": (-50, 0, 0),
-        "right_hip": (-50, 0, 0),
-        "left_shoulder": (0, -80, -20),
-        "right_shoulder": (0, 80, 20),
-    },
-    "trunk twist": {
-        "spine1": (0, 25, 0),
-        "spine2": (0, 25, 0),
-        "spine3": (0, 20, 0),
-        "neck": (0, 30, 0),
-        "head": (0, 25, 0),
-        "left_shoulder": (0, 0, -60),
-        "right_shoulder": (0, 0, 60),
-    },
-    "side split": {"left_hip": (0, 0, 65), "right_hip": (0, 0, -65)},
-    "kick back": {
-        "right_hip": (35, 0, 0),
-        "right_knee": (120, 0, 0),
-        "left_ankle": (-25, 0, 0),
-        "left_shoulder": (0, 0, 60),
-        "right_shoulder": (0, -30, 40),
-        "spine1": (-20, 0, 0),
-        "spine2": (-15, 0, 0),
-    },
-    "side bend": {
-        "spine1": (0, 0, 22),
-        "spine2": (0, 0, 20),
-        "spine3": (0, 0, 12),
-        "neck": (0, 0, 25),
-        "left_shoulder": (0, 0, -70),
-        "right_collar": (0, 0, -15),
-        "right_shoulder": (0, 0, -75),
-    },
-    "lunge and throw": {
-        "left_hip": (-85, 0, 10),
-        "left_knee": (85, 0, 0),
-        "right_hip": (25, 0, 0),
-        "right_knee": (25, 0, 0),
-        "right_foot": (-30, 0, 0),
-        "right_shoulder": (0, -25, -20),
-        "right_elbow": (0, 100, 0),
-        "right_wrist": (0, 0, 45),
-        "left_shoulder": (0, -40, -15),
-        "spine2": (0, 20, 0),
-        "head": (0, 35, 0),
-    },
-}
-"""Thirteen poses by name, joint rotation vectors in degrees."""
+_POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))
+BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]
+"""Axis of each bend, both sides (the shoulder's brings the arms forward), and thirteen poses by name, joint rotation
+vectors in degrees."""
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
@@ -185,28 +83,22 @@ class BakedBody:
 
 def read_baked(path: Path = BODY_FILE) -> BakedBody:
     """Read a body file."""
+    names = ("v_template", "f", "weights", "shapedirs", "posedirs", "J_regressor", "face_material")
     with np.load(path, allow_pickle=False) as data:
-        names = ("v_template", "f", "weights", "shapedirs", "posedirs", "J_regressor", "face_material")
-        arrays = {name: data[name] for name in names}
-    real = {name: value.astype(np.float64) for name, value in arrays.items() if value.dtype.kind == "f"}
-    return BakedBody(
-        real["v_template"],
-        arrays["f"].astype(np.int64),
-        real["weights"],
-        real["shapedirs"],
-        real["posedirs"],
-        real["J_regressor"],
-        arrays["face_material"].astype(np.int64),
-    )
+        arrays = [data[name] for name in names]
+    return BakedBody(*(array.astype(np.float64 if array.dtype.kind == "f" else np.int64) for array in arrays))
 
 
 def draw_close(body: BakedBody) -> Array:
     """Return the sheet of close-ups."""
-    turns = {id(pose): rotations(pose) for pose in close_poses()}
-    posed = {key: body.posed(local) for key, local in turns.items()}
-    joints = {key: posed_joints(body.joints, local) for key, local in turns.items()}
-    colours = MATERIAL_COLOURS[body.material]
-    return tile([render(posed[id(pose)], body.faces, colours, view) for pose, view in close_views(joints)], 6)
+    colours, pictures = MATERIAL_COLOURS[body.material], []
+    for pose, joint, offset, height_m, ways in _PLACES:
+        local = rotations(pose)
+        vertices, centre = body.posed(local), posed_joints(body.joints, local)[JOINT[joint]] + np.array(offset)
+        for yaw, pitch in ways:
+            view = RasterView(yaw=yaw, pitch=pitch, centre=tuple(centre), height_m=height_m, size=(360, 360))
+            pictures.append(render(vertices, body.faces, colours, view))
+    return tile(pictures, 6)
 
 
 def draw_all(body: BakedBody) -> dict[str, Array]:
@@ -233,20 +125,13 @@ def draw_all(body: BakedBody) -> dict[str, Array]:
 
 
 def _rest_views(body: BakedBody) -> list[RasterView]:
-    head = tuple(body.joints[15] + [0.0, 0.07, 0.0])
-    hand = tuple(body.joints[22] + [0.02, -0.01, 0.01])
-    foot = tuple(0.5 * (body.joints[7] + body.joints[10]))
-    hips = tuple(body.joints[0] + [0.0, -0.06, 0.0])
-    near = [RasterView(yaw=yaw, centre=head, height_m=0.32) for yaw in (0, 40, 90)]
-    hands = [RasterView(yaw=0, pitch=pitch, centre=hand, height_m=0.26) for pitch in (90, 25)]
-    feet = [
-        RasterView(yaw=-40, pitch=25, centre=foot, height_m=0.30),
-        RasterView(yaw=60, pitch=15, centre=foot, height_m=0.30),
-    ]
-    trunk = [RasterView(yaw=yaw, centre=hips, height_m=0.62) for yaw in (0, 180)]
-    chest = [RasterView(yaw=yaw, centre=tuple(body.joints[9]), height_m=0.62) for yaw in (20, 160)]
+    joints = body.joints
+    head, hand, hips = joints[15] + [0.0, 0.07, 0.0], joints[22] + [0.02, -0.01, 0.01], joints[0] + [0.0, -0.06, 0.0]
+    near = [(head, 0.32, yaw, 0) for yaw in (0, 40, 90)] + [(hand, 0.26, 0, pitch) for pitch in (90, 25)]
+    near += [(0.5 * (joints[7] + joints[10]), 0.30, yaw, pitch) for yaw, pitch in ((-40, 25), (60, 15))]
+    near += [(hips, 0.62, yaw, 0) for yaw in (0, 180)] + [(joints[9], 0.62, yaw, 0) for yaw in (20, 160)]
     whole = [RasterView(yaw=yaw, height_m=1.95) for yaw in (0, 45, 90, 180)]
-    return whole + near + hands[:1] + hands[1:] + feet + trunk[:1] + trunk[1:] + chest
+    return whole + [RasterView(yaw=y, pitch=p, centre=tuple(centre), height_m=h) for centre, h, y, p in near]
 
 
 def main() -> None:
@@ -265,20 +150,3 @@ def main() -> None:
 
 if __name__ == "__main__":
     main()
-
-
-def close_views(joints_of: dict[int, Array]) -> Iterator[tuple[Degrees, RasterView]]:
-    """Yield each pose with a view of it.
-
-    Args:
-        joints_of: by ``id`` of a pose of ``close_poses``, the (24, 3) posed joints, metres.
-    """
-    for pose, joint, offset, height_m, ways in _PLACES:
-        centre = joints_of[id(pose)][JOINT[joint]] + np.array(offset)
-        for yaw, pitch in ways:
-            yield pose, RasterView(yaw=yaw, pitch=pitch, centre=tuple(centre), height_m=height_m, size=(360, 360))
-
-
-def close_poses() -> list[Degrees]:
-    """Return the poses that are looked at."""
-    return list({id(pose): pose for pose, *_ in _PLACES}.values())

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, face_normals, half_edges
 from assets_procedural.build import BODY_FILE, build_body
 from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.layout import JOINT
@@ -21,10 +21,9 @@ from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, 
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
 from assets_procedural.skeleton.skinning import posed_joints, volume
 
-_SHOULDER_LIMIT = 16.0
-"""Percent: more would need a swelling that makes pads of the shoulders when the arms hang."""
-_SEATED_LIMIT = 7.0
-"""Percent: hips turned by 124 degrees are beyond what their correctives were fitted to."""
+_SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0
+"""Largest change of volume at shoulders (more needs a swelling that makes pads of hanging shoulders) and of a seated
+body (hips turned by 124 degrees are beyond the fit of their correctives), percent."""
 
 
 @dataclass(frozen=True)
@@ -73,12 +72,11 @@ def figures(body: BakedBody, path: Path) -> Iterator[Figure]:
 
 def _mesh_figures(body: BakedBody) -> Iterator[Figure]:
     faces, vertices = body.faces, body.vertices
-    directed = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    directed = half_edges(faces)
     opposite = np.unique(directed[:, ::-1], axis=0)
     forward = np.unique(directed, axis=0)
     open_edges = len(directed) - len(forward) + int(len(opposite) != len(forward) or np.any(opposite != forward))
-    corners = vertices[faces]
-    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    corners, doubled = vertices[faces], np.linalg.norm(face_normals(vertices, faces), axis=1)
     squares = np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=(1, 2))
     reflected = np.array(sorted(map(tuple, np.round(vertices * [-1, 1, 1], 6) + 0.0)))
     original = np.array(sorted(map(tuple, np.round(vertices, 6) + 0.0)))
@@ -87,10 +85,9 @@ def _mesh_figures(body: BakedBody) -> Iterator[Figure]:
     yield Figure("Euler number", euler_number(faces, len(vertices)), "", 2, 2)
     yield Figure("edges without two faces", open_edges, "", 0, 0)
     yield Figure("smallest triangle", float(doubled.min()) * 0.5e6, "mm²", 0.1)
-    yield Figure(
-        "worst triangle quality (1 = equilateral)", float(np.min(2 * np.sqrt(3) * doubled / squares)), "", 0.05
-    )
-    yield Figure("mean triangle quality", float(np.mean(2 * np.sqrt(3) * doubled / squares)), "", 0.9)
+    quality = 2 * np.sqrt(3) * doubled / squares
+    yield Figure("worst triangle quality (1 = equilateral)", float(quality.min()), "", 0.05)
+    yield Figure("mean triangle quality", float(quality.mean()), "", 0.9)
     yield Figure("asymmetry", float(np.abs(reflected - original).max()), "m", 0, 1e-6)
 
 
@@ -103,21 +100,16 @@ def _shape_figures(body: BakedBody) -> Iterator[Figure]:
     def measured(betas: Array) -> Array:
         return measures(vertices + body.shapedirs @ betas, joints + joint_dirs @ betas)
 
-    outside, worst = 0, -np.inf
-    for sign in (-2.0, 2.0):
-        for k in range(body.shapedirs.shape[2]):
-            values = measured(sign * np.eye(body.shapedirs.shape[2])[k])
-            beyond = np.maximum(statistics.p01 - values, values - statistics.p99)
-            outside, worst = outside + int(np.sum(beyond > 0)), max(worst, float(beyond.max()))
-    yield Figure(
-        f"of {20 * len(MEASURES)} ANSUR measures at one beta = ±2, outside 1st-99th percentile", outside, "", 0, 0
-    )
+    basis, outside, worst = np.eye(body.shapedirs.shape[2]), 0, -np.inf
+    for betas in (*(-2.0 * basis), *(2.0 * basis)):
+        values = measured(betas)
+        beyond = np.maximum(statistics.p01 - values, values - statistics.p99)
+        outside, worst = outside + int(np.sum(beyond > 0)), max(worst, float(beyond.max()))
+    label = f"of {20 * len(MEASURES)} ANSUR measures at one beta = ±2, outside 1st-99th percentile"
+    yield Figure(label, outside, "", 0, 0)
     yield Figure("nearest approach to those limits", -worst * 1e3, "mm", 0)
-    basis = np.eye(body.shapedirs.shape[2])
-    stature, trunk = (
-        MEASURES.index("stature"),
-        [MEASURES.index(f"{n}circumference") for n in ("chest", "waist", "buttock")],
-    )
+    stature = MEASURES.index("stature")
+    trunk = [MEASURES.index(f"{n}circumference") for n in ("chest", "waist", "buttock")]
     change = [(measured(2 * basis[k]) - measured(-2 * basis[k])) / 4 for k in range(2)]
     yield Figure("beta 0: stature per unit", 1e3 * change[0][stature], "mm", 50, 120)
     yield Figure("beta 0: chest + waist + buttock girth per unit", 1e3 * float(change[0][trunk].sum()), "mm", -2, 2)
@@ -138,7 +130,6 @@ def _bend_figures(body: BakedBody) -> Iterator[Figure]:
 
 
 def _seated_figures(body: BakedBody) -> Iterator[Figure]:
-    """Yield what sitting cross-legged leaves of the body and of the skin that a knee moves."""
     pose, knee = rotations(EXTREMES["cross-legged"]), JOINT["left_knee"]
     apex = posed_joints(body.joints, pose)[knee]
     moved = body.faces[np.any(joint_masks(body.weights)[body.faces, knee - 1] > 0, axis=1)]
@@ -152,7 +143,7 @@ def _seated_figures(body: BakedBody) -> Iterator[Figure]:
 
 
 def _local_bend_figures(body: BakedBody) -> Iterator[Figure]:
-    """Yield how the cone from a joint to the skin on which it acts changes; the rest of the limb moves rigidly."""
+    """Yield the change of the cone from a joint to its skin; the rest of the limb moves rigidly."""
     masks = joint_masks(body.weights)
     for name, pose in BENDS.items():
         joint, left = JOINT[f"left_{name}"], {f"left_{name}": pose[f"left_{name}"]}
@@ -186,9 +177,8 @@ def _corrective_figures(body: BakedBody) -> Iterator[Figure]:
     left = float(np.sum((wanted - given) ** 2) / np.sum(wanted**2))
     yield Figure("held-out share of (dual quaternion - linear) that the correctives give", 1 - left, "", 0.7)
     away = joint_masks(body.weights).max(axis=1) == 0
-    yield Figure(
-        "largest corrective where no joint acts", float(np.abs(body.posedirs[away]).max(initial=0.0)), "m", 0, 0
-    )
+    largest = float(np.abs(body.posedirs[away]).max(initial=0.0))
+    yield Figure("largest corrective where no joint acts", largest, "m", 0, 0)
 
 
 def _regressor_figures(body: BakedBody, path: Path) -> Iterator[Figure]:
@@ -197,13 +187,8 @@ def _regressor_figures(body: BakedBody, path: Path) -> Iterator[Figure]:
     betas = np.random.default_rng(0).normal(size=(1000, directions.shape[2]))
     by_skin = np.tensordot(body.regressor, body.shapedirs, axes=1) - directions
     gap = (body.joints - joints)[None] + np.einsum("jak,nk->nja", by_skin, betas)
-    yield Figure(
-        "J_regressor against the joints, 1,000 random shapes, largest",
-        1e3 * float(np.linalg.norm(gap, axis=2).max()),
-        "mm",
-        0,
-        2,
-    )
+    largest = 1e3 * float(np.linalg.norm(gap, axis=2).max())
+    yield Figure("J_regressor against the joints, 1,000 random shapes, largest", largest, "mm", 0, 2)
 
 
 def _rebuild_figures(path: Path) -> Iterator[Figure]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, face_normals
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
@@ -31,9 +31,9 @@ def _spread(index: float, middle: float, ring: float, pinky: float) -> dict[str,
     return {f"{finger}_mcp_spread": v for finger, v in zip(_FINGERS, (index, middle, ring, pinky), strict=True)}
 
 
-def _thumb(flexion: float, spread: float, twist: float, mcp: float, ip: float) -> dict[str, float]:
-    return {"thumb_cmc_flexion": flexion, "thumb_cmc_spread": spread, "thumb_cmc_twist": twist,
-            "thumb_mcp_flexion": mcp, "thumb_ip_flexion": ip}  # fmt: skip
+def _thumb(*angles: float) -> dict[str, float]:
+    names = ("cmc_flexion", "cmc_spread", "cmc_twist", "mcp_flexion", "ip_flexion")
+    return {f"thumb_{name}": angle for name, angle in zip(names, angles, strict=True)}
 
 
 _FOLDED = _thumb(35, 10, 0, 45, 60)
@@ -57,13 +57,7 @@ _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
-    """Return (V, 3) metres of the mean shape with both hands posed.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        degrees: see ``HANDS``.
-        correctives: False leaves them out.
-    """
+    """Return (V, 3) metres of the mean shape with both hands posed, by angles as in ``HANDS``."""
     angles = rest_angles(body)[None].copy()
     for name, value in degrees.items():
         angles[..., ANGLES.index(name)] = np.radians(value)
@@ -73,14 +67,13 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
 
 
 def palm_faces(body: Body, side: int) -> Array:
-    """Return (T,) which faces are the palm: the wrist carries them, before the knuckles, and they look off its back.
+    """Return (T,) the faces of a palm, side 0 left or 1 right.
 
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        side: 0 left, 1 right.
+    The wrist carries them, before the knuckles, and they face off the hand's back.
     """
     skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
-    middles, normals = _middles_and_normals(body.v_template, body.faces)
+    middles, normals = body.v_template[body.faces].mean(axis=1), face_normals(body.v_template, body.faces)
+    normals = normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     wrist = SMPL_HANDS.joints.index(f"{SIDES[side]}_wrist")
     knuckle = start[9]
     along = (middles - start[0]) @ (knuckle - start[0]) / ((knuckle - start[0]) @ (knuckle - start[0]))
@@ -88,21 +81,8 @@ def palm_faces(body: Body, side: int) -> Array:
     return carried & (along > 0.2) & (along < 0.9) & (normals @ skeleton.palm[2, :, 1] < -_FACES)
 
 
-def _middles_and_normals(vertices: Array, faces: Array) -> tuple[Array, Array]:
-    a, b, c = (vertices[faces[:, k]] for k in range(3))
-    normals = np.cross(b - a, c - a)
-    return (a + b + c) / 3.0, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-
-
 def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: str = "left") -> Array:
-    """Return the sheet: a row a pose.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        material: (T,) of the faces.
-        correctives: False leaves them out.
-        side: whose hand.
-    """
+    """Return the sheet, one row per pose, of one side's hand."""
     centre = tuple(body.joints_template[SMPL_HANDS.joints.index(f"{side}_middle1")] + [0.0, -0.02, 0.01])
     hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
     near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0
@@ -111,9 +91,8 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:
-            view = RasterView(
-                yaw=yaw if side == "left" else -yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420)
-            )
+            yaw = yaw if side == "left" else -yaw
+            view = RasterView(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
             pictures.append(render(skin, faces, colours, view))
     return tile(pictures, len(_SIDES))
 

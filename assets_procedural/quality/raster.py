@@ -37,14 +37,9 @@ class RasterView:
 
 
 def render(vertices: Array, faces: Array, colours: Array, view: RasterView, oversample: int = 2) -> Array:
-    """Return an (H, W, 3) uint8 picture with smooth shading.
+    """Return an (H, W, 3) uint8 picture with smooth shading of faces with (F, 3) colours in [0, 1].
 
-    Args:
-        vertices: (V, 3) metres.
-        faces: (F, 3).
-        colours: (F, 3) in [0, 1].
-        view: the camera.
-        oversample: samples along each side of a pixel.
+    ``oversample`` counts samples along each side of a pixel.
     """
     width, height = (oversample * s for s in view.size)
     scale = height / view.height_m

@@ -10,18 +10,18 @@ which both sides of the joint pull.
 from __future__ import annotations
 
 import numpy as np
-import scipy.sparse as sp
 from scipy.spatial.transform import Rotation
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, averaging, neighbour_graph
 from assets_procedural.layout import CHILDREN, JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, vertex_normals, volume
+from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.types import SMPL_JOINTS
 
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
 _SLIGHT_M = 1.5e-4
-"""Correctives of a vertex by a joint that are smaller than this throughout are left out: every row takes 116 bytes."""
+"""Largest corrective of a vertex by a joint that is left out: every row takes 116 bytes."""
 _LEFT_OUT = ("hand",)
 """Joints without correctives: all fingers bend as one, and no solve moves them."""
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
@@ -98,7 +98,7 @@ def _dual_part(real: Array, shifts: Array) -> Array:
 
 
 def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: Array) -> Array:
-    """Return (N, V, 3): what to add to the rest vertices so that linear blending lands where dual quaternions do."""
+    """Return (N, V, 3) additions to the rest vertices with which linear blending gives the dual quaternions' result."""
     out = np.zeros((len(rotations), *vertices.shape), dtype=np.float32)
     mixed = np.nonzero(weights.max(axis=1) < 0.999)[0]
     for n, local in enumerate(rotations):
@@ -117,11 +117,8 @@ def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts
 
 
 def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
-    """Return (V, J - 1): 1 where the bones beyond joint j = 1..J-1 and those before it both weigh in, fading to 0."""
-    below = np.eye(len(parents))
-    for j in range(len(parents) - 1, 0, -1):
-        below[parents[j]] += below[j]
-    beyond = weights @ below[1:].T
+    """Return (V, J - 1) masks: 1 where the bones on both sides of joint j = 1..J-1 weigh in, fading to 0."""
+    beyond = weights @ subtree_matrix(parents)[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
 
@@ -129,28 +126,15 @@ def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
 def fit_correctives(
     vertices: Array, faces: Array, weights: Array, joints: Array, mirror: Array, *, count: int = 48, seed: int = 0
 ) -> Array:
-    """Return (V, 3, 207) pose correctives, metres per unit of pose feature.
-
-    Args:
-        vertices: (V, 3) rest vertices, metres.
-        faces: (T, 3).
-        weights: (V, 24).
-        joints: (24, 3) metres.
-        mirror: (V,) index of each vertex's mirror image.
-        count: poses a joint.
-        seed: of the poses.
-    """
+    """Return (V, 3, 207) pose correctives, metres per unit of pose feature, from ``count`` poses per joint."""
     rng, masks = np.random.default_rng(seed), joint_masks(weights)
     directions = np.zeros((len(vertices), 3, NUM_FEATURES))
     for name, j in JOINT.items():
         if j == 0 or name.startswith("right") or name.endswith(_LEFT_OUT):
             continue
         turns = Rotation.from_rotvec(sample_turns(name, count, rng)).as_matrix()
-        features = (turns - np.eye(3)).reshape(count, 9)
         wanted = np.stack([_wanted_offsets(vertices, faces, weights, joints, masks[:, j - 1], j, R) for R in turns])
-        gram = features.T @ features + _RIDGE * np.eye(9)
-        fitted = np.linalg.solve(gram, features.T @ wanted.reshape(count, -1)).reshape(9, -1, 3)
-        directions[:, :, 9 * (j - 1) : 9 * j] = np.transpose(fitted, (1, 2, 0)) * masks[:, j - 1, None, None]
+        directions[:, :, 9 * (j - 1) : 9 * j] = fit_to_turns(turns, wanted, _RIDGE, masks[:, j - 1])
     other = _mirrored(directions, mirror)
     for name, j in JOINT.items():
         block = slice(9 * (j - 1), 9 * j)
@@ -164,10 +148,17 @@ def fit_correctives(
     return np.where(np.abs(directions) < _SMALLEST_M, 0.0, directions)
 
 
+def fit_to_turns(turns: Array, wanted: Array, ridge: float, mask: Array) -> Array:
+    """Return (N, 3, 9) masked correctives per unit of ``flatten(R - I)``, fitted to offsets (P, N, 3) of P turns."""
+    features = (turns - np.eye(3)).reshape(len(turns), 9)
+    gram = features.T @ features + ridge * np.eye(9)
+    fitted = np.linalg.solve(gram, features.T @ wanted.reshape(len(turns), -1)).reshape(9, -1, 3)
+    return np.transpose(fitted, (1, 2, 0)) * mask[:, None, None]
+
+
 def _wanted_offsets(
     vertices: Array, faces: Array, weights: Array, joints: Array, mask: Array, joint: int, turn: Array
 ) -> Array:
-    """Return the (V, 3) rest offsets wanted for one turned joint."""
     local = np.tile(np.eye(3), (len(PARENTS), 1, 1))
     local[joint] = turn
     turns, shifts = pose_skeleton(joints, local)
@@ -198,27 +189,24 @@ def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
 
 
 def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin drawn to the mean of its neighbours, as far as it is stretched, times ``share``."""
+    """Return (V, 3) the posed skin drawn to the mean of its neighbours where it is stretched, times ``share``."""
     stretch = vertex_areas(posed, faces) / vertex_areas(vertices, faces)
     pull = share * ((stretch - _TAUT_FROM) / (_TAUT_AT - _TAUT_FROM)).clip(0.0, 1.0)
     if not pull.any():
         return posed
-    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
-    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(len(posed),) * 2)
-    mean = sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph
-    drawn = posed
+    mean, drawn = averaging(neighbour_graph(faces, len(posed))), posed
     for _ in range(_TAUT_ROUNDS):
         drawn = drawn + pull[:, None] * (mean @ drawn - drawn)
     return drawn
 
 
 def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin; what crossed the plane that halves the bend is back on it, times ``share``.
+    """Return (V, 3) the posed skin; vertices beyond the plane that halves the bend return to it, times ``share``.
 
     Args:
         vertices: (V, 3) rest vertices, metres.
         posed: (V, 3) metres, while one joint alone is turned.
-        joint: (3,) metres, where it is.
+        joint: (3,) metres.
         bone: (3,) from it to its child.
         turn: (3, 3) of the joint.
         share: (V,).

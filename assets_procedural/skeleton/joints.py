@@ -37,7 +37,7 @@ def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
 
 
 def bone_segments(joints: np.ndarray) -> list[list[Segment]]:
-    """Return for each joint the line segments that the skin it carries is near to."""
+    """Return the line segments near the skin of each joint."""
 
     def at(name: str, *offset: float) -> np.ndarray:
         return joints[JOINT[name]] + (np.array(offset) if offset else 0.0)
@@ -84,20 +84,22 @@ _NEIGHBOURS, _REACH_M, _TOLERANCE_M = 500, 0.06, 1e-5
 
 
 def fit_regressor(
-    vertices: Array, vertex_dirs: Array, joints: Array, joint_dirs: Array, mirror: Array,
+    vertices: Array,
+    vertex_dirs: Array,
+    joints: Array,
+    joint_dirs: Array,
+    mirror: Array,
     mirror_joint: tuple[int, ...] = MIRROR_JOINT,
-) -> Array:  # fmt: skip
+) -> Array:
     """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``; rows sum to 1.
 
-    Weights are non-negative where such a mean is exact to 0.01 mm, but for what the smallest signed weights near the
-    joint then add to meet joints and components exactly; elsewhere they are the smallest signed weights.
+    Weights are non-negative where such a mean is exact to 0.01 mm, apart from the smallest signed weights near the
+    joint that meet joints and components exactly; elsewhere they are the smallest signed weights.
 
     Args:
-        vertices: (V, 3) metres.
         vertex_dirs: (V, 3, C), derivatives by C shapes.
         joints: (J, 3) metres.
         joint_dirs: (J, 3, C).
-        mirror: (V,) index of each vertex's mirror image.
         mirror_joint: (J,) the joint on the other side.
     """
     count = len(vertices)

@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sp
 from scipy.sparse.linalg import splu
 
-from assets_procedural.arrays import Array
+from assets_procedural.arrays import Array, face_normals, normal_sums
 from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.joints import Segment, bone_segments
 
@@ -20,14 +20,7 @@ _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
 def heat_weights(vertices: Array, faces: Array, mirror: Array, joints: Array) -> Array:
-    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, p_j marking the skin nearest to bone j.
-
-    Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3).
-        mirror: (V,) index of each vertex's mirror image.
-        joints: (24, 3) metres.
-    """
+    """Return (V, 24) weights from ``(L + H) w_j = H p_j``, p_j marking the skin nearest to bone j."""
     distance = _bone_distances(vertices, bone_segments(joints))
     nearest = distance.min(axis=0)
     owner = distance <= nearest + 1e-9
@@ -83,8 +76,7 @@ def cotangent_laplacian(vertices: Array, faces: Array) -> tuple[sp.csr_matrix, A
 
 def vertex_areas(vertices: Array, faces: Array) -> Array:
     """Return the (V,) share of the surface around each vertex, square metres."""
-    corners = vertices[faces]
-    doubled = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
+    doubled = np.linalg.norm(face_normals(vertices, faces), axis=1)
     return np.bincount(faces.ravel(), np.repeat(doubled / 6.0, 3), minlength=len(vertices))
 
 
@@ -100,7 +92,6 @@ def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PA
     Args:
         joints: (J, 3) rest joints, metres.
         rotations: (J, 3, 3) local rotations, the root's first.
-        parents: of the J joints.
     """
     turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
     for j, parent in enumerate(parents):
@@ -126,9 +117,5 @@ def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -
 
 def vertex_normals(vertices: Array, faces: Array) -> Array:
     """Return the (V, 3) unit normals, faces weighing by area."""
-    corners = vertices[faces]
-    face_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    out = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(out, faces[:, k], face_normal)
+    out = normal_sums(vertices, faces)
     return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)

@@ -22,7 +22,7 @@ _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09,
 
 @dataclass(frozen=True)
 class FitSettings:
-    """How the primitives are spread and optimised."""
+    """Spread and optimisation of the primitives."""
 
     regions: tuple[tuple[str, int, float], ...] = (
         ("body", 120, 0.022),
@@ -82,14 +82,9 @@ def draw_samples(reference: Reference, settings: FitSettings) -> Samples:
     inside = np.nonzero(depth < -0.006)[0][:16_000]
     outside = np.nonzero(depth > 0.006)[0][:20_000]
     far = volume[np.concatenate([inside, outside])]
-    return Samples(
-        surface,
-        normals,
-        near,
-        signed_distance(reference.points, reference.normals, near),
-        far,
-        np.concatenate([np.ones(len(inside)), -np.ones(len(outside))]),
-    )
+    near_distance = signed_distance(reference.points, reference.normals, near)
+    sign = np.concatenate([np.ones(len(inside)), -np.ones(len(outside))])
+    return Samples(surface, normals, near, near_distance, far, sign)
 
 
 def first_guess(reference: Reference, settings: FitSettings) -> tuple[np.ndarray, np.ndarray]:
@@ -138,11 +133,9 @@ class _Model:
         sine, cosine = torch.sin(angle)[:, :, None], torch.cos(angle)[:, :, None]
         turn = torch.eye(3) + sine * cross + (1 - cosine) * (cross @ cross)
         whiten = torch.exp(-self.log_scale)[:, :, None] * turn.transpose(1, 2)
-        return (
-            torch.cat([self.mean, self.mean * self.mirror]),
-            torch.cat([whiten, whiten * self.mirror]),
-            torch.cat([self.log_weight, self.log_weight]),
-        )
+        parts = (self.mean, self.mean * self.mirror), (whiten, whiten * self.mirror), (self.log_weight,) * 2
+        mean, both, weight = (torch.cat(halves) for halves in parts)
+        return mean, both, weight
 
     def strongest(self, points: Any) -> Any:
         """Return the (N, 32) primitives that weigh most at each point."""

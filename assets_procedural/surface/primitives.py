@@ -35,21 +35,11 @@ class Primitives:
         """Build both halves from the parameters of the left one; ``rotation`` holds rotation vectors."""
         turn = Rotation.from_rotvec(rotation).as_matrix()
         whiten = np.exp(-log_scale)[:, :, None] * np.swapaxes(turn, 1, 2)
-        return cls(
-            np.concatenate([mean, mean * _MIRROR]),
-            np.concatenate([whiten, whiten * _MIRROR]),
-            np.concatenate([log_weight, log_weight]),
-        )
+        parts = (mean, mean * _MIRROR), (whiten, whiten * _MIRROR), (log_weight, log_weight)
+        return cls(*(np.concatenate(halves) for halves in parts))
 
     def log_field(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``log F`` and its gradient.
-
-        Args:
-            points: (N, 3) metres.
-
-        Returns:
-            (N,) log field and (N, 3) gradient, 1/m.
-        """
+        """Return (N,) ``log F`` at (N, 3) points in metres, and its gradient (N, 3), 1/m."""
         values, gradients = np.empty(len(points)), np.empty((len(points), 3))
         reach = self._reach()
         cells = np.floor(points / 0.08).astype(np.int64)
@@ -81,14 +71,13 @@ class Primitives:
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True
         ):
-            precision = whiten.T @ whiten
+            a = whiten.T @ whiten
             first = np.maximum(np.floor((mean - radius - low) / cell).astype(int), 0)
             last = np.minimum(np.ceil((mean + radius - low) / cell).astype(int) + 1, shape)
             if np.any(last <= first):
                 continue
             offsets = [low[k] + cell * np.arange(first[k], last[k]) - mean[k] for k in range(3)]
             x, y, z = np.ix_(*offsets)
-            a = precision
             form = a[0, 0] * x * x + a[1, 1] * y * y + a[2, 2] * z * z
             form = form + 2 * (a[0, 1] * x * y + a[0, 2] * x * z + a[1, 2] * y * z)
             box = tuple(slice(int(i), int(j)) for i, j in zip(first, last, strict=True))
@@ -96,12 +85,9 @@ class Primitives:
         return field
 
     def project(self, points: np.ndarray, *, steps: int = 4, on_plane: np.ndarray | None = None) -> np.ndarray:
-        """Return the points moved onto the skin by Newton steps along the gradient.
+        """Return points near the skin moved onto it by Newton steps of at most 4 mm.
 
-        Args:
-            points: (N, 3) metres, near the skin.
-            steps: number of Newton steps, each at most 4 mm.
-            on_plane: (N,) marks points that stay on x = 0.
+        Points that ``on_plane`` (N,) marks stay on x = 0.
         """
         moved = points.copy()
         for _ in range(steps):

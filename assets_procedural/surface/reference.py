@@ -59,7 +59,7 @@ def close_gaps(
     high: np.ndarray,
     radius: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return samples in which gaps inside a box are filled: dilated and eroded by ``radius`` on a fine grid.
+    """Return samples with filled gaps in a box: dilated and eroded by ``radius`` on a fine grid.
 
     ``whole`` holds the samples of the entire closed surface, hidden walls included, which separate inside from outside.
     """
@@ -98,28 +98,21 @@ _DOWN, _OUT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _KNEE_X, _ANKLE_X = 0.106, 0.103
 _CLAVICLE_RAISE_DEG, _TOE_OUT_DEG = 9.0, 5.0
-_FINGER_SPREAD_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}
-"""By how much fingers 2 to 5 are spread, degrees; chosen by hand for an open hand."""
+_FINGER_SPREAD_DEG, _FINGER_CURL_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}, (7.0, 12.0, 9.0)
+"""Spread of fingers 2 to 5, and bend of each joint of a finger, degrees; chosen by hand for an open hand."""
 _TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
-"""Corners of a box whose gaps are closed, and the radius that does so, metres; chosen by hand, as those below."""
 _EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
-"""See ``_TOES``."""
 _MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
-"""See ``_TOES``."""
 _CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
-"""See ``_TOES``."""
-_FINGER_CURL_DEG = (7.0, 12.0, 9.0)
-"""By how much each joint of a finger is bent, degrees; chosen by hand for an open hand."""
+"""Corners of boxes whose gaps are closed, and the radius that closes them, metres; chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Oriented samples of the half body x >= 0, floor at y = 0, metres."""
+    """Oriented samples (N, 3) of the half body x >= 0, floor at y = 0, metres."""
 
     points: np.ndarray
-    """(N, 3)."""
     normals: np.ndarray
-    """(N, 3) unit, outwards."""
     bones: dict[str, np.ndarray]
     """Posed bone heads by MakeHuman name."""
     volume_l: float

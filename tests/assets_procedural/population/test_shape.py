@@ -13,6 +13,7 @@ from assets_procedural.population.shape import RestFrame, build_fields, displace
 from assets_procedural.population.statistics import (
     MEASURES,
     NUM_LENGTHS,
+    OFFSETS,
     Measures,
     load_statistics,
     place_measures,
@@ -86,7 +87,7 @@ def test_fields_are_odd_in_x_and_smooth(on_floor: tuple[np.ndarray, np.ndarray, 
 def test_lengths_are_joint_distances(on_floor: tuple[np.ndarray, np.ndarray, Measures]) -> None:
     vertices, joints, measures = on_floor
     stretched = measures(2.0 * vertices, 2.0 * joints) - measures(vertices, joints)
-    plain = np.array([measures.offsets.get(name, 0.0) for name in MEASURES])
+    plain = np.array([OFFSETS.get(name, 0.0) for name in MEASURES])
     np.testing.assert_allclose(stretched, measures(vertices, joints) - plain, atol=1e-9)
     assert NUM_LENGTHS == 9
 
