@@ -32,7 +32,7 @@ solved by the command line without options. *Mended*: within 1.15 times the erro
 diagnostic that those do not have. *Harmless*: the same, without one. *Named*: farther off, with a warning that the
 unspoiled frames do not have. *Stated*: at another rate, without a warning, but console, report and JSON each state the
 take's seconds, its rate and where the rate is from: an animated person, as the demo's, shows
-[no rate](frame_rates.md). Or of another size that people have, without a warning, but all three state the stature: a
+[no rate](agreement.md). Or of another size that people have, without a warning, but all three state the stature: a
 calibration whose board was measured wrong is as consistent as the true one. *Silent*: farther off, with none of these.
 Every warning was looked for on the console, in the report and in the JSON.
 

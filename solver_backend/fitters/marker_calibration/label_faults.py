@@ -352,7 +352,7 @@ ELBOW_BENT = 0.35
 """Least sine of the elbow's bend that shows: straight arms look bent by 0.3 where the elbow's marker is."""
 EXCHANGED = -0.3
 """Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
-more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_names.md)."""
+more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_files.md)."""
 LEAST_FRAMES = 20
 """Least frames with a bent elbow."""
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")

@@ -17,7 +17,7 @@ Captures of four cameras and 240 frames, each spoiled in one way or two, are rea
 *Silent* is beyond that without a warning or refusal. Where a stature was asked for and given, the error is at the
 truth's size if the scale is within twice what its note states. What is read as the unspoiled capture is, within 0.1 mm,
 is not solved again
-([why](files_of_strangers.md#what-a-stature-leaves-open)).
+([why](files_of_strangers.md#what-was-learned)).
 
 ```sh
 python -m tests.benchmarks.bench_spoiled
