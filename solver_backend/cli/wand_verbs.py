@@ -16,8 +16,9 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats import format_of, write_calibration
     from solver_backend.sensors.take import triggered
+    from solver_backend.sensors.wand.evaluation import WandOptions, in_world
     from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma
-    from solver_backend.sensors.wand.session import WandOptions, calibrate_by_wand, in_world
+    from solver_backend.sensors.wand.session import calibrate_by_wand
     from solver_backend.sensors.wand.source import is_sensor_folder, sensor_clouds, wand_views
     from solver_backend.sensors.wand.views import Wand
 

@@ -66,11 +66,7 @@ class FacePacket(NamedTuple):
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
-    """Decode a packet of Live Link Face.
-
-    Raises:
-        FacePacketInvalid: it is cut, or has another kind or version.
-    """
+    """Decode a packet of Live Link Face. Raise ``FacePacketInvalid`` if it is cut, or has another kind or version."""
     if packet[:1] != bytes([VERSION]):
         raise FacePacketInvalid(f"it does not begin with the version {VERSION}")
     at = 1
@@ -99,11 +95,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
 
 
 def decode_ifacialmocap(packet: bytes) -> FacePacket:
-    """Decode a packet of iFacialMocap.
-
-    Raises:
-        FacePacketInvalid: it is not text of that format.
-    """
+    """Decode a packet of iFacialMocap. Raise ``FacePacketInvalid`` if it is not text of that format."""
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:

@@ -10,7 +10,8 @@ import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
 from solver_backend.sensors.take import INTERLEAVE_S, triggered
-from solver_backend.sensors.wand.session import WandOptions, calibrate_by_wand, robust_umeyama
+from solver_backend.sensors.wand.evaluation import WandOptions
+from solver_backend.sensors.wand.session import calibrate_by_wand, robust_umeyama
 from solver_backend.sensors.wand.source import read_points_folder
 from solver_backend.sensors.wand.views import (
     Coverage,

@@ -14,14 +14,8 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.cli.main import main
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration.read import read_calibration
-from solver_backend.sensors.wand.session import (
-    WandCalibration,
-    WandOptions,
-    calibrate_by_wand,
-    common_moments,
-    held_out,
-    triangulated,
-)
+from solver_backend.sensors.wand.evaluation import WandCalibration, WandOptions
+from solver_backend.sensors.wand.session import calibrate_by_wand, common_moments, held_out, triangulated
 from solver_backend.sensors.wand.source import read_points_folder
 from solver_backend.sensors.wand.views import Moments, Wand, distances
 from solver_backend.types import Cameras

@@ -15,7 +15,8 @@ from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFrame
 from solver_backend.sensors.devices.recorded import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles, SensorFolder
 from solver_backend.sensors.take import triggered
-from solver_backend.sensors.wand.session import WandOptions, calibrate_by_wand
+from solver_backend.sensors.wand.evaluation import WandOptions
+from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.source import sensor_views, wand_views
 from solver_backend.sensors.wand.views import WandAmbiguous
 from solver_backend.synthesis.studio.sensor_pictures import (

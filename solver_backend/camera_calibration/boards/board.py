@@ -171,11 +171,7 @@ class BoardSighting:
 
 
 class BoardDetector:
-    """Find one board in pictures.
-
-    Raises:
-        JobInvalid: the dictionary has no such name or too few markers.
-    """
+    """Find one board in pictures. Raise ``JobInvalid`` if the dictionary has no such name or too few markers."""
 
     def __init__(self, board: Board) -> None:
         self.board = board

@@ -50,11 +50,7 @@ def listed_oaks() -> list[str]:
 
 
 def open_oak(identifier: str, name: str) -> Any:
-    """Connect to a device.
-
-    Raises:
-        SensorFailed: the device is missing or in use.
-    """
+    """Connect to a device. Raise ``SensorFailed`` if the device is missing or in use."""
     dai = depthai()
     try:
         return dai.Device(dai.DeviceInfo(identifier))

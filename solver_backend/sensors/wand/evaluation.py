@@ -1,80 +1,108 @@
-"""Evaluate a wand calibration and write its report page."""
+"""Report a wand calibration: values, warnings, lines and a page."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from html import escape
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import Adjusted
-from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
 from solver_backend.sensors.wand.gamma import Ground
-from solver_backend.sensors.wand.session import (
-    LEAST_TOGETHER,
-    WandCalibration,
-    WandOptions,
-    WandTask,
-    adjusted,
-    depth_scale,
-    held_out,
-    reprojection_px,
-    triangulated,
-)
-from solver_backend.sensors.wand.views import LEAST_IN_CELL, Moments, WandInvalid, WandView, distances
+from solver_backend.sensors.wand.views import LEAST_IN_CELL, Coverage, Moments, Wand, WandView
 from solver_backend.videos.sync.clocks import Clocks
 
-MOST_PX = 8.0
-"""Largest usable median reprojection error in pixels. Chosen by hand."""
 GOOD_PX, LATE_S = 1.0, 0.001
 """Larger errors in pixels and delays in seconds are reported. Chosen by hand."""
 
 
-def require_fit(found: Adjusted) -> None:
-    """Refuse an adjustment with too large errors.
+@dataclass(frozen=True)
+class WandOptions:
+    """Options of a wand calibration."""
 
-    Raises:
-        WandInvalid: the median error is beyond ``MOST_PX``.
-    """
-    usual = float(np.nanmedian(np.linalg.norm(found.error, axis=-1)))
-    if not usual < MOST_PX:
-        message = f"What the sensors saw does not fit together: {usual:.0f} px off at the middle."
-        hint = "Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight."
-        raise WandInvalid(message, where=", ".join(found.cameras.names), hint=hint)
-
-
-def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
-    """Return the calibration in metres with its deviations, and the scatter of the depths."""
-    array = result_of("wand", found)
-    if options.wand is not None:
-        return array, float("nan")
-    scale, sigma, scatter_m = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
-    array = moved_world(array, np.eye(3), np.zeros(3), scale)
-    way = np.linalg.norm(array.cameras.centres, axis=1)
-    return replace(array, centre_sigma_m=np.hypot(array.centre_sigma_m, sigma * way)), scatter_m
+    wand: Wand | None = None
+    """The wand with three lights. None for one marker with depth."""
+    clocks: Clocks | None = None
+    """Clocks of a trigger. If None, they are estimated from the wand's movement."""
+    every_sensor: bool = False
+    """Use only moments that all sensors saw, as published. Otherwise two sensors suffice."""
 
 
-def held_out_errors(
-    task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
-) -> tuple[float, np.ndarray]:
-    """Return the error of held-out time ranges in pixels, and of the (3,) distances of the lights in metres."""
-    out = held_out(moments.px.shape[1])
-    if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
-        return float("nan"), np.full(3, np.nan)
-    # The delay of a sensor is a single number, so it may come from the whole recording.
-    refit = replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
-    fitted, _ = adjusted(refit, moments.where(~out))
-    kept = moments.where(out)
-    at = triangulated(fitted.cameras, kept, found.delays)
-    error = reprojection_px(fitted.cameras, kept, found.delays, at)
-    px = float(np.sqrt(np.nanmean(error**2)))
-    if options.wand is None:
-        return px, np.full(3, np.nan)
-    return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
+@dataclass(frozen=True)
+class WandCalibration:
+    """The result, in the first sensor's axes or in the world of a Γ."""
+
+    array: CalibratedCameras
+    clocks: Clocks
+    together: np.ndarray
+    """(C, C) number of common moments of two sensors."""
+    moments: int
+    held_out_px: float
+    """Root mean squared reprojection error of held-out time ranges."""
+    length_rmse_m: np.ndarray
+    """(3,) root mean squared error of the lights' distances in those ranges. NaN without lights."""
+    depth_rmse_m: float
+    """Scatter of the measured depths about the marker. NaN without depth."""
+    coverage: Coverage
+
+    def sensor_line(self, c: int) -> str:
+        """Describe one sensor's error, place and deviations."""
+        array = self.array
+        x, y, z = np.round(array.cameras.centres[c], 3) + 0.0
+        spread = f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
+        return f"{array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m {spread}"
+
+    def lines(self) -> list[str]:
+        """Return a line per result."""
+        array, cameras = self.array, self.array.cameras
+        held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
+        how = f"by {array.method} at {self.moments} moments"
+        lines = [f"{len(cameras)} sensors {how}, {array.rmse_px:.2f} px{held_out}"]
+        if np.isfinite(self.length_rmse_m).all():
+            first, second, whole = 1e3 * self.length_rmse_m
+            lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
+        if np.isfinite(self.depth_rmse_m):
+            lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
+        lines += [f"  {name:<11} {self.sensor_line(c)}" for c, name in enumerate(cameras.names)]
+        lines += [f"  clock       {line}" for line in self.clocks.lines()]
+        lines += [f"  seen        {line}" for line in self.coverage.lines()]
+        if place := self.coverage.next_place():
+            lines.append(f"  next        {place}")
+        lines += [f"  note        {sentence(note)}" for note in array.notes]
+        return lines + [f"  finding     {sentence(found)}" for found in array.findings]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return the result as JSON values, None for unknown numbers."""
+        array, cameras = self.array, []
+        for c, name in enumerate(array.cameras.names):
+            numbers = {"rmse_px": array.camera_rmse_px[c], "centre_sigma_mm": 1e3 * array.centre_sigma_m[c]}
+            numbers["turn_sigma_deg"] = np.degrees(array.turn_sigma[c])
+            place = {"centre_m": array.cameras.centres[c].tolist(), "covered": float(self.coverage.shares[c])}
+            cameras.append({"name": name, **{key: _number(value) for key, value in numbers.items()}, **place})
+        errors = {"rmse_px": array.rmse_px, "held_out_px": self.held_out_px, "depth_rmse_mm": 1e3 * self.depth_rmse_m}
+        data: dict[str, object] = {key: _number(value) for key, value in errors.items()}
+        data |= {"method": array.method, "moments": self.moments, "cameras": cameras}
+        data["length_rmse_mm"] = [_number(1e3 * value) for value in self.length_rmse_m.tolist()]
+        data |= {"together": self.together.tolist(), "clocks": self.clocks.as_dict()}
+        data |= {"next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3}
+        data |= {key: [sentence(item) for item in getattr(array, key)] for key in ("findings", "notes")}
+        return data | {"diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)]}
+
+
+def in_world(found: WandCalibration, ground: Ground) -> WandCalibration:
+    """Return the result in the world of a Γ."""
+    array = moved_world(found.array, ground.R, ground.t)
+    note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
+    array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
+    return replace(found, array=array)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None
 
 
 def findings_of(

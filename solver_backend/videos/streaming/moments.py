@@ -496,11 +496,7 @@ class LiveMoments:
                 yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
 
     def require_views(self) -> None:
-        """Raise the error that left fewer than two cameras.
-
-        Raises:
-            TooFewViews: cameras failed.
-        """
+        """Raise the error that left fewer than two cameras. Raise ``TooFewViews`` if cameras failed."""
         failed = [view for view in self.views if view.failure is not None]
         if failed and len(self.views) - len(failed) < FEWEST:
             names = ", ".join(view.source.name for view in failed)

@@ -26,13 +26,13 @@ class LiteRtModel:
             message = f"The SHA-256 of {path.name} is {digest}; it is not one of {', '.join(known.values())}."
             raise Refused("detector_outputs_unknown", message, f"Take it out of the npm package {package}.")
         try:
-            from ai_edge_litert import interpreter  # pyright: ignore[reportMissingImports] - of its own environment
+            from ai_edge_litert.interpreter import Interpreter  # pyright: ignore[reportMissingImports]
         except ImportError as error:
             message = f"This Python has no ai-edge-litert: {error} ({sys.executable})"
             hint = "pip install ai-edge-litert numpy in an environment of its own, and name its Python with --python."
             raise Refused("detector_missing", message, hint) from error
         self.name = known[digest]
-        self._model = interpreter.Interpreter(model_content=content, num_threads=threads)
+        self._model = Interpreter(model_content=content, num_threads=threads)
         self._model.allocate_tensors()
         self._into = self._model.get_input_details()[0]["index"]
         outputs = self._model.get_output_details()
