@@ -25,7 +25,7 @@ ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
 EXCHANGE = SOLVER / "exchange"
 MANIFEST = ADDON / "blender_manifest.toml"
 _LEFT_OUT = frozenset({"__pycache__"})
-_COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer", "vposer_worded", "rvposer_second_norm"})
+_COMPARED = frozenset({"vposer", "vposer_worded", "rvposer_second_norm"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)

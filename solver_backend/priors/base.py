@@ -27,25 +27,17 @@ ORTHONORMAL_WITHIN = 1e-3
 class PosePrior(ABC):
     """A model of plausible poses of joints 1..21, in NumPy or torch."""
 
-    @property
-    @abstractmethod
-    def name(self) -> str:
-        """Short name, as in file names."""
+    name: str
+    """Short name, as in file names."""
+    joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
+    """Joint of each column of its poses; by default all body joints of the SMPL family except root and hands."""
+    uncovered: tuple[int, ...] = ()
+    """Columns of its poses that the prior does not model; they are at rest."""
 
     @property
     @abstractmethod
     def latent_dim(self) -> int:
         """Length of a code."""
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """Names of the joints that the prior models, one a column of its poses: all of the SMPL family's but hands."""
-        return SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
-
-    @property
-    def uncovered(self) -> tuple[int, ...]:
-        """Columns of its poses that the prior knows nothing of; they are at rest."""
-        return ()
 
     @abstractmethod
     def encode(self, rotations: Poses) -> Codes:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -23,10 +23,9 @@ VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
 class GaussianVAE(PoseAutoencoder):
     """Poses as codes in R^32 that are standard normal over the training poses."""
 
-    @property
-    def name(self) -> str:
-        """One of ``VaeName``."""
-        return self.metadata["prior"]
+    def __init__(self, *parts: Any) -> None:
+        super().__init__(*parts)
+        self.name = self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
         """Return the mean and the standard deviation (N, 32) of the codes of (N, 21, 3, 3) poses.

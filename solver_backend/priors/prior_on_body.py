@@ -30,35 +30,20 @@ class PriorOnBody(AutoencodingPrior):
     """The prior's poses on the joints that the body has of them; all others rest, and rest is what it knows of them."""
 
     def __init__(self, prior: AutoencodingPrior, joints: tuple[str, ...]) -> None:
-        self._prior, self._joints = prior, joints
+        self._prior, self.name, self.metadata, self.joints = prior, prior.name, prior.metadata, joints
         shared = [name for name in joints if name in prior.joints]
         self._own = np.array([joints.index(name) for name in shared])
         """Columns of the body's poses that the prior models."""
         self._theirs = np.array([prior.joints.index(name) for name in shared])
         """The same columns of the prior's poses."""
+        self.uncovered = tuple(column for column in range(len(joints)) if column not in self._own)
         self.residual_sigma = np.full((len(joints), 3), UNCOVERED_SIGMA_RAD)
         self.residual_sigma[self._own] = prior.residual_sigma[self._theirs]
-        self.metadata = prior.metadata
-
-    @property
-    def name(self) -> str:
-        """The prior's."""
-        return self._prior.name
 
     @property
     def latent_dim(self) -> int:
         """The prior's."""
         return self._prior.latent_dim
-
-    @property
-    def joints(self) -> tuple[str, ...]:
-        """All joints that a solve turns."""
-        return self._joints
-
-    @property
-    def uncovered(self) -> tuple[int, ...]:
-        """Columns of the body's poses that the prior does not model."""
-        return tuple(column for column in range(len(self._joints)) if column not in self._own)
 
     def encode(self, rotations: Poses) -> Codes:
         """Return the prior's codes of poses; joints that the body lacks are at rest."""
@@ -71,7 +56,7 @@ class PriorOnBody(AutoencodingPrior):
     def decode_with_jacobian(self, z: Codes) -> tuple[Poses, CodeJacobian]:
         """Return ``decode(z)`` and its Jacobian, zero at joints that the prior does not model."""
         rotations, by_code = self._prior.decode_with_jacobian(z)
-        jacobian = zeros((z.shape[0], len(self._joints), *by_code.shape[2:]), by_code)
+        jacobian = zeros((z.shape[0], len(self.joints), *by_code.shape[2:]), by_code)
         jacobian[:, index(self._own, z)] = by_code[:, index(self._theirs, z)]
         return self._on_body(rotations), jacobian
 
@@ -95,7 +80,7 @@ class PriorOnBody(AutoencodingPrior):
         return self._on_body(self._prior.sample(count, seed))
 
     def _on_body(self, rotations: Array) -> Array:
-        return _placed(rotations, self._theirs, len(self._joints), self._own)
+        return _placed(rotations, self._theirs, len(self.joints), self._own)
 
     def _as_prior(self, rotations: Array) -> Array:
         return _placed(rotations, self._own, len(self._prior.joints), self._theirs)

@@ -23,10 +23,7 @@ DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 class SPoser(PoseAutoencoder):
     """Poses as unit zero-mean codes in R^32: a sphere of 30 dimensions."""
 
-    @property
-    def name(self) -> str:
-        """``"sposer"``."""
-        return "sposer"
+    name = "sposer"
 
     def encode(self, rotations: Poses) -> Codes:
         """Return the codes (N, 32), unit and zero-mean, of (N, 21, 3, 3) local rotations.

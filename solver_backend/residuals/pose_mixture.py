@@ -4,14 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array, array_namespace, constant, index
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
-from solver_backend.priors.gmm import load_gmm
-from solver_backend.priors.weights import BODY_JOINTS
+from solver_backend.priors.weights import ASSETS, BODY_JOINTS, read_weights
 from solver_backend.residuals.terms import PoseEvidence
 
 WIDENING_RAD = 0.12
@@ -43,22 +44,38 @@ class PoseMixture:
     """(3 n,) of the pose's rotation vectors."""
 
 
+def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+    """Return shares (K,), means (K, 63), lower Cholesky factors (K, 63, 63) of the covariances, and metadata.
+
+    Raises:
+        FileMissing: the file does not exist.
+        WeightsInvalid: the shares are no distribution, a covariance is singular, or the file is wrong or damaged.
+    """
+    stored, size = read_weights(path, "gmm"), 3 * len(BODY_JOINTS)
+    shares = stored.array("weights", (None,))
+    count = len(shares)
+    if count == 0 or (shares <= 0).any() or abs(shares.sum() - 1.0) > 1e-3:
+        raise WeightsInvalid("The weights of the mixture are not a distribution: positive numbers that add up to one.")
+    means, factors = stored.array("means", (count, size)), np.tril(stored.array("factors", (count, size, size)))
+    if (np.diagonal(factors, axis1=-2, axis2=-1) <= 0).any():
+        raise WeightsInvalid("A covariance of the mixture is singular.")
+    return shares / shares.sum(), means, factors, {**stored.metadata, "sha256": stored.sha256}
+
+
 @lru_cache(maxsize=8)
 def load_pose_mixture(joints: tuple[str, ...] = BODY_JOINTS) -> PoseMixture:
-    """Return the mixture that ships with the code, widened: its marginal of those of a pose's joints that it models."""
-    mixture = load_gmm()
-    shared = [name for name in joints if name in mixture.joints]
+    """Return the marginal of the stored mixture over those of a pose's joints that it models, widened."""
+    weights, means, factors, _ = read_mixture()
+    shared = [name for name in joints if name in BODY_JOINTS]
     theirs, own = (
         (3 * np.array([names.index(name) for name in shared], dtype=int)[:, None] + np.arange(3)).reshape(-1)
-        for names in (mixture.joints, joints)
+        for names in (BODY_JOINTS, joints)
     )
+    covariances = (factors @ factors.swapaxes(-1, -2))[:, theirs[:, None], theirs]
     # Contiguous: how a BLAS adds up depends on strides.
-    means, covariances = (
-        np.ascontiguousarray(part)
-        for part in (mixture.means[:, theirs], mixture.covariances[:, theirs[:, None], theirs])
-    )
+    means, covariances = np.ascontiguousarray(means[:, theirs]), np.ascontiguousarray(covariances)
     covariances = covariances + WIDENING_RAD**2 * np.eye(len(theirs))
-    peaks = np.log(mixture.shares) - 0.5 * np.linalg.slogdet(covariances)[1]
+    peaks = np.log(weights) - 0.5 * np.linalg.slogdet(covariances)[1]
     return PoseMixture(means, np.linalg.inv(covariances), peaks - peaks.max(), own)
 
 

@@ -18,13 +18,13 @@ from pathlib import Path
 
 import numpy as np
 
+from research.priors import load_prior, stored_priors
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.metrics import angle_mae_deg, pck_percent
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
 from tests.benchmarks.metric import Metric
@@ -84,7 +84,7 @@ def run() -> list[Metric]:
 
 def autoencoders() -> dict[str, list[AutoencodingPrior]]:
     """Return the trainings of every autoencoder: the one that ships, then those of other seeds."""
-    shipped = [name for name in shipped_priors() if name not in tables.POSE_ITSELF]
+    shipped = [name for name in stored_priors() if name not in tables.POSE_ITSELF]
     found: dict[str, list[AutoencodingPrior]] = {name: [_autoencoder(name)] for name in shipped}
     for (name, _), path in trained(ROOT).items():
         found.setdefault(name, []).append(_autoencoder(name, path))

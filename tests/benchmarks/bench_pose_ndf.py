@@ -19,6 +19,7 @@ from pathlib import Path
 
 import numpy as np
 
+from research.priors import load_gmm
 from solver_backend.body.body import load_body
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
@@ -40,7 +41,6 @@ from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, Mani
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.metrics.self_intersection import self_intersection_percent
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
-from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take, take_named
 from tests.benchmarks.metric import Metric

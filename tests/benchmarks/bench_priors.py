@@ -18,12 +18,12 @@ from pathlib import Path
 
 import numpy as np
 
+from research.priors import load_prior, stored_priors
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.fitters.pose_ndf.complete import interpolate_poses
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.priors.sposer import SPoser
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
@@ -59,7 +59,7 @@ class _Poses:
 def run(out: Path = OUT) -> list[Metric]:
     """Print the tables, write them and the pictures, and return SPoser's figures."""
     poses = _read(recordings_folder(), out)
-    priors = [load_prior(name) for name in shipped_priors()]
+    priors = [load_prior(name) for name in stored_priors()]
     parts = [
         _marker_residuals(recordings_folder(), out),
         tables.text_table("Synthesis and reconstruction (thesis tables 4.5 and 6.5)", _main_table(priors, poses)),

@@ -133,9 +133,7 @@ def narrow_prior(width: int = 24) -> SPoser:
     wide = np.linalg.qr(centred - centred.mean(axis=0))[0]
 
     class Narrow(SPoser):
-        @property
-        def name(self):
-            return "narrow"
+        name = "narrow"
 
         @property
         def latent_dim(self):

@@ -66,9 +66,7 @@ def test_the_same_input_gives_the_same_bytes(capture, backend):
 
 def test_the_record_names_the_prior_that_was_used(capture):
     class Another(SPoser):
-        @property
-        def name(self) -> str:
-            return "another"
+        name = "another"
 
     shipped, quick = load_sposer(), SolveSettings(method="frame", iterations=1)
     another = Another(shipped._encoder, shipped._decoder, shipped.residual_sigma, {"sha256": "abc"})

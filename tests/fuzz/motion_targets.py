@@ -12,6 +12,7 @@ import numpy as np
 from blender_addon.body.body_file import read_body
 from blender_addon.headless.batch.record import NAME as RECORD
 from blender_addon.headless.batch.record import is_step_done, read_record
+from research.priors import load_svae
 from solver_backend.body.files.choices import load_smpl_file
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import MocapError
@@ -20,7 +21,6 @@ from solver_backend.io.load import load_motion
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.native.motion_file import read_motion, read_subject, write_motion
 from solver_backend.job import Job
-from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import arrays_hash
 from tests.body.oracle import model
 from tests.fuzz import odd_bodies, odd_motions

@@ -19,9 +19,9 @@ from blender_addon.solving.child import event_in
 from blender_addon.solving.run import Run
 from blender_addon.studio.scene_file import FORMAT as SCENE
 from blender_addon.studio.scene_file import read_scene
+from research.priors import load_prior
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.priors.catalogue import load_prior
 from solver_backend.synthesis.studio.data_set import DESCRIPTION, SHOTS, read_data_set
 from solver_backend.synthesis.studio.make_shot import DONE
 from solver_backend.synthesis.studio.spec import read_spec

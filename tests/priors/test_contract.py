@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 import torch
 
+from research.priors import load_prior, stored_priors, weight_file
 from solver_backend.exchange.errors import FileMissing, PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.catalogue import load_prior, shipped_priors
-from solver_backend.priors.weights import ASSETS
 from tests.support.bad_poses import bad_poses
 from tests.support.random_weights import WIDTHS, write_random
 
@@ -97,9 +96,9 @@ def test_weights_of_something_else_are_named(tmp_path: Path, name: str) -> None:
 
 
 def test_catalogue_knows_what_ships() -> None:
-    assert {"sposer", "rvposer", "gmm"} <= set(shipped_priors())
+    assert {"sposer", "rvposer", "gmm"} <= set(stored_priors())
     with pytest.raises(WeightsInvalid, match=r"no prior 'poser' \(known: sposer"):
         load_prior("poser")
-    for name in shipped_priors():
+    for name in stored_priors():
         assert load_prior(name).name == name
-        assert (ASSETS / f"{name}.npz").stat().st_size < 4e6 and (ASSETS / f"{name}.md").is_file()
+        assert weight_file(name).stat().st_size < 4e6 and weight_file(name).with_suffix(".md").is_file()

@@ -9,9 +9,9 @@ import pytest
 import torch
 from scipy.stats import multivariate_normal
 
+from research.priors import GaussianMixture, load_gmm
 from solver_backend.exchange.errors import PoseInvalid, WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.gmm import GaussianMixture, load_gmm
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import ASSETS, PriorWeights, write_weights
 

@@ -8,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from research.priors import load_gmm
 from solver_backend.body.rest_skeleton import BODY_MIRROR
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.gmm import load_gmm
 from training.data.corpus import Corpus
 from training.engine.publish import Card, Finished, TrainingJob, publish
 

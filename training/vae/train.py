@@ -12,10 +12,10 @@ import torch
 from scipy.special import gammaln, ive
 from torch import nn
 
+from research.priors import load_prior
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_6d
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.priors.catalogue import load_prior
 from training.data.corpus import Corpus, WindowSampler
 from training.engine.accuracy import (
     VALIDATION_POSES,

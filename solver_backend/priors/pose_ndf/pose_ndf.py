@@ -308,10 +308,7 @@ class PoseNDF(PosePrior):
     def __init__(self, field: PoseField, spread: JointSpread, metadata: dict[str, Any]) -> None:
         self._field, self._spread, self.metadata = field, spread, metadata
 
-    @property
-    def name(self) -> str:
-        """``"pose_ndf"``."""
-        return "pose_ndf"
+    name = "pose_ndf"
 
     @property
     def latent_dim(self) -> int:

@@ -28,10 +28,7 @@ class TruthPrior(AutoencodingPrior):
         self._bends = log_so3(rotations @ np.swapaxes(prior.decode(self._codes), -1, -2)).reshape(len(rotations), -1)
         self.residual_sigma = np.full((rotations.shape[1], 3), 1e-3)  # nothing is left for rotations off the manifold
 
-    @property
-    def name(self) -> str:
-        """``"truth"``."""
-        return "truth"
+    name = "truth"
 
     @property
     def latent_dim(self) -> int:

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from research.priors import GaussianMixture, load_prior
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.priors.catalogue import load_prior
-from solver_backend.priors.gmm import GaussianMixture
 from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
 from tests.benchmarks.pose_priors.prior_pictures import embedding
 from tests.benchmarks.pose_priors.prior_tables import (

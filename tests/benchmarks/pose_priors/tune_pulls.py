@@ -11,9 +11,10 @@ from functools import cache
 
 import numpy as np
 
+from research.priors import load_gmm
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
-from solver_backend.priors.gmm import load_gmm
+from solver_backend.residuals.pose_mixture import read_mixture
 from tests.benchmarks.bench_pose_ndf import KEYPOINT_SETTINGS, VAES
 from tests.benchmarks.comparison.validation_takes import training_take
 from tests.benchmarks.pose_priors.keypoint_fits import Sighting, latent_fit, sighting
@@ -41,7 +42,8 @@ def main(names: list[str]) -> int:
 def sightings() -> list[Sighting]:
     """Return the takes' frames before one camera each."""
     mixture = load_gmm()
-    rest = mixture.decode((mixture.shares[:, None] * mixture.means).sum(axis=0)[None])[0]
+    shares, means, _, _ = read_mixture()
+    rest = mixture.decode((shares[:, None] * means).sum(axis=0)[None])[0]
     found = []
     for seed, (name, start) in enumerate(TAKES):
         take = training_take(name, FRAMES, start)

@@ -10,9 +10,9 @@ import pytest
 import torch
 from torch import nn
 
+from research.priors import load_prior
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.priors.catalogue import load_prior
 from tests.support.swaying_corpus import job, swaying
 from training.engine.accuracy import reconstruction_accuracy
 from training.engine.dense_layers import linear_layers
