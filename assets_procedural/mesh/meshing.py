@@ -59,11 +59,8 @@ class SymmetricMesh:
     """A closed mesh that equals its mirror image."""
 
     vertices: np.ndarray
-    """(V, 3) metres."""
     faces: np.ndarray
-    """(T, 3)."""
     mirror: np.ndarray
-    """(V,) index of each vertex's mirror image."""
 
 
 def build_mesh(primitives: Primitives, num_vertices: int, borders: tuple[Plane, ...] = ()) -> SymmetricMesh:

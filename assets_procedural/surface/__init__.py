@@ -1,1 +1,1 @@
-"""The implicit surface, and its fit to the reference body."""
+"""The implicit surface: Gaussians of the left half body and their mirror images."""

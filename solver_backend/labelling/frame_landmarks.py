@@ -20,16 +20,12 @@ _PART, _PAIRS = 64, 64 * 100**2
 
 @dataclass(frozen=True)
 class FramesRead:
-    """The network's reading of some frames."""
+    """The network's reading of the frames (B,), with (B, N) columns of the points and where there are any."""
 
     frames: np.ndarray
-    """(B,) their numbers."""
     columns: np.ndarray
-    """(B, N) column in the take of each point read."""
     there: np.ndarray
-    """(B, N) bool: there is a point."""
     reading: CloudReading
-    """Of the B clouds."""
 
 
 def read_frames(

@@ -51,14 +51,11 @@ class DistanceTable:
 
 @dataclass(frozen=True)
 class ChainDistances:
-    """Distances of C chains."""
+    """Distances (C, C) of C chains: means and deviations in metres, NaN if never seen together."""
 
     mean: np.ndarray
-    """(C, C) metres, NaN for those never seen together."""
     change: np.ndarray
-    """(C, C) standard deviation, metres."""
     seconds: np.ndarray
-    """(C, C) seen together."""
 
 
 @lru_cache(maxsize=1)

@@ -21,18 +21,14 @@ CLEAR = 0.5
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T stretches of a cloud of F frames and N points, and the chains they make."""
+    """T stretches of points in a cloud: column, first and last frame, and chain of stretches that continue (T,)."""
 
     number: np.ndarray
     """(F, N) int: stretch of each point, -1 where there is none."""
     column: np.ndarray
-    """(T,) point's column in the cloud."""
     first: np.ndarray
-    """(T,) first frame."""
     last: np.ndarray
-    """(T,) last frame."""
     chain: np.ndarray
-    """(T,) number of the chain: stretches that go on from one another."""
 
     def __len__(self) -> int:
         return len(self.column)

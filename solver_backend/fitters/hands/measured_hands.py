@@ -118,16 +118,12 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body over F frames, left first."""
+    """Both arms of a body over F frames, (F, 2, ...) left first: turns, places and covariance of wrists; metres."""
 
     rotations: np.ndarray
-    """(F, 2, 3, 3) of the wrists."""
     wrists: np.ndarray
-    """(F, 2, 3) metres."""
     elbows: np.ndarray
-    """(F, 2, 3) metres."""
     covariance: np.ndarray
-    """(F, 2, 3, 3) m² of the wrists."""
 
     def of(self, side: int) -> WristPath:
         """Return the path of one wrist."""

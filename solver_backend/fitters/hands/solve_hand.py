@@ -139,19 +139,16 @@ class SolvedHand:
 
     problem: HandProblem
     turn: Float[np.ndarray, "frames 3"]
-    """(F, 3) rotation vectors of the wrist against the body's, world."""
+    """Rotation vectors of the wrist against the body's, world."""
     shift: Float[np.ndarray, "frames 3"]
-    """(F, 3) metres of the wrist against the body's."""
+    """Metres of the wrist against the body's."""
     angles: Float[np.ndarray, "frames a"]
-    """(F, A) radians."""
     points: Float[np.ndarray, "frames 21 3"]
-    """(F, 21, 3) metres of ``HAND_POINTS``."""
+    """``HAND_POINTS`` in metres, with their covariance."""
     covariance: Float[np.ndarray, "frames 21 3 3"]
-    """(F, 21, 3, 3) m² of these points."""
     informed: Bool[np.ndarray, "frames 5"]
-    """(F, 5) whether a finger is seen, in the order of ``FINGERS``; others rest."""
+    """Fingers that are seen, in the order of ``FINGERS``; others rest."""
     convergence: Convergence
-    """Of the last pass."""
 
     @property
     def states(self) -> Float[np.ndarray, "frames d"]:

@@ -108,12 +108,10 @@ class Attachment:
 
 @dataclass(frozen=True)
 class BonePoses:
-    """Bones of the person in F frames."""
+    """Joints (F, 24, 3) in metres and global rotations (F, 24, 3, 3) of the person's bones."""
 
     joints: np.ndarray
-    """(F, 24, 3) metres."""
     rotations: np.ndarray
-    """(F, 24, 3, 3) global rotations."""
 
     def carry(self, points: np.ndarray) -> bool:
         """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""

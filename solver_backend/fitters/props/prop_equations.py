@@ -27,16 +27,12 @@ of them along the world's axes."""
 
 @dataclass(frozen=True)
 class PropState:
-    """F frames of a rigid body, ``x_world = R x + t``."""
+    """F frames of a rigid body, ``x_world = R x + t``, in metres, with its spin in rad/s and velocity in m/s."""
 
     R: np.ndarray
-    """(F, 3, 3)."""
     t: np.ndarray
-    """(F, 3) metres."""
     spin: np.ndarray
-    """(F, 3) angular velocity, rad/s."""
     velocity: np.ndarray
-    """(F, 3) m/s."""
 
     @classmethod
     def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
@@ -84,7 +80,6 @@ class PropEquations:
     unrest: np.ndarray
     """(F - 1, 2) power densities q of the angular acceleration (rad²/s³) and of the acceleration (m²/s³)."""
     dt: float
-    """Seconds between frames."""
 
     def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
         """Return the (1,) cost and the normal equations; ``scale`` is the robust one, in standard deviations."""
@@ -178,9 +173,7 @@ class PropStart:
     rest: np.ndarray
     """(M, 3) markers about their centre, metres."""
     R: np.ndarray
-    """(F, 3, 3)."""
     t: np.ndarray
-    """(F, 3) metres."""
     posed: np.ndarray
     """(F,) bool: the frame shows three markers or more; the others lie on the way between such."""
     sigma_m: float

