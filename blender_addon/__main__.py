@@ -5,8 +5,8 @@ from ._exchange.early_signals import end_by_signals
 if __name__ == "__main__":
     end_by_signals()
 
-from .headless.leave import leave
 from .headless.main import main
+from .headless.process import leave
 
 if __name__ == "__main__":
     leave(main())

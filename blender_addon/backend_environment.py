@@ -8,7 +8,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-from ._exchange.errors import BackendMissing
+from .errors import SolverMissing
 
 PACKAGE = "solver_backend"
 _BUNDLED = "backend"
@@ -21,12 +21,12 @@ def backend_folder() -> Path:
     """Return the folder that holds the solver's package: inside the installed extension, or of the source tree.
 
     Raises:
-        BackendMissing: neither holds it.
+        SolverMissing: neither holds it.
     """
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
             return folder
-    raise BackendMissing("The solver is not in the add-on's folder.", where=str(_ADDON), hint="Reinstall the add-on.")
+    raise SolverMissing("The solver is not in the add-on's folder.", where=str(_ADDON), hint="Reinstall the add-on.")
 
 
 def backend_command(python: Path | None = None) -> list[str]:
@@ -36,11 +36,11 @@ def backend_command(python: Path | None = None) -> list[str]:
         python: interpreter to use; None for Blender's own.
 
     Raises:
-        BackendMissing: there is no such interpreter.
+        SolverMissing: there is no such interpreter.
     """
     executable = Path(python or sys.executable)
     if not executable.is_file():
-        raise BackendMissing(
+        raise SolverMissing(
             "There is no Python to run the solver with.",
             where=str(executable),
             hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",
@@ -60,7 +60,7 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
         inherited: environment to start from; None for this process's.
 
     Raises:
-        BackendMissing: the solver is not there.
+        SolverMissing: the solver is not there.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

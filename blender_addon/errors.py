@@ -2,7 +2,17 @@
 
 from __future__ import annotations
 
-from ._exchange.errors import ErrorEvent, MocapError
+from ._exchange.errors import BackendMissing, ErrorEvent, ExitCode, MocapError
+
+
+class Broken:
+    """Mixin of errors of a run whose input is fine."""
+
+    exit_code = ExitCode.FAILED
+
+
+class SolverMissing(Broken, BackendMissing):
+    """The solver's files or its interpreter are not there."""
 
 
 class BodyMissing(MocapError):
@@ -21,15 +31,15 @@ class NothingToExport(MocapError):
     """There is no armature, motion or frame to export, or the format asks for more than the armature has."""
 
 
-class ExporterMissing(MocapError):
+class ExporterMissing(Broken, MocapError):
     """This Blender was built without a format, or its exporter is switched off."""
 
 
-class ExportFailed(MocapError):
+class ExportFailed(Broken, MocapError):
     """Blender's exporter refused, or wrote nothing."""
 
 
-class RenderFailed(MocapError):
+class RenderFailed(Broken, MocapError):
     """Blender rendered nothing: no graphics driver, or a video format is missing."""
 
 
@@ -54,62 +64,65 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error; code and exit code are its own.
+    """The solver ended with an error; its code is passed on, and its exit code if the user can do something about it.
 
     Args:
         event: the ``error`` event.
-        exit_code: of the process.
+        exit_code: of the process; 0 if it has none.
     """
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
         self.code = event.get("code", "error")
-        self.exit_code = exit_code
+        passed_on = ExitCode.USAGE, ExitCode.BAD_INPUT, ExitCode.CANCELLED
+        self.exit_code = ExitCode(exit_code) if exit_code in passed_on else ExitCode.FAILED
 
 
 class WindowClosed(MocapError):
     """The window in which a run was started is closed, and with it what follows the run."""
 
 
-class TakeTooSlow(MocapError):
+class TakeTooSlow(Broken, MocapError):
     """A take of a batch took longer than it may."""
 
 
-class TakeTooLarge(MocapError):
+class TakeTooLarge(Broken, MocapError):
     """A take of a batch took more memory than it may."""
 
 
 class BatchInvalid(MocapError):
     """A batch has no captures, or its settings cannot be read."""
 
+    exit_code = ExitCode.USAGE
 
-class EngineMissing(MocapError):
+
+class EngineMissing(Broken, MocapError):
     """A batch was to be spread by a program that is not installed."""
 
 
-class SchedulerMissing(MocapError):
+class SchedulerMissing(Broken, MocapError):
     """No scheduler answers, or none that this program understands."""
 
 
-class WorkersUnsuitable(MocapError):
+class WorkersUnsuitable(Broken, MocapError):
     """There are no workers, or none of them can do the batch's takes."""
 
 
-class BatchTaken(MocapError):
+class BatchTaken(Broken, MocapError):
     """Another batch works in the same folder of results."""
 
 
-class TakeUndoable(MocapError):
+class TakeUndoable(Broken, MocapError):
     """A take of a batch has ended every worker that tried it."""
 
 
-class ShotsMissing(MocapError):
+class ShotsMissing(Broken, MocapError):
     """Some shots of a data set could not be made by the workers."""
 
 
-class BlenderMissing(MocapError):
+class BlenderMissing(Broken, MocapError):
     """The command was started by a Python without Blender's module."""
 
 
-class BakeFailed(MocapError):
+class BakeFailed(Broken, MocapError):
     """Something broke that nobody foresaw; the log holds where."""

@@ -17,7 +17,7 @@ def body_path_of(provenance: str) -> Path:
 
     Raises:
         BodyMissing: the body is neither in the user's folder nor at its path.
-        BackendMissing: see ``default_body_path``.
+        SolverMissing: see ``default_body_path``.
     """
     choice = _choice(provenance)
     if choice == SHIPPED:

@@ -174,7 +174,7 @@ def once_a_body(
 
 
 def default_body_path() -> Path:
-    """Return the path of the body that ships with the solver. A missing solver is a ``BackendMissing``."""
+    """Return the path of the body that ships with the solver. A missing solver is a ``SolverMissing``."""
     return backend_folder() / PACKAGE / _ASSET
 
 

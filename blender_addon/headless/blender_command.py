@@ -1,8 +1,7 @@
-"""``blender --command manifold_mocap``: the same command line inside Blender."""
+"""``blender --command manifold_mocap``: the same command line inside Blender. Registering it loads nothing else."""
 
-import bpy
-
-from .command_name import COMMAND
+COMMAND = "manifold_mocap"
+"""Name of the command inside Blender."""
 
 
 def run(arguments: list[str]) -> int:
@@ -11,7 +10,7 @@ def run(arguments: list[str]) -> int:
 
     try:
         return main(arguments, f"blender --command {COMMAND}")
-    except SystemExit as done:  # argparse has printed its help, or what is wrong
+    except SystemExit as done:  # argparse has printed its help
         return int(done.code or 0)
 
 
@@ -23,10 +22,14 @@ class Command:
 
     def register(self) -> None:
         """Make the command known."""
+        import bpy
+
         self._handle = bpy.utils.register_cli_command(COMMAND, run)
 
     def unregister(self) -> None:
         """Take it back."""
+        import bpy
+
         bpy.utils.unregister_cli_command(self._handle)
         self._handle = None
 

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import dataclass
-from pathlib import Path
+from argparse import Namespace
 
 import numpy as np
 
@@ -13,23 +12,8 @@ from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
 from ..conventions.naming import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
+from .process import require_blender
 from .result import CommandResult
-
-
-@dataclass(frozen=True)
-class BodyRequest:
-    """Which body to write, and where."""
-
-    out: Path
-    """Blender file to write; the catalog of its folder gets an entry."""
-    body: Path | None = None
-    """Body file; None for the one that ships with the add-on."""
-    betas: tuple[float, ...] = ()
-    """Up to 10 values of the shape; the others are 0."""
-    fingers: bool = False
-    """Give the body finger bones and their controls."""
-    look: str = PERSON_LOOK
-    """One of ``conventions.looks``."""
 
 
 class BodyResult(CommandResult):
@@ -41,15 +25,13 @@ class BodyResult(CommandResult):
     pose_correctives: bool
 
 
-def run_body(request: BodyRequest, progress: Progress) -> BodyResult:
+def run_body(args: Namespace, progress: Progress) -> BodyResult:
     """Write a Blender file that holds one body, standing on the floor, marked as an asset.
-
-    Returns:
-        The ``result`` event of the progress protocol.
 
     Raises:
         MocapError: the body is missing or wrong, or the file exists or cannot be written.
     """
+    require_blender()
     from ..body.correctives import CORRECTIVES
     from ..body.looks import show_look
     from ..body.rig import create_rig, stand_on_floor
@@ -59,27 +41,22 @@ def run_body(request: BodyRequest, progress: Progress) -> BodyResult:
 
     start = time.monotonic()
     betas = np.zeros(NUM_BETAS)
-    betas[: len(request.betas)] = request.betas
-    body = read_body(request.body or default_body_path(), SMPL_HANDS if request.fingers else SMPL)
-    with atomic_outputs(request.out.parent, (request.out.name,)) as temporary:
+    betas[: len(args.betas)] = args.betas
+    body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)
+    with atomic_outputs(args.out.parent, (args.out.name,)) as temporary:
         progress("building the body", 0, 1)
         scene = fresh_scene()
-        name = request.out.stem
+        name = args.out.stem
         collection = child_collection(name, scene.collection)
         rig = create_rig(name, body, betas, collection)
         stand_on_floor(rig, body)
-        show_look(rig.mesh, request.look)
+        show_look(rig.mesh, args.look or PERSON_LOOK)
         mark_body(rig, collection, body)
         progress("building the body", 1, 1)
         frame_viewports((0.0, 0.0, 0.9))
-        save_file(temporary[request.out.name])
-        add_catalog(request.out.parent)
-    return {
-        "event": "result",
-        "outputs": [str(request.out)],
-        "notes": [],
-        "body": body.id,
-        "vertices": len(body.v_template),
-        "pose_correctives": CORRECTIVES in rig.mesh.modifiers,
-        "seconds": round(time.monotonic() - start, 3),
-    }
+        save_file(temporary[args.out.name])
+        add_catalog(args.out.parent)
+    return BodyResult(
+        outputs=[str(args.out)], notes=[], body=body.id, vertices=len(body.v_template),
+        pose_correctives=CORRECTIVES in rig.mesh.modifiers, seconds=round(time.monotonic() - start, 3),
+    )  # fmt: skip

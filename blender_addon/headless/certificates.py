@@ -1,10 +1,10 @@
-"""Certificates by which a cluster's scheduler, workers and clients know one another, made by OpenSSL."""
+"""``certificates``: the key by which a cluster's scheduler, workers and clients know one another, made by OpenSSL."""
 
 from __future__ import annotations
 
 import shutil
 import subprocess
-from pathlib import Path
+from argparse import Namespace
 
 from .._exchange.cluster_address import CERTIFICATES
 from .._exchange.outputs import atomic_outputs
@@ -13,14 +13,22 @@ from ..errors import EngineMissing
 from .result import CommandResult
 
 DAYS = 365
-"""That a certificate is valid where nothing else is asked for; chosen by hand."""
+"""Days that a certificate is valid by default; chosen by hand."""
 _KEY, _CERTIFICATE, _AUTHORITY = CERTIFICATES["CLIENT__KEY"], CERTIFICATES["CLIENT__CERT"], CERTIFICATES["CA_FILE"]
 _OWNER_ALONE = 0o600
 """Permissions: its owner reads and writes it."""
 _REQUEST = (
-    "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-sha256", "-nodes", "-subj",
+    "req",
+    "-x509",
+    "-newkey",
+    "ec",
+    "-pkeyopt",
+    "ec_paramgen_curve:prime256v1",
+    "-sha256",
+    "-nodes",
+    "-subj",
     "/CN=mocap",
-)  # fmt: skip
+)
 
 
 class CertificatesResult(CommandResult):
@@ -29,14 +37,10 @@ class CertificatesResult(CommandResult):
     days: int
 
 
-def run_certificates(out: Path, days: int, overwrite: bool, progress: Progress) -> CertificatesResult:
+def run_certificates(args: Namespace, progress: Progress) -> CertificatesResult:
     """Write a key on the curve P-256 and its certificate, which is its own authority, into a folder.
 
-    Args:
-        out: the folder; whoever holds its key may run programs on the workers.
-        days: that the certificate is valid.
-        overwrite: replace files that are there.
-        progress: called before and after.
+    Whoever holds the key may run programs on the workers.
 
     Raises:
         EngineMissing: OpenSSL is not there, or makes none.
@@ -46,16 +50,25 @@ def run_certificates(out: Path, days: int, overwrite: bool, progress: Progress) 
     if program is None:
         raise EngineMissing("The program openssl, which makes certificates, is not installed.", hint="Install OpenSSL.")
     progress("Certificates", 0, 1)
-    with atomic_outputs(out, (_KEY, _CERTIFICATE, _AUTHORITY), overwrite=overwrite) as parts:
-        parts[_KEY].touch(_OWNER_ALONE)
-        made = subprocess.run(
-            [program, *_REQUEST, "-days", str(days), "-keyout", str(parts[_KEY]), "-out", str(parts[_CERTIFICATE])],
-            capture_output=True, text=True, check=False,
-        )  # fmt: skip
+    with atomic_outputs(args.out, (_KEY, _CERTIFICATE, _AUTHORITY), overwrite=args.overwrite) as parts:
+        key, certificate = parts[_KEY], parts[_CERTIFICATE]
+        key.touch(_OWNER_ALONE)
+        words = [
+            *_REQUEST,
+            "-subj",
+            "/CN=mocap",
+            "-days",
+            str(args.days),
+            "-keyout",
+            str(key),
+            "-out",
+            str(certificate),
+        ]
+        made = subprocess.run([program, *words], capture_output=True, text=True, check=False)
         if made.returncode != 0:
             raise EngineMissing(f"openssl made no certificate: {made.stderr.strip()[-200:]}", where=program)
-        parts[_KEY].chmod(_OWNER_ALONE)
-        shutil.copyfile(parts[_CERTIFICATE], parts[_AUTHORITY])
+        key.chmod(_OWNER_ALONE)
+        shutil.copyfile(certificate, parts[_AUTHORITY])
     progress("Certificates", 1, 1)
-    outputs = [str(out / name) for name in (_AUTHORITY, _CERTIFICATE, _KEY)]
-    return {"event": "result", "outputs": outputs, "days": days, "notes": []}
+    outputs = [str(args.out / name) for name in (_AUTHORITY, _CERTIFICATE, _KEY)]
+    return {"outputs": outputs, "days": args.days, "notes": []}

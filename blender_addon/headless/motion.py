@@ -1,80 +1,46 @@
-"""``motion`` and ``add-hands``: clips of any program; what only Blender reads is read here, then the solver works."""
+"""``motion`` and ``add-hands``: clips of any program; the solver gets what only Blender reads as skeleton files."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from argparse import Namespace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from .._exchange.progress import Progress
 from .._exchange.skeleton_file import write_skeleton
-from .._exchange.verb_results import ClipResult, GlovesResult
-from .solver import run_solver
+from .children import pass_on
+from .process import require_blender
+from .result import CommandResult
 
 _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
-"""What the solver cannot read."""
+"""Files that the solver cannot read."""
 
 
-@dataclass(frozen=True)
-class MotionRequest:
-    """What to bring onto the body."""
-
-    clip: Path
-    """File with the clip; it is not changed."""
-    out: Path
-    """Motion file to write."""
-    armature: str = ""
-    """Which armature of the clip; needed where several move."""
-    action: str = ""
-    """Which of its actions; "" for the one that it shows."""
-    rest: tuple[str, ...] = ()
-    """Further options of the solver's verb."""
-    python: Path | None = None
-    """Python to solve with; None for this one."""
-
-
-def run_motion(request: MotionRequest, progress: Progress) -> ClipResult:
-    """Write a motion file and return the solver's ``result`` event.
+def run_motion(args: Namespace, progress: Progress) -> CommandResult:
+    """Write a clip as a motion of our body.
 
     Raises:
-        MocapError: the clip is missing, wrong or nobody's, or the output exists.
+        MocapError: the clip is missing or wrong, its armature is not clear, or the output exists.
     """
+    require_blender()
     with TemporaryDirectory() as folder:
-        clip = _readable(request.clip, request.armature, request.action, Path(folder), progress)
-        arguments = [str(clip), "--out", str(request.out), *request.rest]
-        return run_solver("motion", arguments, progress, python=request.python)
+        clip = _readable(args.clip, args.armature, args.action, Path(folder), progress)
+        return pass_on(args, progress, [str(clip), "--out", str(args.out)])
 
 
-@dataclass(frozen=True)
-class HandsRequest:
-    """Which hands to add to a motion."""
-
-    motion: Path
-    gloves: tuple[Path, ...]
-    """Recordings of hands; they are not changed."""
-    out: Path
-    """Motion file to write."""
-    armature: str = ""
-    """Which armature of a recording that only Blender reads."""
-    rest: tuple[str, ...] = ()
-    """Further options of the solver's verb."""
-    python: Path | None = None
-    """Python to solve with; None for this one."""
-
-
-def run_add_hands(request: HandsRequest, progress: Progress) -> GlovesResult:
-    """Write a motion with the hands of gloves and return the solver's ``result`` event.
+def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
+    """Write a motion with the hands of gloves.
 
     Raises:
-        MocapError: a file is missing, wrong or nobody's, or the output exists.
+        MocapError: a file is missing or wrong, its armature is not clear, or the output exists.
     """
+    require_blender()
     with TemporaryDirectory() as folder:
         gloves = [
-            _readable(path, request.armature, "", Path(folder) / str(number), progress)
-            for number, path in enumerate(request.gloves)
+            str(_readable(path, args.armature, "", Path(folder) / str(number), progress))
+            for number, path in enumerate(args.gloves)
         ]
-        arguments = [str(request.motion), *map(str, gloves), "--out", str(request.out), *request.rest]
-        return run_solver("add-hands", arguments, progress, python=request.python)
+        return pass_on(args, progress, [str(args.hands_of), *gloves, "--out", str(args.out)])
 
 
 def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Progress) -> Path:

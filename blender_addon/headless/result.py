@@ -1,14 +1,16 @@
-"""What the verbs of this command line hand back."""
+"""Results of this command line's verbs."""
 
 from __future__ import annotations
 
-from typing import NotRequired, TypedDict
+from typing import Any, NotRequired, TypedDict
+
+from .._exchange.errors import MocapError
 
 
 class CommandResult(TypedDict):
     """The ``result`` event; a verb may add keys for programs."""
 
-    event: str
+    event: NotRequired[str]
     outputs: list[str]
     """Files that were written."""
     notes: list[str]
@@ -16,13 +18,14 @@ class CommandResult(TypedDict):
     exit_code: NotRequired[int]
     table: NotRequired[str]
     joints_deviation_mm: NotRequired[float]
+    """Largest distance between Blender's joints and the motion's."""
     skin_deviation_mm: NotRequired[float]
-    """Of what Blender shows from the motion, at most."""
+    """Largest distance between Blender's skin and the motion's."""
     hands_and_feet_deviation_mm: NotRequired[float]
     scale: NotRequired[float]
     """Of a character by the person."""
     map: NotRequired[str]
-    """Which bones of the character play which of ours."""
+    """The character's bones by the roles of ours."""
 
 
 class TimedResult(CommandResult):
@@ -31,3 +34,13 @@ class TimedResult(CommandResult):
     frames: int
     fps: float
     seconds: NotRequired[float]
+
+
+def failure(kind: str, name: str, error: MocapError) -> dict[str, Any]:
+    """Return the record of a clip or target (the kind) that was left out."""
+    return {kind: name, "code": error.code, "message": str(error), "exit_code": error.exit_code}
+
+
+def failure_notes(kind: str, failed: list[dict[str, Any]]) -> list[str]:
+    """Return a sentence about each clip or target that was left out."""
+    return [f"{entry[kind]} failed: {entry['message']}" for entry in failed]

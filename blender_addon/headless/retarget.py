@@ -1,32 +1,116 @@
-"""``retarget``: a solved motion and a rig in; a Blender file with the rig playing the motion out."""
+"""``retarget``: a motion, or a folder of clips, onto the rigs of one or several other characters."""
 
 from __future__ import annotations
 
 import time
-from dataclasses import asdict
+from argparse import Namespace
+from collections import Counter
+from collections.abc import Collection
+from dataclasses import asdict, replace
+from itertools import count
 from math import isfinite
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TypedDict
 
-from .._exchange.errors import FileMissing, OutputExists
+from .._exchange.errors import FileMissing, MocapError, OutputExists
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
-from .actors import read_source
-from .result import TimedResult
-from .retarget_request import RetargetRequest
-from .retarget_target import lay_out_time, map_target, open_target
+from ..errors import ActorMissing, BatchInvalid, TargetUnsuitable
+from .actors import ReadActor, read_clips, read_source
+from .process import require_blender
+from .result import CommandResult, TimedResult, failure, failure_notes
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ..conventions.timing import TakeTiming
+    from ..retarget.retarget import RetargetSettings
+    from ..retarget.rig_map import RigMap
+
+_SAME_RATE = 1e-3
+"""Relative difference below which two frame rates are equal; chosen by hand."""
+_READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
 
 
 class RetargetResult(TimedResult):
-    """Of ``retarget``."""
+    """Of ``retarget`` of one motion."""
 
     lengths_by_the_actor: dict[str, float]
     soles_from: str
 
 
-def run_retarget(request: RetargetRequest, progress: Progress) -> RetargetResult:
-    """Write a copy of the target's file in which the rig plays the motion.
+class DoneClip(TypedDict):
+    """A clip that was transferred."""
 
-    Returns:
-        The ``result`` event: outputs, notes, frames, scale, deviation and the map's label.
+    clip: str
+    frames: int
+    notes: list[str]
+
+
+class ClipsResult(CommandResult):
+    """Of ``retarget`` of a folder."""
+
+    clips: list[DoneClip]
+    failed: list[dict[str, Any]]
+    seconds: float
+
+
+class TargetsResult(CommandResult):
+    """Of ``retarget`` to several targets."""
+
+    targets: dict[str, CommandResult]
+    failed: list[dict[str, Any]]
+
+
+def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
+    """Retarget to each target; the files of several targets are in folders with the targets' names.
+
+    Targets that are unsuitable are left out and named; the exit code is that of the worst.
+
+    Raises:
+        BatchInvalid: two targets have one name, or one map file is to be written for several.
+        TargetUnsuitable: none of several targets is suitable.
+        MocapError: see ``_one`` and ``_clips``.
+    """
+    require_blender()
+    targets = list(dict.fromkeys(args.target))
+    out = args.out or args.source.with_name(f"{args.source.stem}_retargeted.blend")
+    if len(targets) == 1:
+        return _onto(targets[0], out, args, progress)
+    names = [target.stem for target in targets]
+    if len({name.lower() for name in names}) < len(names):
+        hint = "Their results would be in one folder: rename one of the files."
+        raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
+    if args.save_map is not None:
+        raise BatchInvalid("One map file cannot hold several rigs' maps.", hint="Leave out --save-map.")
+    results: dict[str, CommandResult] = {}
+    failed: list[dict[str, Any]] = []
+    for done, (name, target) in enumerate(zip(names, targets, strict=True)):
+        progress(f"target {name}", done, len(targets))
+        try:
+            results[name] = _onto(target, out.parent / name / out.name, args, progress)
+        except MocapError as error:
+            failed.append(failure("target", name, error))
+    if not results:
+        message = "The motion could not be transferred to any target."
+        raise TargetUnsuitable(message, where=str(args.source), hint=_listing("target", failed))
+    notes = [f"{name}: {note}" for name, result in results.items() for note in result["notes"]]
+    codes = [entry["exit_code"] for entry in failed] + [result.get("exit_code", 0) for result in results.values()]
+    return TargetsResult(
+        outputs=[path for result in results.values() for path in result["outputs"]], targets=results, failed=failed,
+        notes=notes + failure_notes("target", failed), exit_code=max(codes),
+    )  # fmt: skip
+
+
+def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> CommandResult:
+    args = Namespace(**{**vars(args), "target": target, "out": out})
+    if out.exists() and out.samefile(target):
+        raise OutputExists("The target's own file would be replaced.", where=str(out), hint="Name another.")
+    return _clips(args, progress) if args.source.is_dir() else _one(args, progress)
+
+
+def _one(args: Namespace, progress: Progress) -> RetargetResult:
+    """Write a copy of the target's file in which the rig plays the motion.
 
     Raises:
         MocapError: an input is missing or wrong, the rig or its map is unsuitable, or an output exists.
@@ -36,36 +120,185 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> RetargetResult
     from ..scene.session import save_file
 
     start = time.monotonic()
-    for path in (request.source, request.target):
+    for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
-    if request.out.exists() and request.out.samefile(request.target):
-        raise OutputExists("The target's own file would be replaced.", where=str(request.out), hint="Name another.")
     progress("reading the actor", 0, 1)
-    read = read_source(request.source, request.body, request.armature, request.action)
+    read = read_source(args.source, args.body, args.armature, args.action)
     actor = read.actor
-    with atomic_outputs(request.out.parent, (request.out.name,), overwrite=request.overwrite) as temporary:
-        scene, rig = open_target(request)
-        rig_map = map_target(request, rig)
-        timing = lay_out_time(request, scene, [actor.fps])
+    with atomic_outputs(args.out.parent, (args.out.name,), overwrite=args.overwrite) as temporary:
+        scene, rig = _open_target(args)
+        rig_map = _map_target(args, rig)
+        timing = _lay_out_time(args, scene, [actor.fps])
         progress("retargeting", 0, 1)
-        done = retarget(actor, rig, scene, rig_map, timing, request.settings)
+        done = retarget(actor, rig, scene, rig_map, timing, _settings(args))
         progress("retargeting", 1, 1)
-        scene.frame_start = min(scene.frame_start, request.frame_start)
+        scene.frame_start = min(scene.frame_start, args.frame_start)
         scene.frame_end = max(scene.frame_end, timing.last_frame(actor.num_frames, actor.fps))
-        save_file(temporary[request.out.name])
-        if request.save_map is not None:
-            write_map(request.save_map, done.rig_map, overwrite=request.overwrite)
-    return {
-        "event": "result",
-        "outputs": [str(path) for path in (request.out, request.save_map) if path is not None],
-        "notes": [*read.notes, *done.notes],
-        "frames": actor.num_frames,
-        "fps": actor.fps,
-        "map": done.rig_map.label,
-        "scale": round(done.scale, 5),
-        "lengths_by_the_actor": {k: round(v, 4) for k, v in asdict(done.proportions).items() if isfinite(v)},
-        "soles_from": done.soles,
-        "hands_and_feet_deviation_mm": round(done.deviation_mm, 3),
-        "seconds": round(time.monotonic() - start, 3),
-    }
+        save_file(temporary[args.out.name])
+        if args.save_map is not None:
+            write_map(args.save_map, done.rig_map, overwrite=args.overwrite)
+    return RetargetResult(
+        outputs=[str(path) for path in (args.out, args.save_map) if path is not None],
+        notes=[*read.notes, *done.notes], frames=actor.num_frames, fps=actor.fps, map=done.rig_map.label,
+        scale=round(done.scale, 5), soles_from=done.soles, hands_and_feet_deviation_mm=round(done.deviation_mm, 3),
+        lengths_by_the_actor={k: round(v, 4) for k, v in asdict(done.proportions).items() if isfinite(v)},
+        seconds=round(time.monotonic() - start, 3),
+    )  # fmt: skip
+
+
+def _clips(args: Namespace, progress: Progress) -> ClipsResult:
+    """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
+
+    Clips that cannot be read or transferred are left out and named; the exit code is that of the worst.
+
+    Raises:
+        MocapError: there are no clips, the rig or its map is unsuitable, an output exists, or all clips failed.
+    """
+    from ..export.take import take_of
+    from ..export.write import export_take, format_of
+    from ..retarget.actor_rig import play_action
+    from ..retarget.retarget import retarget
+    from ..scene.session import save_file
+
+    start = time.monotonic()
+    suffixes = {name: format_of(name).suffix for name in dict.fromkeys(args.export)}
+    actors, failed = _read_folder(args, progress)
+    folder: Path = args.out.parent
+    _check_free(args, [f"{read.actor.name}{suffix}" for read in actors for suffix in suffixes.values()])
+    clips: list[DoneClip] = []
+    written: list[Path] = [args.out]
+    with atomic_outputs(folder, (args.out.name,), overwrite=args.overwrite) as temporary:
+        scene, rig = _open_target(args)
+        rig_map = _map_target(args, rig)
+        timing = _lay_out_time(args, scene, [read.actor.fps for read in actors])
+        for done, read in enumerate(actors):
+            progress("retargeting", done, len(actors))
+            name, actor = read.actor.name, read.actor
+            try:
+                laid = retarget(actor, rig, scene, rig_map, timing, _settings(args))
+                laid.action.name = name
+                laid.action.asset_mark()
+                end = timing.last_frame(actor.num_frames, actor.fps)
+                take = take_of(scene, rig, (args.frame_start, end))
+                for kind, suffix in suffixes.items():
+                    written.append(export_take(take, kind, folder / f"{name}{suffix}", overwrite=args.overwrite))
+            except MocapError as error:
+                failed.append(failure("clip", name, error))
+                continue
+            finally:
+                if rig.animation_data is not None:
+                    rig.animation_data.action = None
+            scene.frame_end = max(scene.frame_end, end)
+            notes = [*read.notes, *laid.notes]
+            if suffixes and abs(actor.fps / timing.scene_fps - 1) > _SAME_RATE:
+                notes.append(f"Recorded at {actor.fps:g} frames a second, exported at {timing.scene_fps:g}.")
+            clips.append({"clip": name, "frames": actor.num_frames, "notes": notes})
+        progress("retargeting", len(actors), len(actors))
+        if not clips:
+            message = "No clip could be transferred to the rig."
+            raise ActorMissing(message, where=str(args.source), hint=_listing("clip", failed))
+        play_action(rig, clips[0]["clip"])
+        save_file(temporary[args.out.name])
+    notes = [f"{clip['clip']}: {note}" for clip in clips for note in clip["notes"]]
+    return ClipsResult(
+        outputs=[str(path) for path in written], clips=clips, failed=failed, map=rig_map.label,
+        notes=notes + failure_notes("clip", failed), seconds=round(time.monotonic() - start, 3),
+        exit_code=max((entry["exit_code"] for entry in failed), default=0),
+    )  # fmt: skip
+
+
+def _check_free(args: Namespace, names: list[str]) -> None:
+    """Refuse to start if a file would be replaced that must not be."""
+    folder: Path = args.out.parent
+    there = [name for name in names if (folder / name).exists()]
+    sources = [name for name in there if (folder / name).resolve().parent == args.source.resolve()]
+    if sources or (there and not args.overwrite):
+        message = f"{', '.join((sources or there)[:3])} would be replaced."
+        raise OutputExists(message, where=str(folder), hint="Choose another folder for --out.")
+
+
+def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:
+    """Return the clips of a folder, each with a name of its own, and those that cannot be read."""
+    paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
+    if not paths:
+        hint = f"Clips are files with the endings {', '.join(_READ)}."
+        raise ActorMissing("The folder holds no clips.", where=str(args.source), hint=hint)
+    actors: list[ReadActor] = []
+    failed: list[dict[str, Any]] = []
+    for done, path in enumerate(paths):
+        progress("reading clips", done, len(paths))
+        try:
+            for read in read_clips(path, args.body, args.armature):
+                name = _own_name(_file_name(read.actor.name), {other.actor.name.lower() for other in actors})
+                actors.append(ReadActor(replace(read.actor, name=name), read.notes))
+        except MocapError as error:
+            failed.append(failure("clip", path.name, error))
+    if not actors:
+        hint = _listing("clip", failed)
+        raise ActorMissing("No clip of the folder can be read.", where=str(args.source), hint=hint)
+    return actors, failed
+
+
+def _file_name(name: str) -> str:
+    """Return a name without characters that file systems or Blender's names do not accept."""
+    kept = "".join(letter if letter.isalnum() or letter in " -_.()" else "_" for letter in name)
+    return kept.strip(" .")[:60] or "clip"
+
+
+def _own_name(name: str, taken: set[str]) -> str:
+    """Return a name that no other clip has, whether or not the file system distinguishes capitals."""
+    numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
+    return next(own for own in numbered if own.lower() not in taken)
+
+
+def _listing(kind: str, failed: list[dict[str, Any]]) -> str:
+    return " ".join(f"{entry[kind]}: {entry['message']}" for entry in failed[:3])
+
+
+def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    """Open the target's file and return its only armature, or the one that is named."""
+    from ..retarget.actor_rig import is_actor
+    from ..retarget.scene_files import open_scene
+
+    scene = open_scene(args.target)
+    rigs = [o for o in scene.objects if o.type == "ARMATURE" and (args.object or not is_actor(o))]
+    found = [o for o in rigs if args.object in ("", o.name)]
+    if len(found) == 1:
+        return scene, found[0]
+    names = ", ".join(o.name_full for o in rigs) or "the file has none"
+    if not found:
+        message = f"There is no armature '{args.object}'." if args.object else "There is no armature."
+    elif args.object:
+        message = f"There are {len(found)} armatures '{args.object}': {', '.join(o.name_full for o in found)}."
+    else:
+        message = "Exactly one armature is needed."
+    raise TargetUnsuitable(message, where=str(args.target), hint=f"Name one with --object: {names}.")
+
+
+def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
+    """Return the motions' place in the scene; characters of other programs get the motions' most common rate."""
+    from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
+
+    if args.target.suffix.lower() != ".blend":
+        set_scene_frame_rate(scene, Counter(rates).most_common(1)[0][0])
+    return TakeTiming(args.frame_start, scene_frame_rate(scene))
+
+
+def _map_target(args: Namespace, rig: bpy.types.Object) -> RigMap:
+    """Return the map of the rig: a map file, a preset by name, or what is recognised."""
+    from ..retarget.recognition import map_rig, named_preset, user_presets_folder
+    from ..retarget.rig_map import read_map
+
+    if args.map is not None:
+        return read_map(args.map)
+    if args.preset:
+        return named_preset(args.preset, rig.data.bones.keys(), user_presets_folder())
+    return map_rig(rig, user_presets_folder())
+
+
+def _settings(args: Namespace) -> RetargetSettings:
+    from ..retarget.motion.transfer import TransferSettings
+    from ..retarget.retarget import RetargetSettings
+
+    return RetargetSettings(args.limbs, TransferSettings(args.in_place, args.root_motion, scale=args.scale))

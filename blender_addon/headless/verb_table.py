@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .._exchange.diagnostics import list_refusals
+from .._exchange.errors import describe_exit_codes
 from .._exchange.marker_formats import MARKER_FORMATS
 from .._exchange.setting import POSITIVE, REQUIRED, Setting
 from .._exchange.verb import Program, Verb, by_name, flag, option, output, place, values
@@ -13,7 +14,6 @@ from ..conventions.naming import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .certificates import DAYS
-from .exit_codes import EPILOG
 
 [BENCHMARK_SETTINGS], [JSON], [OVERWRITE], [PARENT_PIPE], [PLACES], [SPEC], [TLS] = map(
     SHARED.__getitem__, ("BENCHMARK_SETTINGS", "JSON", "OVERWRITE", "PARENT_PIPE", "PLACES", "SPEC", "TLS")
@@ -55,20 +55,20 @@ def _workers(what: str) -> tuple[Setting, ...]:
 VERBS = by_name((
     Verb(
         "solve", _SOLVE, "solve", "solve a capture; takes the solver's options, such as --job JOB.json",
-        "solve capture --out motion.npz", "main:_solve", (_PYTHON,), passes_on=True,
+        "solve capture --out motion.npz", "children:pass_on", (_PYTHON,), passes_on=True,
     ),
     Verb(
         "calibrate", _SOLVE, "markers",
         "learn a person's shape and marker positions; takes the solver's options",
-        "calibrate range_of_motion.c3d --out subject.npz", "main:_calibrate", (_PYTHON,), passes_on=True,
+        "calibrate range_of_motion.c3d --out subject.npz", "children:pass_on", (_PYTHON,), passes_on=True,
     ),
     Verb(
         "export-markers", _SOLVE, "markers", "write a motion's markers; takes the solver's options",
-        "export-markers motion.npz --out cleaned.c3d", "main:_export_markers", (_PYTHON,), passes_on=True,
+        "export-markers motion.npz --out cleaned.c3d", "children:pass_on", (_PYTHON,), passes_on=True,
     ),
     Verb(
         "bake", _SHOW, "blender", "write an animated body, its preview video and a contact sheet",
-        "bake motion.npz --capture capture.npz --out baked", "main:_bake",
+        "bake motion.npz --capture capture.npz --out baked", "bake:run_bake",
         (
             *_MOTION,
             flag("no_video", "Leave out the preview video"),
@@ -83,11 +83,11 @@ VERBS = by_name((
     ),
     Verb(
         "render", _SHOW, "blender", "write a preview video and a contact sheet", "render motion.npz --out preview",
-        "main:_render", _MOTION,
+        "bake:run_render", _MOTION,
     ),
     Verb(
         "export", _SHOW, "blender", "write a take in the formats of other programs",
-        "export motion.npz --format fbx gltf --out files", "main:_export",
+        "export motion.npz --format fbx gltf --out files", "export:run_export",
         (
             place("path", "source", "MOTION.npz|FILE.blend", "Motion file or Blender file"),
             option("choice", "formats", "", "Formats to write", REQUIRED, choices=_FORMATS, many=True,
@@ -99,7 +99,7 @@ VERBS = by_name((
     ),
     Verb(
         "body", _SHOW, "blender", "write the posable body as an asset", "body --out assets/body.blend --fingers",
-        "main:_body",
+        "body:run_body",
         (
             output("FILE.blend", "Blender file, never replaced; its folder becomes an asset library",
                    endings=(".blend",), is_output=False),
@@ -111,7 +111,7 @@ VERBS = by_name((
     ),
     Verb(
         "retarget", _CHARACTERS, "blender", "retarget a solved motion to another character's rig",
-        "retarget motion.npz --target hero.blend --out hero_walks.blend", "main:_retarget",
+        "retarget motion.npz --target hero.blend --out hero_walks.blend", "retarget:run_retarget",
         (
             place("path", "source", "SOURCE", "Motion, a moving armature (.blend, .fbx, .glb, .bvh), or a folder"),
             option("path", "target", "RIG", "The rig (.blend, .fbx, .glb, .vrm), which is not changed; each gets a "
@@ -138,7 +138,7 @@ VERBS = by_name((
     ),
     Verb(
         "motion", _CHARACTERS, "motion", "convert a clip of another program to our body",
-        "motion clip.fbx --out motion.npz", "main:_motion",
+        "motion clip.fbx --out motion.npz", "motion:run_motion",
         (
             place("path", "clip", "CLIP", "FBX, glTF, VRM, Blender file, BVH, MVNX, C3D segments or AMASS"),
             _MOTION_OUT,
@@ -150,7 +150,7 @@ VERBS = by_name((
     ),
     Verb(
         "add-hands", _CHARACTERS, "hands", "add the fingers of gloves, or of another program, to a motion",
-        "add-hands motion.npz gloves.fbx --out hands.npz", "main:_add_hands",
+        "add-hands motion.npz gloves.fbx --out hands.npz", "motion:run_add_hands",
         (
             place("path", "hands_of", "MOTION.npz", "Motion to which the hands are added"),
             place("path", "gloves", "GLOVES", "FBX, glTF, Blender file, BVH, or CSV of MANUS or Rokoko", many=True),
@@ -162,7 +162,7 @@ VERBS = by_name((
     ),
     Verb(
         "batch", _MANY, "solve", "solve, bake and export every capture of a folder; resumes",
-        "batch captures --out takes --job job.json --bake --export fbx", "main:_batch",
+        "batch captures --out takes --job job.json --bake --export fbx", "batch.run_batch:run_batch_verb",
         (
             place("folder", "captures", "FOLDER", "Folder of the captures: files .npz, recordings of markers, folders",
                   None),
@@ -189,7 +189,7 @@ VERBS = by_name((
     ),
     Verb(
         "studio", _MANY, "dataset", "render synthetic captures with ground truth", "studio spec.json --out set",
-        "main:_studio",
+        "studio:run_studio",
         (
             SPEC,
             output("DIR", "Folder of the data set; an interrupted run resumes", kind="folder", is_output=False),
@@ -202,11 +202,18 @@ VERBS = by_name((
     ),
     Verb(
         "certificates", _MANY, "solve", "make the TLS certificates of a cluster of several machines",
-        "certificates --out tls", "main:_certificates",
+        "certificates --out tls", "certificates:run_certificates",
         (_OUT, option("whole", "days", "N", "Days for which they are valid", DAYS, low=1, high=1024), OVERWRITE),
     ),
 ))  # fmt: skip
 """By name, in the order of the help."""
+
+
+_EPILOG = describe_exit_codes(
+    "a file is missing, damaged or unusable, or an output exists or cannot be written",
+    "the solver failed, or Blender is missing, cannot render or export here",
+    "A batch has the code of its worst take.\n",
+)
 
 
 def program(name: str = MODULE) -> Program:
@@ -215,6 +222,5 @@ def program(name: str = MODULE) -> Program:
     Args:
         name: what the program is called in its help.
     """
-    return Program(
-        name, "Solve captures, and bake, export and render solved motions, without a window.", VERBS, _COMMON, EPILOG
-    )
+    description = "Solve captures, and bake, export and render solved motions, without a window."
+    return Program(name, description, VERBS, _COMMON, _EPILOG)

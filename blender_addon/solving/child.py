@@ -11,7 +11,7 @@ from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import IO, Any
 
-from .._exchange.errors import BackendMissing
+from ..errors import SolverMissing
 
 _GRACE_S = 5.0
 """Seconds that a cancelled solver has to end by itself before it is killed; chosen by hand."""
@@ -33,7 +33,7 @@ class SolverProcess:
         grace_s: seconds from Cancel until it is killed; 5 if left out.
 
     Raises:
-        BackendMissing: the program cannot be started.
+        SolverMissing: the program cannot be started.
     """
 
     def __init__(
@@ -49,7 +49,7 @@ class SolverProcess:
                 encoding="utf-8", errors="replace", creationflags=_NO_WINDOW,
             )  # fmt: skip
         except OSError as error:
-            raise BackendMissing(
+            raise SolverMissing(
                 f"The solver cannot be started: {error.strerror or error}.",
                 where=str(command[0]),
                 hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",

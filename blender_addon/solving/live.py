@@ -237,7 +237,7 @@ def start_live(
         options: further arguments of the verb.
 
     Raises:
-        BackendMissing: solver or interpreter are not there.
+        SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), "live", str(source), "--with-points", "--json", "--parent-pipe", *options]
     command += [] if subject is None else ["--subject", str(subject)]
@@ -261,7 +261,7 @@ def start_cameras(
         options: further arguments of the verb: the detector, and where poses are sent.
 
     Raises:
-        BackendMissing: solver or interpreter are not there.
+        SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), "camera-live", *sources, "--calibration", str(calibration), "--with-points"]
     command += ["--json", "--parent-pipe", *options]
@@ -279,7 +279,7 @@ def start_sensors(options: Sequence[str], python: Path | None, folder: Path) -> 
         folder: working folder.
 
     Raises:
-        BackendMissing: solver or interpreter are not there.
+        SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), "sensors-live", *options, "--with-points", "--json", "--parent-pipe"]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))

@@ -58,7 +58,7 @@ def probe_python(python: Path | None) -> PythonFound:
         python: interpreter; None for Blender's own.
 
     Raises:
-        BackendMissing: there is no such file, or the solver is not there.
+        SolverMissing: there is no such file, or the solver is not there.
         PythonUnsuitable: it does not start, is too old, or has no NumPy.
     """
     executable = backend_command(python)[0]

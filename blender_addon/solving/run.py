@@ -117,7 +117,7 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
         folder: working folder.
 
     Raises:
-        BackendMissing: solver or interpreter are not there.
+        SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
     run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
@@ -136,7 +136,7 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
         folder: working folder.
 
     Raises:
-        BackendMissing: the interpreter is not there.
+        SolverMissing: the interpreter is not there.
     """
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
     run = Run(verb, SolverProcess(command, environment_for_child(python), folder))

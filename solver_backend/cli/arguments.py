@@ -1,12 +1,14 @@
-"""The command line of the solver, and the settings that stand on it."""
+"""The solver's command line, and the settings and captures that it names."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterable
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.exchange.errors import describe_exit_codes
+from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.setting import is_list, settings_of_class
@@ -14,6 +16,9 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb import Program
 from solver_backend.exchange.verbs import SHARED, VERBS
 from solver_backend.exchange.version import VERSION
+
+if TYPE_CHECKING:
+    from solver_backend.types import Capture
 
 PROGRAM = Program(
     "python -m solver_backend",
@@ -27,28 +32,66 @@ PROGRAM = Program(
     + "Messages for people go to standard error.",
     f"Manifold MoCap {VERSION}",
 )
-
-
-def parse(argv: list[str]) -> argparse.Namespace:
-    """Return the parsed command line; see ``Program.parse``."""
-    return PROGRAM.parse(argv)
+parse = PROGRAM.parse
+EVERYBODY = "all"
+"""Value of ``--person`` that stands for each person of a capture."""
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of a solve that stand on a command line, by name."""
+    """Return the solver settings of a command line by name."""
     return _given(args, settings_of_class(SolveSettings))
 
 
 def given_reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of how a capture is read that stand on a command line, by name."""
+    """Return the reading options of a command line by name."""
     return {name: tuple(value) if is_list(value) else value for name, value in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of the world that stand on a command line, by name."""
+    """Return the world settings of a command line by name."""
     return _given(args, settings_of_class(WorldSettings))
 
 
-def _given(args: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
-    values = {name: getattr(args, name, None) for name in rows}
+def _given(args: argparse.Namespace, names: Iterable[str]) -> dict[str, Any]:
+    values = {name: getattr(args, name, None) for name in names}
     return {name: value for name, value in values.items() if value is not None}
+
+
+def reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Return a command line's arguments of ``load_capture``."""
+    from solver_backend.job import joint_set_named, positive_fps
+
+    convert = {"fps": positive_fps, "joint_set": joint_set_named}
+    options = {name: convert[name](value) if name in convert else value for name, value in given_reading(args).items()}
+    if args.sync is not None:
+        options["sync"] = args.sync
+    if getattr(args, "resolve", None):
+        options["frames"] = None  # then they are those to solve again
+    return options
+
+
+def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
+    """Return a capture, everybody's where the person is ``EVERYBODY``.
+
+    Raises:
+        MocapError: see ``load_capture``.
+    """
+    from solver_backend.io.load import load_capture
+
+    person = options.get("person")
+    options = {**options, "person": None if person == EVERYBODY else person}
+    return load_capture(path, **options, progress=progress)
+
+
+def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
+    """Return the capture of a command line."""
+    return load(args.capture, reading(args), progress)
+
+
+def trials_of(path: Path) -> list[Path]:
+    """Return the recordings of a session's folder; none for any other path."""
+    if not path.is_dir():
+        return []
+    from solver_backend.io.detections.search import camera_sources, trials_below
+
+    return [] if camera_sources(path) else [path / trial for trial in trials_below(path)]

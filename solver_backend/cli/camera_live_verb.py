@@ -1,4 +1,4 @@
-"""The verb that goes from cameras that film to poses while it happens, one line a moment."""
+"""The verb ``camera-live``: poses of cameras while they film, one line per moment."""
 
 from __future__ import annotations
 
@@ -10,11 +10,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solver_backend.cli.arguments import given_world
-from solver_backend.cli.cancel import cancelling_until_held
-from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import settle_memory
-from solver_backend.cli.live_verb import open_sender, recorded, report_recovered, run_lines
+from solver_backend.cli.live_verb import LiveOutput, live_text
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import LiveLine
 from solver_backend.exchange.outputs import check_output
@@ -29,17 +28,20 @@ if TYPE_CHECKING:
     from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
 
 MOST_CAMERAS = 4
-"""More are no help to one person, and a load."""
+"""More are no help to one person, and a load; chosen by hand."""
 _SWITCH_S = 5e-4
-"""Seconds after which one thread lets another one on."""
+"""Seconds after which one thread lets another one on; chosen by hand."""
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
-    _check(args)
+    """Run until the cameras end, the time is over, or a signal stops it; recordings are kept."""
+    if not 2 <= len(args.sources) <= MOST_CAMERAS:
+        message = f"Poses are made live from two to {MOST_CAMERAS} cameras, not {len(args.sources)}."
+        raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
+    if args.send is not None:
+        read_address(args.send)
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.recordings import Recorder
-    from solver_backend.live.session_loop import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
     from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector, joint_set_of
@@ -50,7 +52,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     calibration = _calibration(args.calibration, [source.name for source in sources])
     choice = chosen_detector(args.detector, python=args.python, people=args.people, worker=args.detector_worker)
     betas = None if args.subject is None else read_subject(args.subject).betas
-    statistics, recorder = LiveStatistics(), None
+    recorder = None
     with ExitStack() as stack:
         hold = stack.enter_context(cancelling_until_held())
         live = stack.enter_context(LiveMoments(sources, lambda: DetectorProcess(choice), args.rate))
@@ -66,45 +68,23 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if args.record is not None:
             check_output(motion_of(args.record), overwrite=args.overwrite)
             form = ViewsRecording(session, live.about["name"])
-            recorder = stack.enter_context(Recorder(args.record, form, overwrite=args.overwrite))
-        sender = open_sender(args.send, session.proportions)
-        if sender is not None:
-            stack.enter_context(sender)
-        stream = stack.enter_context(Lines(args.lines))
-        report_recovered(recorder, stream)
-        lines = _lines(live, session, recorder, args)
-        stopped = run_lines(lines, stream, statistics, sender, hold)
+            recorder = Recorder(args.record, form, overwrite=args.overwrite)
+        output = stack.enter_context(LiveOutput(args, session.proportions, recorder))
+        output.run(_lines(live, session, recorder, args), hold)
+    assert output.statistics is not None
     data: dict[str, object] = {
-        **statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
-        "detector": live.about["name"], "stopped": stopped, **({} if sender is None else sender.summary()),
+        **output.statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
+        "detector": live.about["name"], **output.finish(),
     }  # fmt: skip
-    data |= recorded(recorder)
-    stream.require_whole()
     live.require_views()
-    text = ", ".join(f"{name} {value}" for name, value in data.items())
-    return Outcome(f"camera-live: {text}", data)
-
-
-def _check(args: argparse.Namespace) -> None:
-    """Refuse what does not go together, before any camera is opened.
-
-    Raises:
-        CommandLineInvalid: it does not.
-    """
-    if not 2 <= len(args.sources) <= MOST_CAMERAS:
-        raise CommandLineInvalid(
-            f"Poses are made live from two to {MOST_CAMERAS} cameras, not {len(args.sources)}.",
-            hint="Name a video, webcam:NUMBER or oak:ID for each.",
-        )  # fmt: skip
-    if args.send is not None:
-        read_address(args.send)
+    return Outcome(live_text(args, data), data)
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
     """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened.
 
     Raises:
-        CommandLineInvalid: two have the same name, or one is none.
+        CommandLineInvalid: two have the same name, or a source is invalid.
     """
     from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
     from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
@@ -132,7 +112,7 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
     """Return the calibration of these cameras, in their order.
 
     Raises:
-        CommandLineInvalid: it has none of a camera.
+        CommandLineInvalid: it lacks a camera.
     """
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
@@ -141,10 +121,8 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
     calibration = read_calibration(path)
     order = match_names(names, calibration.cameras.names)
     if order is None:
-        raise CommandLineInvalid(
-            f"The cameras are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}.",
-            where=str(path), hint="Write NAME=SOURCE with the calibration's names.",
-        )  # fmt: skip
+        message = f"The cameras are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
+        raise CommandLineInvalid(message, where=str(path), hint="Write NAME=SOURCE with the calibration's names.")
     return ordered(calibration, order)
 
 

@@ -1,4 +1,4 @@
-"""What cameras are calibrated from: board footage, a capture or its bare detections, clicks; and their lenses."""
+"""Calibrate cameras and lenses from board footage, a capture, bare detections, or clicks."""
 
 from __future__ import annotations
 
@@ -12,13 +12,8 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
-from solver_backend.cli.arguments import given_world
-from solver_backend.cli.reading import reading
-from solver_backend.exchange.errors import (
-    CalibrationMismatch,
-    CalibrationMissing,
-    CommandLineInvalid,
-)
+from solver_backend.cli.arguments import given_world, reading
+from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
@@ -30,12 +25,8 @@ if TYPE_CHECKING:
     from solver_backend.camera_calibration.extrinsics.together import Evidence
     from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens
 
-
-_WORLD_OPTIONS = {
-    "board": {"scale"}, "points": {"scale"}, "together": {"scale"}, "person": {"stature"},
-    "refine": {"stature", "scale", "level"},
-}  # fmt: skip
-"""What each method can do to the world: a person has a stature; a calibration is read with all of it."""
+_WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
+"""World settings that a method uses; the other methods use the scale alone."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -47,7 +38,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
     """
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
     world = given_world(args)
-    useless = sorted(set(world) - _WORLD_OPTIONS[args.method])
+    useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
     if useless:
         raise CommandLineInvalid(
             f"--from {args.method} does not use --{useless[0]}.",
@@ -63,9 +54,8 @@ def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None =
     """Return the capture of the command line, or that at a path, read with its options."""
     from solver_backend.io.load import load_capture
 
-    return load_capture(
-        path or (args.capture if "capture" in args else args.source), **reading(args), progress=progress
-    )
+    path = path or (args.capture if "capture" in args else args.source)
+    return load_capture(path, **reading(args), progress=progress)
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
@@ -81,11 +71,9 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses, used = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
-    folder: Path | None = args.coverage
-    for name, sightings in used.items():
-        if folder is not None:
-            picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
-            write_text(folder / f"{name}.svg", picture, overwrite=True)
+    for name, sightings in used.items() if args.coverage is not None else ():
+        picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
+        write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
     return lenses
 
 
@@ -93,11 +81,12 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     from solver_backend.camera_calibration.boards.board import board_named
     from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
 
-    given = args.board or next((str(p) for p in _boards_given(args.footage or args.source)), None)
+    folder = args.footage or args.source
+    there = (folder / name for name in ("board.toml", "charuco.toml"))
+    given = args.board or next((str(path) for path in there if path.is_file()), None)
     if given is None:
-        raise CommandLineInvalid(
-            "The board that was filmed is not known.", hint="Give --board, such as --board charuco:5x7:35mm."
-        )
+        hint = "Give --board, such as --board charuco:5x7:35mm."
+        raise CommandLineInvalid("The board that was filmed is not known.", hint=hint)
     unknown = [m for m in args.lens or () if m not in LENS_MODELS]
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
@@ -112,10 +101,6 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
     footage = board_footage(args.source)
     known = known_lenses(args.lenses, tuple(footage.extrinsic)) if args.lenses is not None else {}
     return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
-
-
-def _boards_given(folder: Path) -> list[Path]:
-    return [p for p in (folder / "board.toml", folder / "charuco.toml") if p.is_file()]
 
 
 def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -134,7 +119,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses, keypoints; a calibration that the capture has gives its lenses and chooses the person."""
+    """Return names, lenses, keypoints, and whether lenses are rough; by the capture's own calibration if it has one."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):
@@ -146,7 +131,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the same of detections without calibration: the person is the largest in each view."""
+    """Return the same of detections without calibration, where the person is the largest in each view."""
     from solver_backend.camera_calibration.extrinsics.person_session import main_person
     from solver_backend.io.calibration.search import levels_above
     from solver_backend.io.detections.read import read_detections
@@ -165,11 +150,9 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
         known = known_lenses(args.lenses, names)
         return names, [known[n] for n in names], keypoints, False
     if any(v is None for v in videos):
-        raise CalibrationMissing(
-            "Neither lenses nor the pictures' sizes are known.",
-            where=str(args.source),
-            hint="Give lenses with --lenses, or put the videos beside the detections.",
-        )
+        hint = "Give lenses with --lenses, or put the videos next to the detections."
+        message = "Neither lenses nor the pictures' sizes are known."
+        raise CalibrationMissing(message, where=str(args.source), hint=hint)
     return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
 
 
@@ -203,9 +186,8 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
     from solver_backend.io.calibration.read import read_calibration
 
     if args.footage is None and args.take is None and args.clicks is None:
-        raise CommandLineInvalid(
-            "--from together needs a source.", hint="Give --footage, --take or --clicks, or several of them."
-        )
+        hint = "Give --footage, --take or --clicks, or several of them."
+        raise CommandLineInvalid("--from together needs a source.", hint=hint)
     if args.hold is not None and not args.hold > 0:
         raise CommandLineInvalid("--hold, the accuracy of the calibration, must be above 0 mm.")
     start, sources = read_calibration(args.source).cameras, []

@@ -1,26 +1,24 @@
-"""A capture or a motion in words and in plain values."""
+"""Describe a capture or a motion in words and in plain values."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.cli.outcome import rows, sentences
 from solver_backend.exchange.verb_results import CameraSummary, CaptureSummary, MotionSummary, PersonSummary
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
 def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
-    """Return text and JSON values: cameras, frames, keypoints, markers, who is seen where, notes and problems."""
-    data: CaptureSummary = {
-        "name": capture.name, "frames": capture.num_frames, "fps": capture.fps,
-        "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
-        "cameras": _cameras(capture), "joint_set": None, "markers": None,
-        "people": describe_people(capture), "person": capture.person,
-        "truth": sorted(capture.truth), "notes": [sentence(item) for item in capture.notes],
-        "problems": [sentence(item) for item in capture.problems],
-        "diagnostics": [item.as_dict() for item in (*capture.problems, *capture.notes)],
-    }  # fmt: skip
+    """Return text and JSON values: cameras, frames, keypoints, markers, people, notes and problems."""
+    data = CaptureSummary(
+        name=capture.name, frames=capture.num_frames, fps=capture.fps, cameras=_cameras(capture),
+        duration_s=round(capture.num_frames / capture.fps, 3) if capture.fps else None, joint_set=None, markers=None,
+        people=describe_people(capture), person=capture.person, truth=sorted(capture.truth),
+        notes=sentences(capture.notes), problems=sentences(capture.problems),
+        diagnostics=[item.as_dict() for item in (*capture.problems, *capture.notes)],
+    )  # fmt: skip
     if capture.keypoints is not None:
         data["joint_set"] = capture.keypoints.joint_set.value
         data["own_points"] = {point.name: point.bone for point in capture.keypoints.own}
@@ -35,52 +33,48 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
 
 
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
-    """Return text and JSON values: length, residual and the frames that deserve a look."""
-    error = (
-        np.empty(0) if motion.reprojection_px is None else motion.reprojection_px[np.isfinite(motion.reprojection_px)]
-    )
-    marker_error = np.empty(0) if motion.marker_residual_mm is None else motion.marker_residual_mm
-    marker_error = marker_error[np.isfinite(marker_error)]
+    """Return text and JSON values: length, residual and the number of frames to check."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
-    data: MotionSummary = {
-        "frames": motion.num_frames, "fps": motion.fps, "duration_s": round(motion.num_frames / motion.fps, 3),
-        "solve_s": round(solve_s, 2),
-        "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
-        "marker_median_mm": round(float(np.median(marker_error)), 3) if marker_error.size else None,
-        "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
-        "unsure_frames": int(np.count_nonzero(flags & FLAG_UNSURE)),
-    }  # fmt: skip
-    residual, measured = (data["reprojection_median_px"], "px"), "detections"
+    data = MotionSummary(
+        frames=motion.num_frames, fps=motion.fps, duration_s=round(motion.num_frames / motion.fps, 3),
+        solve_s=round(solve_s, 2), reprojection_median_px=_median(motion.reprojection_px),
+        marker_median_mm=_median(motion.marker_residual_mm),
+        unseen_frames=int(np.count_nonzero(flags & FLAG_UNSEEN)),
+        unsure_frames=int(np.count_nonzero(flags & FLAG_UNSURE)),
+    )  # fmt: skip
+    residual, measured = f"{data['reprojection_median_px']} px", "detections"
     if motion.markers is not None and motion.reprojection_px is None:
-        residual, measured = (data["marker_median_mm"], "mm"), "markers"
+        residual, measured = f"{data['marker_median_mm']} mm", "markers"
     lines = [
         f"Solved {data['frames']} frames, {data['duration_s']:.1f} s at {motion.fps:g} frames a second, "
         f"in {solve_s:.1f} s",
-        f"  residual    {residual[0]} {residual[1]} (median)",
+        f"  residual    {residual} (median)",
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
         f"{data['unseen_frames']} bridged",
     ]
     if motion.props:
         data["props"] = [prop.name for prop in motion.props]
-        lines.append(f"  props       {', '.join(data['props'])}")
+        lines += rows("props", ", ".join(data["props"]))
     return "\n".join(lines), data
 
 
+def _median(errors: np.ndarray | None) -> float | None:
+    finite = np.empty(0) if errors is None else errors[np.isfinite(errors)]
+    return round(float(np.median(finite)), 3) if finite.size else None
+
+
 def describe_people(capture: Capture) -> list[PersonSummary]:
-    """Return name, agreed frames, first and last of them, and the views that see each person, of several people."""
+    """Return name, agreed frames and share of frames per view of each person, if there are several."""
     people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)
         seen = (person.keypoints.confidence > 0).any(axis=-1)
-        share = seen.mean(axis=1)
+        views = round(float(seen[:, frames].sum(axis=0).mean()), 2) if len(frames) else 0.0
+        first, last = (int(frames[0]), int(frames[-1])) if len(frames) else (None, None)
+        share = [round(100 * float(part), 1) for part in seen.mean(axis=1)]
         people.append(
-            {
-                "name": person.name, "frames": len(frames),
-                "first": int(frames[0]) if len(frames) else None, "last": int(frames[-1]) if len(frames) else None,
-                "views": round(float(seen[:, frames].sum(axis=0).mean()), 2) if len(frames) else 0.0,
-                "seen_percent": [round(100 * float(part), 1) for part in share],
-            }
-        )  # fmt: skip
+            PersonSummary(name=person.name, frames=len(frames), first=first, last=last, views=views, seen_percent=share)
+        )
     return people
 
 
@@ -102,20 +96,22 @@ def frames_without_two_views(capture: Capture) -> list[list[int]]:
 
 
 def _cameras(capture: Capture) -> list[CameraSummary]:
-    """Return what each camera is and the share of keypoints it sees, in percent."""
-    cameras = capture.cameras
-    if cameras is None:
-        return []
-    seen = None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=(1, 2))
-    return [
-        {
-            "name": name, "image_size": cameras.image_size[c].tolist(),
-            "position_m": [round(float(v), 3) for v in cameras.centres[c]],
-            "seen_percent": None if seen is None else round(100 * float(seen[c]), 1),
-            "footage": str(capture.footage[c]) if c < len(capture.footage) and capture.footage[c] else None,
-        }
-        for c, name in enumerate(cameras.names)
-    ]  # fmt: skip
+    """Return name, size, place, footage and the share of keypoints in percent of each camera."""
+    cameras, found = capture.cameras, list[CameraSummary]()
+    for c, name in enumerate(() if cameras is None else cameras.names):
+        assert cameras is not None
+        seen = None if capture.keypoints is None else float((capture.keypoints.confidence[c] > 0).mean())
+        footage = capture.footage[c] if c < len(capture.footage) else None
+        found.append(
+            {
+                "name": name,
+                "image_size": cameras.image_size[c].tolist(),
+                "position_m": [round(float(v), 3) for v in cameras.centres[c]],
+                "seen_percent": None if seen is None else round(100 * seen, 1),
+                "footage": str(footage) if footage else None,
+            }
+        )
+    return found
 
 
 def _capture_text(data: CaptureSummary, marker_lines: list[str]) -> str:
@@ -139,6 +135,6 @@ def _capture_text(data: CaptureSummary, marker_lines: list[str]) -> str:
     gaps = [f"{first}-{last}" for first, last in data.get("bridged_frames", [])]
     if gaps:
         lines.append(f"  nobody is seen by {seen_by} in frames {', '.join(gaps)}; they will be bridged and flagged")
-    lines += [f"  note        {note}" for note in data["notes"]]
-    lines += [f"  problem     {problem}" for problem in data["problems"]] or ["  problems    none"]
+    lines += rows("note", *data["notes"])
+    lines += rows("problem", *data["problems"]) or rows("problems", "none")
     return "\n".join(lines)

@@ -1,4 +1,4 @@
-"""The markers of a capture in words and in plain values."""
+"""Describe markers and a calibrated person in words and in plain values."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MOST_LISTED = 8
-"""Markers in a line."""
+"""Markers in a line; chosen by hand."""
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
@@ -31,26 +31,16 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
     count = cloud.positions.shape[1]
     gaps, faults = _gaps(cloud), _faults(cloud)
-    data: LabelsSummary = {
-        "subjects": list(subjects_of(labels)),
-        "known": list(names.known),
-        "of_hands": list(hands),
-        "unknown": list(names.unknown),
-        "computed": list(names.virtual),
-        "doubled": list(names.doubled),
-        "unlabelled": count - len(named),
-        "gaps": gaps,
-        "jumping": faults["jumping"],
-        "frozen": faults["frozen"],
-    }
-    counts = {
-        "known": len(names.known),
-        "of hands": len(hands),
-        "unknown": len(names.unknown),
-        "computed": len(names.virtual),
-        "doubled": len(names.doubled),
-        "unlabelled": count - len(named),
-    }
+    groups = {
+        "known": list(names.known), "of hands": list(hands), "unknown": list(names.unknown),
+        "computed": list(names.virtual), "doubled": list(names.doubled),
+    }  # fmt: skip
+    data = LabelsSummary(
+        subjects=list(subjects_of(labels)), known=groups["known"], of_hands=groups["of hands"],
+        unknown=groups["unknown"], computed=groups["computed"], doubled=groups["doubled"],
+        unlabelled=count - len(named), gaps=gaps, jumping=faults["jumping"], frozen=faults["frozen"],
+    )  # fmt: skip
+    counts = {**{what: len(group) for what, group in groups.items()}, "unlabelled": data["unlabelled"]}
     parts = [f"{number} {what}" for what, number in counts.items() if number]
     lines = [f"  markers     {count}: {', '.join(parts)}"]
     if data["subjects"]:
@@ -78,7 +68,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
 
 
 def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the parts of the body that no known marker informs; none where too few are known for a solve."""
+    """Return the parts of the body without a known marker; none if too few markers are known for a solve."""
     labels = [label for label in cloud.labels or () if label in known]
     if len(labels) < least_markers([known[label] for label in labels]):
         return ()
@@ -89,7 +79,7 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
 
 
 def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
-    """Return text and JSON values of a calibrated person: shape, where markers sit, how far they stray."""
+    """Return text and JSON values of a calibrated person: shape, places of markers and their scatter."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
     doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]
@@ -117,7 +107,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
 
 
 def _is_free(place: str) -> bool:
-    """Return whether a place is a shaft, anywhere along which a marker may sit."""
+    """Return whether a place is a shaft, along which a marker may sit anywhere."""
     rule = load_layouts().sided.get(place[1:])
     return rule is not None and rule["kind"] == "shaft"
 
@@ -135,18 +125,12 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
 
 
 def _gaps(cloud: MarkerCloud) -> list[MarkerGaps]:
-    """Return name, number of gaps and share of frames not seen of every marker that has gaps."""
+    """Return each marker with gaps, including those at the ends, and its share of frames without it."""
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
+    starts = (~seen[:1]).sum(axis=0) + (~seen[1:] & seen[:-1]).sum(axis=0)
     return [
         {"marker": label, "gaps": int(gaps), "missing_percent": round(100 * int(missing) / len(seen), 1)}
-        for label, gaps, missing in zip(labels, *_count_gaps(seen), strict=True)
+        for label, gaps, missing in zip(labels, starts, (~seen).sum(axis=0), strict=True)
         if gaps
     ]
-
-
-def _count_gaps(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (M,) gaps of each marker, those at the ends too, and (M,) frames without it, of (F, M) booleans."""
-    missing = ~seen
-    starts = missing[:1].sum(axis=0) + (missing[1:] & seen[:-1]).sum(axis=0)
-    return starts, missing.sum(axis=0)

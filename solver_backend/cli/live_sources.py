@@ -1,4 +1,4 @@
-"""What a live run can be of: points that are fitted, a motion that is replayed, or poses of another program."""
+"""Sources of a live run: points to fit, a motion to replay, poses of another program, or the face of a phone."""
 
 from __future__ import annotations
 
@@ -23,23 +23,22 @@ if TYPE_CHECKING:
     from solver_backend.live.recordings import Recorder
     from solver_backend.live.sending import Proportions
     from solver_backend.live.session import LiveSession
-    from solver_backend.types import MarkerCloud, Motion
 
 FOREIGN_CLIPS = (".bvh", ".mvnx")
-"""Motions of other skeletons, which are brought onto our body before they are replayed."""
+"""Endings of motions of other skeletons, which are fitted by our body before they are replayed."""
 
 
 @dataclass(frozen=True)
 class LiveSource:
-    """Where the lines of a live run come from."""
+    """Source of a live run's lines."""
 
     lines: Iterator[LiveLine]
     proportions: Proportions
     recorder: Recorder[...] | None = None
     summary: Callable[[], dict[str, object]] = field(default=dict)
-    """Returns what is known of the source at the end."""
-    beside: tuple[Recorder[...], ...] = ()
-    """What else is recorded, and finished at the end."""
+    """Returns plain values about the source at the end."""
+    others: tuple[Recorder[...], ...] = ()
+    """Further recordings."""
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
@@ -61,37 +60,40 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    if args.record is not None or args.subject is not None:
-        option = "--record" if args.record is not None else "--subject"
-        raise CommandLineInvalid(f"{option} works with points; {args.source} is a motion.", where=option)
-    from solver_backend.cli.motion_reading import any_motion
+    _refuse(args, "points", "a motion", "record", "subject")
+    from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
+    from solver_backend.exchange.diagnostics import sentence
     from solver_backend.live.sending import replayed_poses, rest_joints
 
     path = Path(args.source)
-    foreign = path.suffix.lower() in FOREIGN_CLIPS
-    motion = _on_our_body(path, progress) if foreign else any_motion(path, "neutral")
+    if path.suffix.lower() in FOREIGN_CLIPS:
+        brought = read_foreign_motion(path, "neutral", progress)
+        motion = brought.done.motion
+        for item in brought.diagnostics:
+            print(f"{item.severity}: {sentence(item)}", file=sys.stderr)
+    else:
+        motion = any_motion(path, "neutral")
     rest = rest_joints(motion)
     lines = replayed_poses(motion, paced=not args.fast, repeat=args.repeat)
     return LiveSource(lines, lambda: (motion.body_layout, rest))
 
 
-def _on_our_body(path: Path, progress: Progress) -> Motion:
-    """Return the motion of another program's skeleton on our body; what is doubtful goes to standard error."""
-    from solver_backend.cli.foreign_motion import read_foreign_motion
-    from solver_backend.exchange.diagnostics import sentence
+def _refuse(args: argparse.Namespace, of: str, source: str, *names: str) -> None:
+    """Refuse options that belong to another kind of source."""
+    for name in names:
+        if getattr(args, name) is not None:
+            raise CommandLineInvalid(f"--{name} works with {of}; {args.source} is {source}.", where=f"--{name}")
 
-    brought = read_foreign_motion(path, "neutral", progress)
-    for item in brought.diagnostics:
-        print(f"{item.severity}: {sentence(item)}", file=sys.stderr)
-    return brought.done.motion
+
+def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
+    if path is not None and path.suffix.lower() != ending:
+        hint = f"Name a file that ends in {ending}."
+        raise CommandLineInvalid(f"{what}.", where=str(path), hint=hint)
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:
-    """Return the poses that come to a port."""
-    if args.record is not None and args.record.suffix.lower() != ".npz":
-        raise CommandLineInvalid(
-            "Poses are recorded as a motion.", where=str(args.record), hint="Name a file that ends in .npz."
-        )
+    """Return poses that other programs send to a port."""
+    _refuse_ending(args.record, "Poses are recorded as a motion", ".npz")
     from solver_backend.body.body import load_body
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.port import listen
@@ -106,20 +108,16 @@ def _poses(args: argparse.Namespace) -> LiveSource:
         recorder = Recorder(args.record, form, overwrite=args.overwrite)
         face_path = args.record.with_name(f"{args.record.stem}_face.csv")
         face = Recorder(face_path, FaceRecording(), overwrite=args.overwrite)
-    lines = pose_lines(listen(address, assembly), onto, recorder, face)
-    found = LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
-    return replace(found, beside=() if face is None else (face,))
+    return LiveSource(
+        pose_lines(listen(address, assembly), onto, recorder, face), onto.proportions, recorder,
+        lambda: {"not_used": dict(assembly.counts)}, () if face is None else (face,),
+    )  # fmt: skip
 
 
 def _face(args: argparse.Namespace) -> LiveSource:
     """Return the face that a phone sends."""
-    if args.send is not None or args.subject is not None:
-        option = "--send" if args.send is not None else "--subject"
-        raise CommandLineInvalid(f"{option} works with poses; {args.source} is a face.", where=option)
-    if args.record is not None and args.record.suffix.lower() != ".csv":
-        raise CommandLineInvalid(
-            "A face is recorded as a table.", where=str(args.record), hint="Name a file that ends in .csv."
-        )
+    _refuse(args, "poses", "a face", "send", "subject")
+    _refuse_ending(args.record, "A face is recorded as a table", ".csv")
     from solver_backend.body.body import load_body
     from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
     from solver_backend.live.port import listen
@@ -127,19 +125,22 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()
-    there, ask = address, None
-    if address.scheme == IFACIALMOCAP and not address.is_local and address.host not in ("0.0.0.0", "::"):
-        there, ask = replace(address, host="0.0.0.0"), ask_phone(address.host, address.port)
     recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=args.overwrite)
-    heard = listen(there, assembly) if ask is None else listen(there, assembly, ask)
+    if address.scheme == IFACIALMOCAP and not address.is_local and address.host not in ("0.0.0.0", "::"):
+        asked = ask_phone(address.host, address.port)
+        heard = listen(replace(address, host="0.0.0.0"), assembly, asked)
+    else:
+        heard = listen(address, assembly)
+    rest = body.rest_joints(np.zeros(10))
     return LiveSource(
-        face_lines(heard, recorder), lambda: (body.layout, body.rest_joints(np.zeros(10))), recorder,
+        face_lines(heard, recorder), lambda: (body.layout, rest), recorder,
         lambda: {"not_used": dict(assembly.counts)},
     )  # fmt: skip
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return points of a take, or of lines, with a fit that makes poses of them."""
+    from solver_backend.cli.arguments import loaded
     from solver_backend.live.frames import KeepUp, from_lines, read_ahead, replayed
     from solver_backend.live.recordings import PointsRecording, Recorder, record_points
     from solver_backend.live.session import LiveSession, person_fit
@@ -151,7 +152,12 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
         frames = from_lines(os.fdopen(os.dup(sys.stdin.fileno()), "rb"), args.fps or 120.0)
         frames = frames if args.fast else read_ahead(frames)
     else:
-        cloud = _cloud(args, progress)
+        args.capture = Path(args.source)
+        capture = loaded(args, progress)
+        if capture.markers is None:
+            hint = "Choose a C3D, TRC or motion."
+            raise NoDetections("The capture has no markers to replay.", where=capture.name, hint=hint)
+        cloud = capture.markers
         session, fps = LiveSession(network, fit, unit="m", up_axis="z"), cloud.fps
         frames = replayed(cloud, paced=not args.fast, repeat=args.repeat)
     recorder, keep_up = None, KeepUp()
@@ -186,24 +192,12 @@ def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, 
 
 
 def make_ready(session: LiveSession) -> None:
-    """Let no frame be late by what can be done before the first."""
+    """Do what can be done before the first frame, so that no frame is late."""
     session.warm_up()
     settle_memory()
 
 
 def settle_memory() -> None:
-    """Let the collector of garbage pass over what is there by now: walking through it would make frames late."""
+    """Exempt all present objects from garbage collection, which would make frames late."""
     gc.collect()
     gc.freeze()
-
-
-def _cloud(args: argparse.Namespace, progress: Progress) -> MarkerCloud:
-    from solver_backend.cli.reading import loaded
-
-    args.capture = Path(args.source)
-    capture = loaded(args, progress)
-    if capture.markers is None:
-        raise NoDetections(
-            "The capture has no markers to replay.", where=capture.name, hint="Choose a C3D, TRC or motion."
-        )
-    return capture.markers

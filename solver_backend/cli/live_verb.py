@@ -1,67 +1,132 @@
-"""The verb that runs live: points or poses in, poses as lines and to a receiver."""
+"""The verb ``live``, and the outputs of every live run: lines, poses for a receiver, and recordings."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable
+import json
+import sys
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.cancel import cancelling_until_held
-from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
+from solver_backend.exchange.json_file import as_plain
 from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
+from solver_backend.io.files import AppendedFile, open_appended
 
 if TYPE_CHECKING:
     from solver_backend.live.recordings import Recorder
-    from solver_backend.live.sending import PoseSender, Proportions
-    from solver_backend.live.session_loop import LiveStatistics
+    from solver_backend.live.sending import Proportions
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the source ends; nothing that comes in ends it."""
+    """Run until the source ends. Invalid input does not end the run."""
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     if args.send is not None:
         read_address(args.send)
-    from solver_backend.live.session_loop import LiveStatistics
-
-    statistics = LiveStatistics()
     source = open_source(args, progress)
-    recorder = source.recorder
-    with ExitStack() as stack:
-        hold = stack.enter_context(cancelling_until_held())
-        for kept in (*((recorder,) if recorder is not None else ()), *source.beside):
-            stack.enter_context(kept)
-        sender = open_sender(args.send, source.proportions)
-        if sender is not None:
-            stack.enter_context(sender)
-        stream = stack.enter_context(Lines(args.lines))
-        report_recovered(recorder, stream)
-        stopped = run_lines(source.lines, stream, statistics, sender, hold)
-    data: dict[str, object] = {**statistics.summary(), **source.summary(), "stopped": stopped}
-    data |= recorded(recorder)
-    data |= {} if sender is None else sender.summary()
-    stream.require_whole()
-    text = ", ".join(f"{name} {value}" for name, value in data.items())
-    return Outcome(f"live: {text}", data)
+    with (
+        cancelling_until_held() as hold,
+        LiveOutput(args, source.proportions, source.recorder, source.others) as output,
+    ):
+        output.run(source.lines, hold)
+    assert output.statistics is not None
+    data = {**output.statistics.summary(), **source.summary(), **output.finish()}
+    return Outcome(live_text(args, data), data)
 
 
-def report_recovered(recorder: Recorder[...] | None, stream: Lines) -> None:
-    """Write a line on what a run that was killed has left, and is finished now."""
-    if recorder is not None and recorder.recovered is not None:
-        message = f"A recording that was not finished is now {recorder.recovered}."
-        stream.write(event_line("recovered", message))
+def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
+    """Return the result of a live run in words."""
+    return f"{args.verb}: {', '.join(f'{name} {value}' for name, value in data.items())}"
+
+
+class LiveOutput:
+    """The outputs of a live run; a context manager that opens and closes them.
+
+    Args:
+        args: command line with ``send`` and ``lines``.
+        proportions: of the person whose poses are sent and counted; None for lines of another kind.
+        recorder: records this run.
+        others: further recorders.
+
+    Raises:
+        CommandLineInvalid: the address to send to is invalid, or there is no such host.
+    """
+
+    def __init__(
+        self, args: argparse.Namespace, proportions: Proportions | None, recorder: Recorder[...] | None = None,
+        others: Iterable[Recorder[...]] = (),
+    ) -> None:  # fmt: skip
+        self.statistics, self._sender = None, None
+        if proportions is not None:
+            from solver_backend.live.session_loop import LiveStatistics
+
+            self.statistics = LiveStatistics()
+            if args.send is not None:
+                from solver_backend.live.sending import PoseSender
+
+                self._sender = PoseSender(read_address(args.send), proportions)
+        self._path, self._recorder, self._others = args.lines, recorder, others
+        self._stack = ExitStack()
+        self.stopped = False
+
+    def __enter__(self) -> LiveOutput:
+        with ExitStack() as stack:
+            for part in (self._recorder, *self._others, self._sender):
+                if part is not None:
+                    stack.enter_context(part)
+            self.lines = stack.enter_context(Lines(self._path))
+            if self._recorder is not None and self._recorder.recovered is not None:
+                message = f"A recording that was not finished is now {self._recorder.recovered}."
+                self.lines.write(event_line("recovered", message))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *raised: Any) -> None:
+        self._stack.__exit__(*raised)
+
+    def run(self, lines: Iterable[LiveLine], hold: Callable[[], None]) -> None:
+        """Send and write lines until the source ends or a signal stops it.
+
+        Args:
+            lines: poses and events, or lines of another kind.
+            hold: makes later signals wait until recordings are written.
+        """
+        try:
+            for line in lines if self._sender is None else self._sender.watched(lines):
+                if self.statistics is not None:
+                    self.statistics.add(line)
+                    if "frame" in line:
+                        line = {**line, "rate_hz": round(self.statistics.rate_hz, 1)}
+                self.lines.write(line)
+            hold()
+        except Cancelled:  # the usual end of a live run; recordings are kept
+            self.lines.end_line()
+            self.stopped = True
+
+    def finish(self) -> dict[str, object]:
+        """Return plain values about the run that has ended: whether it was stopped, recordings, and poses sent.
+
+        Raises:
+            OutputNotWritable: lines were lost.
+        """
+        data: dict[str, object] = {"stopped": self.stopped, **recorded(self._recorder)}
+        self.lines.require_whole()
+        return data if self._sender is None else {**data, **self._sender.summary()}
 
 
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
-    """Return where recordings are: this run's, and one that was finished for a run that was killed.
+    """Return the files of a recorder that has finished.
 
-    ``not_recorded`` names the file of a run in which nothing came that could be recorded.
+    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` names the file if nothing came
+    that could be recorded.
     """
     if recorder is None:
         return {}
@@ -70,41 +135,49 @@ def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
     return {name: str(path) for name, path in found.items() if path is not None}
 
 
-def open_sender(address: str | None, proportions: Proportions) -> PoseSender | None:
-    """Return what sends poses to an address of the command line; None where there is none: nothing is sent unasked.
+class Lines:
+    """A file of JSON lines, or the process's own standard output, which verbs do not print to.
 
-    Raises:
-        CommandLineInvalid: it is no address, or there is no such host.
+    A line is written whole at once, and no failure to write ends the run.
     """
-    if address is None:
-        return None
-    from solver_backend.live.sending import PoseSender
 
-    return PoseSender(read_address(address), proportions)
+    def __init__(self, path: Path | None) -> None:
+        """Open the file.
 
+        Raises:
+            OutputNotWritable: it cannot be made.
+        """
+        self._path = path
+        if path is not None:
+            self._file = open_appended(path, fresh=False)
+            return
+        assert sys.__stdout__ is not None
+        sys.__stdout__.flush()
+        self._file = AppendedFile(sys.__stdout__.fileno(), "standard output")
 
-def run_lines(
-    lines: Iterable[LiveLine], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None,
-    hold: Callable[[], None],
-) -> bool:  # fmt: skip
-    """Send and write lines until the source ends; return whether somebody stopped it before.
+    def write(self, line: Mapping[str, object]) -> None:
+        """Write a line. On a full disk the line is lost, and counted.
 
-    Args:
-        lines: poses and events, or lines of another kind where there are no statistics.
-        stream: where they are written.
-        statistics: counts them.
-        sender: sends the poses.
-        hold: lets whoever stops it later wait until the recording is written.
-    """
-    try:
-        for line in lines if sender is None else sender.watched(lines):
-            if statistics is not None:
-                statistics.add(line)
-                if "frame" in line:
-                    line = {**line, "rate_hz": round(statistics.rate_hz, 1)}
-            stream.write(line)
-        hold()
-    except Cancelled:  # the usual end of what is live: what was recorded is kept
-        stream.end_line()
-        return True
-    return False
+        Raises:
+            BrokenPipeError: the reader of the lines is gone.
+        """
+        self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
+
+    def end_line(self) -> None:
+        """End a line that a signal may have cut."""
+        self._file.append(b"\n")
+
+    def require_whole(self) -> None:
+        """Make sure that every line was written.
+
+        Raises:
+            OutputNotWritable: some were not.
+        """
+        self._file.require_whole("Make room on the disk of the lines. What --record writes is not affected.")
+
+    def __enter__(self) -> Lines:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._path is not None:
+            self._file.close()

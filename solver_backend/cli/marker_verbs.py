@@ -1,4 +1,4 @@
-"""The verbs about points and markers: label a take, run live, write a motion's markers for other programs."""
+"""The verbs of markers: label a take, write a motion's markers for other programs, draw a layout."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.outcome import Outcome, rows, sentences
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.outputs import atomic_output, write_text
@@ -17,15 +17,13 @@ if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
     from solver_backend.types import Capture
 
-DEFAULT_LAYOUT = "MANIFOLD_53"
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Name the points of a take and write them as markers, or as our capture, which keeps their covariances."""
-    overwrite = args.overwrite
-    from solver_backend.cli.reading import loaded
+    from solver_backend.cli.arguments import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_after import labelled_as_person
     from solver_backend.fitters.label_first import labelled_capture, named_in, named_points
@@ -46,14 +44,13 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
         labelled = labelled_as_person(labelled, read_subject(args.subject), progress=progress, kept=kept)
     assert labelled.markers is not None
     if args.report is not None:
-        write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
-    _write(args.out, labelled, overwrite=overwrite)
+        write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=args.overwrite)
+    _write(args.out, labelled, overwrite=args.overwrite)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
-    problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
-    of_person = [sentence(item) for item in labelled.notes if item.code == "points_named_of_person"]
-    warned = [f"  warning     {problem}" for problem in problems]
-    text = "\n".join([sentence(named_in(take)), *of_person, *warned, f"  written     {args.out}"])
-    return Outcome(text, {**data, "of_person": of_person, "problems": problems})
+    new = [item for item in labelled.problems if item not in capture.problems]
+    of_person = sentences([item for item in labelled.notes if item.code == "points_named_of_person"])
+    lines = [sentence(named_in(take)), *of_person, *rows("warning", *new), *rows("written", args.out)]
+    return Outcome("\n".join(lines), {**data, "of_person": of_person, "problems": sentences(new)})
 
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
@@ -65,12 +62,13 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
     labelled, _ = labelled_like(capture, load_capture(args.like), progress)
     _write(args.out, labelled, overwrite=args.overwrite)
-    problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
+    problems = sentences([item for item in labelled.problems if item not in capture.problems])
     data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
-    return Outcome(f"{sentence(labelled.notes[-1])}\n  written     {args.out}", data)
+    return Outcome("\n".join([sentence(labelled.notes[-1]), *rows("written", args.out)]), data)
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
+    """Write markers, or our capture, which also keeps covariances."""
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
 
@@ -82,51 +80,46 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
 
 
 def summary(take: LabelledTake) -> dict[str, object]:
-    """Return plain values about a labelled take: shares in percent, and every stretch's label and confidence."""
+    """Return plain values about a labelled take: shares in percent, and each tracklet's label and confidence."""
     import numpy as np
 
     from solver_backend.labelling.outputs import GHOST, MARKERS
 
     labels = take.labels[np.isfinite(take.confidence)]
+    shares = {"named": (labels >= 0) & (labels < GHOST), "none": labels == GHOST, "unknown": labels < 0}
     t = take.tracklets
     stretches = [
         {
-            "point": int(t.column[i]), "first": int(t.first[i]), "last": int(t.last[i]),
+            "point": int(t.column[i]),
+            "first": int(t.first[i]),
+            "last": int(t.last[i]),
             "label": None if k < 0 else "" if k == GHOST else MARKERS[k],
             "confidence": round(float(take.stretch_confidence[i]), 4),
         }
         for i, k in enumerate(take.stretch_label.tolist())
-    ]  # fmt: skip
-    return {
-        "named_percent": round(100.0 * float(((labels >= 0) & (labels < GHOST)).mean()), 2),
-        "none_percent": round(100.0 * float((labels == GHOST).mean()), 2),
-        "unknown_percent": round(100.0 * float((labels < 0).mean()), 2),
-        "stretches": stretches,
-    }
+    ]
+    percent = {f"{name}_percent": round(100.0 * float(share.mean()), 2) for name, share in shares.items()}
+    return {**percent, "stretches": stretches}
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the markers of a motion in the format that the file's ending names."""
-    overwrite = args.overwrite
     from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
     positions, labels, fps = _markers(args.motion, args.contents)
     cloud = MarkerCloud(positions, fps, labels)
     progress("Writing the markers", 0, 1)
-    write_markers(args.out, cloud, overwrite=overwrite)
+    write_markers(args.out, cloud, overwrite=args.overwrite)
     progress("Writing the markers", 1, 1)
     frames, markers = positions.shape[:2]
-    data: MarkersResult = {
-        "markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents,
-    }  # fmt: skip
+    data = MarkersResult(markers_file=str(args.out), frames=frames, fps=fps, markers=markers, contents=args.contents)
     text = f"{frames} frames of {markers} {args.contents} markers at {fps:g} fps"
-    return Outcome(f"{text}\n  written     {args.out}", data)
+    return Outcome("\n".join([text, *rows("written", args.out)]), data)
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Draw where the markers of a layout sit and write the picture."""
-    overwrite = args.overwrite
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
@@ -138,10 +131,10 @@ def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid(f"There is no layout {args.layout!r}.", hint=f"Known: {', '.join(layouts)}.")
     places = tuple(dict.fromkeys(p for label in layouts[args.layout] if (p := file.place_of(label)) is not None))
     picture = places_picture(load_chosen_body(args.body), places)
-    with atomic_output(args.out, overwrite=overwrite) as temporary:
+    with atomic_output(args.out, overwrite=args.overwrite) as temporary:
         temporary.write_bytes(png_bytes(picture))
     data = {"picture": str(args.out), "layout": args.layout, "markers": len(places), "size": [*picture.shape[1::-1]]}
-    return Outcome(f"{len(places)} markers of {args.layout}\n  written     {args.out}", data)
+    return Outcome("\n".join([f"{len(places)} markers of {args.layout}", *rows("written", args.out)]), data)
 
 
 def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
@@ -160,16 +153,12 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     fields.require_format(FORMAT, VERSION)
     labels = fields.texts("marker_labels")
     if not labels:
-        raise MotionInvalid(
-            "The motion was not solved from markers.", where=str(path), hint="Solve a recording that has markers."
-        )
+        hint = "Solve a recording that has markers."
+        raise MotionInvalid("The motion was not solved from markers.", where=str(path), hint=hint)
     if key not in fields:
         other = next((name for name, array in CONTENTS.items() if array in fields), None)
-        raise MotionInvalid(
-            f"The motion holds no {contents} markers.",
-            where=str(path),
-            hint="Solve the take again" + (f", or export the {other} ones." if other else "."),
-        )
+        hint = "Solve the take again" + (f", or export the {other} ones." if other else ".")
+        raise MotionInvalid(f"The motion holds no {contents} markers.", where=str(path), hint=hint)
     frames = (*fields.array("poses").shape, 0)[0]
     rate = fields.first_number("mocap_framerate", MotionInvalid)
     require_rate(rate, MotionInvalid, str(path))

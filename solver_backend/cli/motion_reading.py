@@ -1,29 +1,37 @@
-"""A motion of ours or of AMASS, as a motion of the chosen body, with its fingers."""
+"""Motions of other programs on our body: AMASS files, and clips of foreign skeletons."""
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver_backend.body.files.choices import load_chosen_body
-from solver_backend.body.hands import flat_hands
-from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
-from solver_backend.exchange.finger_joints import from_flat
-from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.fitters.hands.wide_motion import with_finger_turns
-from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.load import load_motion
-from solver_backend.io.motions.amass import AmassClip, motion_of
+from solver_backend.exchange.progress import Progress
 from solver_backend.types import Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.motion_import.import_motion import ImportedMotion
+    from solver_backend.types import SkeletonMotion
+
+_FAR_MM = 20.0
+"""Distance of a joint from its source, the mean over the frames, from which it is noted; chosen by hand."""
+_RAISED_M = 0.02
+"""Metres by which a motion is put on its floor that are noted; chosen by hand."""
+_STRANGE = 5.0
+"""Standard deviations of a shape coefficient that hardly any person has; chosen by hand."""
+_LOOSE = ("_toe", "head")
+"""Joints that are not fitted by place."""
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
-    """Return a motion file's motion; of an AMASS file the poses on the chosen body, shape coefficients as they are.
+    """Return a motion file's motion, or the poses of an AMASS file on a body.
 
-    Fingers that an AMASS file turns are kept; a body without finger joints shows them at rest.
+    Fingers of an AMASS file are kept if the body has finger joints.
 
     Args:
         path: motion file.
@@ -34,13 +42,21 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
         MotionInvalid: it is neither.
         MocapError: see ``load_motion``.
     """
+    from solver_backend.body.hands import flat_hands
+    from solver_backend.body.kinematics import forward_kinematics
+    from solver_backend.exchange.finger_joints import from_flat
+    from solver_backend.exchange.joint_sets import NUM_JOINTS
+    from solver_backend.fitters.hands.wide_motion import with_finger_turns
+    from solver_backend.geometry.rotations import exp_so3, log_so3
+    from solver_backend.io.load import load_motion
+    from solver_backend.io.motions.amass import AmassClip, motion_of
+
     motion = load_motion(path)
     if isinstance(motion, Motion):
         return motion
     if not isinstance(motion, AmassClip):
-        raise MotionInvalid(
-            "The file is not a motion of a body.", where=str(path), hint="Choose a motion .npz or AMASS."
-        )
+        hint = "Choose a motion .npz or AMASS."
+        raise MotionInvalid("The file is not a motion of a body.", where=str(path), hint=hint)
     if not keep_shape:
         motion = replace(motion, betas=np.zeros_like(motion.betas))
     body = load_chosen_body(choice)
@@ -57,3 +73,68 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
         return with_finger_turns(made, body, turns)
     except BodyInvalid:
         return made
+
+
+@dataclass(frozen=True)
+class ForeignMotion:
+    """A clip on our body."""
+
+    source: SkeletonMotion
+    """The clip as its file has it."""
+    roles: dict[str, str]
+    """Its joints by role."""
+    done: ImportedMotion
+    """On our body."""
+    diagnostics: tuple[Diagnostic, ...]
+    """Of the file and the fit."""
+
+    @property
+    def limbs_mm(self) -> float:
+        """Root mean square distance of the limbs' joints from the skeleton's."""
+        placed = [off for role, off in self.done.distances_mm.items() if not role.endswith(_LOOSE)]
+        return float(np.sqrt(np.mean(np.square(placed))))
+
+
+def read_foreign_motion(
+    path: Path, body: str, progress: Progress, *, unit: str = "", up_axis: str = "", keep_height: bool = False
+) -> ForeignMotion:
+    """Read a clip of another skeleton and fit our body to it.
+
+    Args:
+        path: BVH, MVNX or C3D with rotations.
+        body: name or path of the body.
+        progress: called as stages begin and end.
+        unit: length unit of the clip; empty: estimated from the legs.
+        up_axis: axis that points up in the clip; empty: detected.
+        keep_height: do not put the lowest soles on the floor.
+
+    Raises:
+        MocapError: see ``read_foreign_clip``, ``load_chosen_body`` and ``import_motion``.
+    """
+    from solver_backend.exchange.rigs.rest_frames import bent_at_rest
+    from solver_backend.fitters.motion_import.import_motion import import_motion
+    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+
+    progress("reading the clip", 0, 1)
+    source, roles, found = read_foreign_clip(path, unit, up_axis)
+    progress("fitting the body", 0, 1)
+    done = import_motion(source, roles, load_chosen_body(body), keep_height=keep_height)
+    progress("fitting the body", 1, 1)
+    bent = bent_at_rest({role: source.rest[source.names.index(name)] for role, name in roles.items()})
+    return ForeignMotion(source, roles, done, (*found, *([bent] if bent else []), *_found_in(done)))
+
+
+def _found_in(done: ImportedMotion) -> list[Diagnostic]:
+    found = list[Diagnostic]()
+    if done.motion.num_frames == 1:
+        found.append(diagnostic("single_frame", severity=Severity.NOTE))
+    if abs(done.raised_m) > _RAISED_M:
+        way = "Raised" if done.raised_m > 0 else "Lowered"
+        found.append(diagnostic("motion_on_floor", way=way, size=abs(done.raised_m)))
+    far = {r: off for r, off in done.distances_mm.items() if off > _FAR_MM and not r.endswith(_LOOSE)}
+    if far:
+        off = [f"{role.replace('_', ' ')} {size:.0f} mm" for role, size in far.items()]
+        found.append(diagnostic("motion_joints_elsewhere", joints=list(far), off=off))
+    if (size := np.abs(done.motion.betas).max()) > _STRANGE:
+        found.append(diagnostic("shape_odd", size=size, limit=_STRANGE))
+    return found

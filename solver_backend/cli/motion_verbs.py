@@ -1,60 +1,197 @@
-"""The verb that brings motions of other programs onto our body."""
+"""The verbs that make motions of other files: clips of other programs, hands of gloves, Pose-NDF, props as JSON."""
 
 from __future__ import annotations
 
 import argparse
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.outcome import Outcome, found_data, found_lines
-from solver_backend.exchange.diagnostics import Severity, diagnostic
+from solver_backend.cli.outcome import Outcome, found_data, found_lines, rows
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.verb_results import ClipResult
+from solver_backend.exchange.verb_results import ClipResult, GlovesOfMotion, GlovesResult
+
+if TYPE_CHECKING:
+    from solver_backend.types import Motion
+
+PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
-    overwrite = args.overwrite
+    from solver_backend.cli.motion_reading import read_foreign_motion
     from solver_backend.io.motions.amass import is_amass
     from solver_backend.io.native.motion_file import write_motion
 
     if is_amass(args.clip):
         return _amass(args, progress)
-    from solver_backend.cli.foreign_motion import read_foreign_motion
-
     brought = read_foreign_motion(
         args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=args.keep_height
-    )  # fmt: skip
-    source, roles, found = brought.source, brought.roles, brought.diagnostics
-    write_motion(args.out, brought.done.motion, overwrite=overwrite, name=source.name)
+    )
+    source, found = brought.source, brought.diagnostics
+    write_motion(args.out, brought.done.motion, overwrite=args.overwrite, name=source.name)
     lines = [
         f"Motion {source.name}: {source.num_frames} frames at {source.fps:g} Hz",
-        f"  joints      {len(roles)} of {len(source.names)} have a role",
-        f"  distance    {brought.limbs_mm:.1f} mm from the skeleton's limbs (root mean square)",
+        *rows("joints", f"{len(brought.roles)} of {len(source.names)} have a role"),
+        *rows("distance", f"{brought.limbs_mm:.1f} mm from the skeleton's limbs (root mean square)"),
         *found_lines(found),
-        f"  written     {args.out}",
+        *rows("written", args.out),
     ]
-    data = {
-        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, **found_data(found),
-        "distance_mm": brought.limbs_mm,
-        "distances_mm": {role: round(off, 2) for role, off in brought.done.distances_mm.items()},
-    }  # fmt: skip
-    return Outcome("\n".join(lines), data)
+    distances = {role: round(off, 2) for role, off in brought.done.distances_mm.items()}
+    result: ClipResult = {"motion": str(args.out), "frames": source.num_frames, "fps": source.fps, **found_data(found)}
+    more = {"roles": brought.roles, "distance_mm": brought.limbs_mm, "distances_mm": distances}
+    return Outcome("\n".join(lines), {**result, **more})
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write AMASS' poses as a motion of our body, of mean shape: its shape coefficients are those of other bodies."""
+    """Write AMASS poses as a motion of our mean shape; AMASS' shape coefficients are those of other bodies."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.io.native.motion_file import write_motion
 
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
-    found = [
-        diagnostic("motion_mean_shape"),
-        *([diagnostic("single_frame", severity=Severity.NOTE)] if clip.num_frames == 1 else []),
-    ]
-    lines = [
-        f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
-        *found_lines(found), f"  written     {args.out}",
-    ]  # fmt: skip
+    found = [diagnostic("motion_mean_shape")]
+    if clip.num_frames == 1:
+        found.append(diagnostic("single_frame", severity=Severity.NOTE))
+    title = f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)"
     result: ClipResult = {"motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **found_data(found)}
-    return Outcome("\n".join(lines), result)
+    return Outcome("\n".join([title, *found_lines(found), *rows("written", args.out)]), result)
+
+
+def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write a motion with the fingers of glove recordings, brought to its time."""
+    from solver_backend.body.files.choices import load_chosen_body
+    from solver_backend.cli.motion_reading import any_motion
+    from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
+    from solver_backend.io.motions.gloves import read_gloves
+    from solver_backend.io.native.motion_file import write_motion
+
+    motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
+    found: list[Diagnostic] = []
+    lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
+    files: list[GlovesOfMotion] = []
+    for number, path in enumerate(args.gloves):
+        progress("adding hands", number, len(args.gloves))
+        gloves = read_gloves(path, args.side)
+        done = merge_gloves(motion, body, gloves, args.offset)
+        motion, found = done.motion, [*found, *done.found]
+        sides = [("left", "right")[side] for side in gloves.sides]
+        lines += rows("gloves", f"{path.name}: {' and '.join(sides)} hand, from {done.offset_s:+.2f} s")
+        files.append({"file": str(path), "sides": sides, "offset_s": round(done.offset_s, 4)})
+    progress("adding hands", len(args.gloves), len(args.gloves))
+    motion = replace(motion, provenance={**motion.provenance, "gloves": files})
+    write_motion(args.out, motion, overwrite=args.overwrite)
+    result: GlovesResult = {
+        "motion": str(args.out),
+        "frames": motion.num_frames,
+        "fps": motion.fps,
+        "gloves": files,
+        **found_data(found),
+    }
+    return Outcome("\n".join([*lines, *found_lines(found), *rows("written", args.out)]), result)
+
+
+def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Make a motion smooth and its poses plausible."""
+    from solver_backend.fitters.pose_ndf.complete import DenoiseSettings
+    from solver_backend.fitters.pose_ndf.edit_motion import denoised_motion
+
+    settings = DenoiseSettings(move_root=not args.keep_root)
+    given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
+    settings = replace(settings, weights=replace(settings.weights, **given))
+    return _by_pose_ndf(args, lambda body, prior: denoised_motion(_read(args), body, prior, settings, progress))
+
+
+def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the rotations of joints that are not known."""
+    from solver_backend.fitters.pose_ndf.complete import CompleteSettings, missing_joints
+    from solver_backend.fitters.pose_ndf.edit_motion import completed_motion
+
+    missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
+    missing_joints(missing)
+    return _by_pose_ndf(
+        args, lambda body, prior: completed_motion(_read(args), body, prior, missing, settings, progress)
+    )
+
+
+def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fit poses and one shape to the keypoints of calibrated views (Tiwari et al. 2022, eqs. 10 and 11)."""
+    from solver_backend.cli.arguments import load
+    from solver_backend.fitters.pose_ndf.edit_motion import fitted_motion
+    from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
+
+    capture = load(args.capture, {}, progress)
+    settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
+    return _by_pose_ndf(
+        args, lambda body, prior: fitted_motion(capture, _read(args), body, prior, args.noise_px, settings)
+    )
+
+
+def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write plausible poses drawn at random."""
+    from solver_backend.fitters.pose_ndf.edit_motion import sampled_motion
+
+    progress("Sampling", 0, args.count)
+    outcome = _by_pose_ndf(args, lambda body, prior: sampled_motion(body, prior, args.count, args.seed))
+    progress("Sampling", args.count, args.count)
+    return outcome
+
+
+def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fill the transition between two frames with plausible poses."""
+    from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
+
+    return _by_pose_ndf(
+        args,
+        lambda body, prior: interpolated_motion(_read(args), body, prior, *args.frames, args.count, progress),
+    )
+
+
+def _read(args: argparse.Namespace) -> Motion:
+    from solver_backend.io.native.motion_file import read_motion
+
+    return read_motion(args.motion)
+
+
+def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outcome:
+    """Write the motion that is made with a body and the prior."""
+    import numpy as np
+
+    from solver_backend.body.body import load_body
+    from solver_backend.fitters.pose_ndf.edit_motion import frames_of
+    from solver_backend.io.native.motion_file import write_motion
+    from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+
+    body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
+    motion = work(body, prior)
+    write_motion(args.out, motion, overwrite=args.overwrite)
+    energy = np.sort(prior.energy(frames_of(motion, body).local))
+    distance = round(float(energy[len(energy) // 2]), 4)
+    data = {"motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "distance_median_rad": distance}
+    text = f"{args.verb}: {motion.num_frames} frames, median distance to plausible poses {distance}"
+    return Outcome("\n".join([text, *rows("written", args.out)]), data)
+
+
+def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write the props of a motion as JSON: markers, poses and standard deviations, metres and radians, Z up."""
+    from solver_backend.exchange.motion_file import read_motion
+
+    motion = read_motion(args.motion)
+    if not motion.props:
+        hint = "Solve a recording with three or more markers on a thing that moves."
+        raise MotionInvalid("The motion has no props.", where=str(args.motion), hint=hint)
+    progress("Writing the props", 0, 1)
+    length = {"fps": motion.fps, "frames": motion.num_frames}
+    plain = {"format": PROPS_FORMAT, "version": PROPS_VERSION, **length, "up": "z", "unit": "m"}
+    plain["props"] = [prop.as_dict() for prop in motion.props]
+    write_text(args.out, json.dumps(plain), overwrite=args.overwrite)
+    progress("Writing the props", 1, 1)
+    names = [prop.name for prop in motion.props]
+    text = f"{motion.num_frames} frames of {', '.join(names)} at {motion.fps:g} fps"
+    data = {"props_file": str(args.out), **length, "props": names}
+    return Outcome("\n".join([text, *rows("written", args.out)]), data)

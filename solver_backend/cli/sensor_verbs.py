@@ -1,24 +1,28 @@
-"""The verbs of sensor arrays' recordings: a cloud from recorded sensors, and a recording of them."""
+"""The verbs of recorded sensors and OAK cameras: point clouds, recordings of pictures, colour video."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.outcome import Outcome, findings_data
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.cli.outcome import Outcome, findings_data, rows
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
     from solver_backend.sensors.chain import MarkerChain
+    from solver_backend.sensors.devices.oak import Oak
     from solver_backend.sensors.devices.recorded import SensorFolder
+    from solver_backend.types import Cameras
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find markers in the frames of several sensors and write their points in a format of markers or as our capture."""
-    overwrite, suffix = args.overwrite, args.out.suffix.lower()
     import numpy as np
 
     from solver_backend.io.markers.read import write_markers
@@ -28,25 +32,24 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), fusion=FusionSettings(clusters=args.clusters), progress=progress)
-    if suffix == ".npz":
-        write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=overwrite)
+    if args.out.suffix.lower() == ".npz":
+        write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=args.overwrite)
     else:
-        write_markers(args.out, take.cloud, overwrite=overwrite)
+        write_markers(args.out, take.cloud, overwrite=args.overwrite)
     seen = np.isfinite(take.cloud.positions).all(-1)
     assert take.cloud.residual is not None
-    sigma_mm = 1e3 * float(np.nanmedian(take.cloud.residual))
+    points, sigma_mm = float(seen.sum(1).mean()), 1e3 * float(np.nanmedian(take.cloud.residual))
     data = {
-        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps,
-        "points": round(float(seen.sum(1).mean()), 2),
+        "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps, "points": round(points, 2),
         "columns": seen.shape[1], "sigma_mm": round(sigma_mm, 3), "sensors": take.frames,
-        **findings_data(take.findings),
     }  # fmt: skip
     lines = [
-        f"{len(seen)} frames, {seen.sum(1).mean():.1f} points a frame, ± {sigma_mm:.1f} mm in the median",
-        *(f"  sensor      {name}: {count} frames" for name, count in take.frames.items()),
-        *(f"  finding     {sentence(item)}" for item in take.findings), f"  written     {args.out}",
-    ]  # fmt: skip
-    return Outcome("\n".join(lines), data)
+        f"{len(seen)} frames, {points:.1f} points per frame, ± {sigma_mm:.1f} mm (median)",
+        *rows("sensor", *(f"{name}: {count} frames" for name, count in take.frames.items())),
+        *rows("finding", *take.findings),
+        *rows("written", args.out),
+    ]
+    return Outcome("\n".join(lines), {**data, **findings_data(take.findings)})
 
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -61,9 +64,8 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
             else:
                 findings.append(moment.found)
     data = {"recording": str(args.out), **chain_summary(chain), **findings_data(findings)}
-    lines = [f"{n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
-    lines += [f"finding     {sentence(item)}" for item in findings]
-    return Outcome("\n  ".join([f"recorded {args.out}", *lines]), data)
+    lines = [f"  {n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
+    return Outcome("\n".join([f"recorded {args.out}", *lines, *rows("finding", *findings)]), data)
 
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
@@ -72,9 +74,8 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
     from solver_backend.sensors.devices.recorded import Recording
     from solver_backend.sensors.fusion.clusters import FusionSettings
 
-    masks = mask_of(args)
+    masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
-    recording = None
     if record is not None:
         recording = Recording(record, args.pictures, folder.fps, folder.cameras, overwrite=args.overwrite)
     tasks = [
@@ -85,14 +86,14 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
-    """Return the folder of sensors of a command line, opened."""
+    """Open the folder of sensors of a command line."""
     from solver_backend.sensors.devices.recorded import open_folder
 
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of what is bright with nobody there, where a recording of that is given."""
+    """Return each sensor's mask of what is bright with nobody there; none without a recording of that."""
     from solver_backend.sensors.take import masks_of
 
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
@@ -105,3 +106,112 @@ def chain_summary(chain: MarkerChain) -> dict[str, object]:
         for name, end in chain.ends.items()
     }
     return {**chain.statistics.summary(), "sensors": ends, "fusion_cpu_s": round(chain.cpu_s, 3)}
+
+
+def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """List the OAKs."""
+    from solver_backend.sensors.devices.oak import listed_oaks
+
+    found = listed_oaks()
+    return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
+
+
+def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Record infrared and depth of OAKs, and find markers meanwhile, which shows whether there are any."""
+    from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
+    from solver_backend.sensors.devices.recorded import Recording
+
+    oaks, cameras = oak_devices(args)
+    recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
+    # Slaves first, so that they wait when the master begins.
+    tasks = [SensorTask(oak, cameras, record=args.folder) for oak in reversed(oaks)]
+    findings, points, begin = [], [], 0.0
+    with MarkerChain(tasks, args.fps, recording=recording) as chain:
+        for moment in chain.moments():
+            progress("Recording OAKs", 0, 1)
+            if not isinstance(moment, LiveMoment):
+                findings.append(moment.found)
+                continue
+            begin = begin or moment.arrived
+            points.append(len(moment.tracked.points))
+            if moment.arrived - begin > args.seconds:
+                break
+    counts = {name: end.written for name, end in chain.ends.items()}
+    findings += not_recorded(counts)
+    mean = sum(points) / max(len(points), 1)
+    lines = [
+        f"Infrared and depth of {len(oaks)} OAKs in {args.folder}, {mean:.1f} points per frame",
+        *(f"  {name:<11} {end.written} frames, {end.dropped} dropped" for name, end in chain.ends.items()),
+        *rows("finding", *findings),
+    ]
+    data = {"recording": str(args.folder), "frames": counts, **findings_data(findings)}
+    return Outcome("\n".join(lines), data)
+
+
+def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
+    """Return a warning about each camera without a recorded frame.
+
+    Args:
+        counts: frames recorded by camera.
+    """
+    reason = "no frame of it was recorded"
+    return [diagnostic("sensor_failed", cameras=[name], reason=reason) for name, count in counts.items() if not count]
+
+
+def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
+    """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+        CommandLineInvalid, SensorUnknown: see ``_named``.
+        SensorFailed, CalibrationMissing: see ``oak_cameras``.
+    """
+    from solver_backend.io.calibration.read import read_calibration
+    from solver_backend.sensors.devices import oak
+    from solver_backend.sensors.devices.oak import Oak, OakSettings, oak_cameras
+
+    given = _named(args)
+    oak.depthai()  # reported now, not by each camera's process again and again
+    roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
+    oaks = [
+        Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
+        for c, (name, identifier) in enumerate(given.items())
+    ]
+    return oaks, oak_cameras(oaks) if args.calibration is None else read_calibration(args.calibration).cameras
+
+
+def _named(args: argparse.Namespace) -> dict[str, str]:
+    """Return the identifiers of the cameras by their names.
+
+    Raises:
+        CommandLineInvalid: names repeat.
+        SensorUnknown: a camera is of another kind, or has no identifier.
+    """
+    from solver_backend.sensors.devices.oak import device_named
+
+    given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
+    found = {oak.name: oak.identifier for oak in given}
+    if len(found) < len(given):
+        raise CommandLineInvalid("Two cameras have the same name.", hint="Give --oak ID=NAME.")
+    return found
+
+
+def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Record colour video of OAKs."""
+    from solver_backend.sensors.devices.oak_colour import OakColour
+    from solver_backend.sensors.devices.oak_colour import record_colour as record
+
+    roles = ("master", "slave") if args.wire else ("none", "none")
+    cameras = {
+        name: OakColour(name, identifier, fps=args.fps, role=roles[c > 0])
+        for c, (name, identifier) in enumerate(_named(args).items())
+    }
+    progress("Colour of OAKs", 0, 1)
+    with ExitStack() as stack:
+        # Slaves first, so that they wait when the master begins.
+        for camera in reversed(list(cameras.values())):
+            stack.enter_context(camera)
+        size = next(iter(cameras.values())).size
+        counts = record(cameras, args.folder, size, args.fps, args.seconds)
+    lines = [f"  {name:<11} {count} pictures" for name, count in counts.items()]
+    return Outcome("\n".join([f"Colour of {len(counts)} cameras in {args.folder}", *lines]), {"pictures": counts})

@@ -1,21 +1,18 @@
-"""The verb that goes from sensors to points, poses or a wand's coverage while it happens, one line a moment."""
+"""The verb ``sensors-live``: points, poses or a wand's coverage of sensors while they film, one line per moment."""
 
 from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.cancel import cancelling_until_held
-from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import make_ready
-from solver_backend.cli.live_verb import open_sender, run_lines
-from solver_backend.cli.oak_verbs import oak_devices
+from solver_backend.cli.live_verb import LiveOutput, live_text
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.sensor_verbs import chain_of, chain_summary, folder_of, mask_of
+from solver_backend.cli.sensor_verbs import chain_of, chain_summary, folder_of, mask_of, oak_devices
+from solver_backend.exchange.command import cancelling_until_held
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.exchange.progress import Progress
@@ -23,63 +20,53 @@ from solver_backend.exchange.vmc.sender import read_address
 
 if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
-    from solver_backend.live.session import LiveSession
     from solver_backend.sensors.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5
-"""Time from one report of the wand's coverage to the next."""
+"""Seconds between two reports of the wand's coverage; chosen by hand."""
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
-    overwrite = args.overwrite
+    """Run until the sensors end, the time is over, or a signal stops it; recordings are kept."""
     _check(args)
-    from solver_backend.live.session_loop import LiveStatistics
+    session = None
+    if args.poses:  # made before the sensors begin, as it takes time
+        from solver_backend.live.session import LiveSession, person_fit
 
-    statistics = LiveStatistics()
-    session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
-    sender = None if session is None else open_sender(args.send, session.proportions)
-    with (
-        cancelling_until_held() as hold,
-        sender or nullcontext(),
-        _chain(args) as chain,
-        Lines(args.lines) as stream,
-    ):
+        session = LiveSession(*person_fit(args.subject), unit="m", up_axis="z")
+        make_ready(session)
+    output = LiveOutput(args, None if session is None else session.proportions)
+    with cancelling_until_held() as hold, _chain(args) as chain, output:
         until = None if args.seconds is None else chain.start + args.seconds
-        lines: Iterator[Any]  # without a fit and a wand, the points alone
+        moments = _moments(chain, output.lines.write, until, progress)
+        lines: Iterator[Any]
         if session is not None:
-            lines = _poses(session, _frames(chain, stream, until, progress), with_points=args.with_points)
+            from solver_backend.live.session_loop import with_display
+
+            lines = session.run(map(_frame, moments))
+            if args.with_points:
+                lines = (with_display(line, session) if "frame" in line else line for line in lines)
         elif args.wand:
-            lines = _waved(chain, stream, until, progress)
+            lines = _waved(chain, moments)
         else:
-            lines = (
-                {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()}
-                for frame in _frames(chain, stream, until, progress)
-            )
-        stopped = run_lines(lines, stream, statistics if session is not None else None, sender, hold)
-    data: dict[str, object] = {**chain_summary(chain), "stopped": stopped}
-    if session is not None:
-        data["poses"] = statistics.summary()
-    if sender is not None:
-        data |= sender.summary()
+            frames = map(_frame, moments)
+            lines = ({"t": round(f.time, 6), "points": f.points.round(5).tolist()} for f in frames)
+        output.run(lines, hold)
+    data: dict[str, object] = {**chain_summary(chain), **output.finish()}
+    if output.statistics is not None:
+        data["poses"] = output.statistics.summary()
     if args.record is not None:
         written = any(end.written for end in chain.ends.values())
         data["recorded" if written else "not_recorded"] = str(args.record)
-        if written and args.solve is not None and not stopped:
-            data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
-    stream.require_whole()
+        if written and args.solve is not None and not output.stopped:
+            data["solved"] = _solved(args.record, args.solve, progress, overwrite=args.overwrite)
     # Standard output may be another program's points: for people it holds nothing else.
-    text = "" if args.lines is None else f"sensors-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
-    return Outcome(text, data)
+    return Outcome("" if args.lines is None else live_text(args, data), data)
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Refuse what does not go together, before any sensor is opened.
-
-    Raises:
-        CommandLineInvalid: it does not.
-    """
+    """Refuse options that do not go together, before any sensor is opened."""
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
     if args.subject is not None and not args.poses:
@@ -112,8 +99,10 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     return MarkerChain(tasks, args.fps, FusionSettings(clusters=args.clusters), recording)
 
 
-def _moments(chain: MarkerChain, stream: Lines, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
-    """Yield moments until the time is over; what happens to sensors is written at once."""
+def _moments(
+    chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
+) -> Iterator[LiveMoment]:
+    """Yield moments until the time is over; events of sensors are written at once."""
     from solver_backend.sensors.chain import LiveMoment
 
     for moment in chain.moments():
@@ -121,49 +110,28 @@ def _moments(chain: MarkerChain, stream: Lines, until: float | None, progress: P
         if isinstance(moment, LiveMoment):
             yield moment
         else:
-            stream.write({"event": moment.kind, "message": moment.message, "diagnostic": moment.found.as_dict()})
+            write({"event": moment.kind, "message": moment.message, "diagnostic": moment.found.as_dict()})
         if until is not None and time.perf_counter() > until:
             return
 
 
-def _frames(chain: MarkerChain, stream: Lines, until: float | None, progress: Progress) -> Iterator[PointFrame]:
-    """Yield the markers of each moment, ghosts left out."""
+def _frame(moment: LiveMoment) -> PointFrame:
+    """Return the markers of a moment without ghosts."""
     from solver_backend.live.frames import PointFrame
 
-    for moment in _moments(chain, stream, until, progress):
-        tracked = moment.tracked
-        yield PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
+    tracked = moment.tracked
+    return PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
 
 
-def _session(subject: Path | None) -> LiveSession:
-    """Return what fits poses, ready to begin."""
-    from solver_backend.live.session import LiveSession, person_fit
-
-    network, fit = person_fit(subject)
-    session = LiveSession(network, fit, unit="m", up_axis="z")
-    make_ready(session)
-    return session
-
-
-def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[LiveLine]:
-    """Yield the lines of the live fit."""
-    from solver_backend.live.session_loop import with_display
-
-    for line in session.run(frames):
-        yield with_display(line, session) if with_points and "frame" in line else line
-
-
-def _waved(
-    chain: MarkerChain, stream: Lines, until: float | None, progress: Progress
-) -> Iterator[LiveLine]:  # fmt: skip
-    """Yield a line each ``COVERAGE_INTERVAL_S``: what of every picture the wand visited, and where to go next."""
+def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
+    """Yield a line each ``COVERAGE_INTERVAL_S``: the visited part of every picture, and the next place."""
     import numpy as np
 
     from solver_backend.sensors.wand.views import Coverage
 
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
-    for moment in _moments(chain, stream, until, progress):
+    for moment in moments:
         px = np.full((len(cameras), 1, 2), np.nan)
         several = [cameras.names[seen.sensor] for seen in moment.seen if len(seen) > 1]
         for seen in moment.seen:

@@ -1,27 +1,25 @@
-"""The verb that solves: one motion, or those of several people, jobs or trials one after another."""
+"""The verb ``solve``: one motion, or those of several people, jobs or trials one after another."""
 
 from __future__ import annotations
 
 import argparse
 import re
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solver_backend.cli.arguments import given_settings
-from solver_backend.cli.motion_and_page import write_both
-from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
-from solver_backend.cli.solve_outcome import outcome_of, record_found
+from solver_backend.cli.arguments import EVERYBODY, given_settings, load, reading, trials_of
+from solver_backend.cli.describe import describe_motion
+from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.cluster_address import use_certificates
-from solver_backend.exchange.diagnostics import refuse_errors
-from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
+from solver_backend.exchange.diagnostics import Diagnostic, notes_in, refuse_errors, sentence, summarise, warnings_in
+from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError, OutputExists, WarningsRefused
 from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
-from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.outputs import atomic_files, check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
@@ -29,7 +27,7 @@ from solver_backend.exchange.verbs import VERBS
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.job import Job, Resolve
-from solver_backend.types import Capture
+from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.keyframes.optimise import Stretches
@@ -42,16 +40,17 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
         with _stretches(args.scheduler, args.tls) as each:
             return _several(jobs, progress, each)
-    _check(jobs[0])
-    if jobs[0].resolve is not None and is_motion(jobs[0].capture):
-        return _resolve_alone(jobs[0], progress)
+    job = jobs[0]
+    _check(job)
+    if job.resolve is not None and is_motion(job.capture):
+        return _resolve_alone(job, progress)
     with _stretches(args.scheduler, args.tls) as each:
-        return _solve_one(jobs[0], load(jobs[0].capture, jobs[0].reading(), progress), progress, each)
+        return _solve_one(job, load(job.capture, job.reading(), progress), progress, each)
 
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield what solves the stretches of a long take: this process, or a cluster."""
+    """Yield the solver of a long take's stretches: this process, or a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -74,7 +73,7 @@ def _check(job: Job) -> None:
             check_output(path, overwrite=job.overwrite)
 
 
-def _resolve_alone(job: Job, progress: Progress) -> Outcome:
+def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
     """Solve frames of a motion again that came without its recording: AMASS, or one of ours from elsewhere."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
@@ -89,20 +88,8 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
     motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    found = refuse_errors(
-        by_gravity([*recorded_diagnostics(motion), *check_motion(motion)]), job.settings.accept, str(job.capture)
-    )
-    timed = record_found(job, motion, found, solve_s)
-    write_motion(job.out, timed, overwrite=job.overwrite)
-    return outcome_of(job, timed, found, solve_s)
-
-
-def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
-    from solver_backend.io.native.user_labels_file import read_user_labels
-
-    if capture.markers is None:
-        raise CommandLineInvalid("User-assigned labels are for recordings of markers.", where=str(path))
-    return read_user_labels(path, capture.markers)
+    found = by_gravity([*recorded_diagnostics(motion), *check_motion(motion)])
+    return _finish(job, motion, found, solve_s, lambda done: write_motion(job.out, done, overwrite=job.overwrite))
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
@@ -110,16 +97,18 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, read_subject
+    from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.checks import diagnose
 
     start = time.monotonic()
-    if job.labels is not None and job.settings.is_direct:
-        raise CommandLineInvalid(
-            "User-assigned labels cannot be combined with a network's landmarks.", where=str(job.labels)
-        )
-    take, own = None, capture.markers
-    given = {} if job.labels is None else _labels_given(job.labels, capture)
+    take, own, given = None, capture.markers, dict[tuple[int, int], str]()
     if job.labels is not None:
+        if job.settings.is_direct:
+            message = "User-assigned labels cannot be combined with a network's landmarks."
+            raise CommandLineInvalid(message, where=str(job.labels))
+        if own is None:
+            raise CommandLineInvalid("User-assigned labels are for recordings of markers.", where=str(job.labels))
+        given = read_user_labels(job.labels, own)
         capture, take = labelled_capture(capture, progress, user_labels=given, always=True)
     elif not (job.settings.layout or job.settings.is_direct):
         capture, take = labelled_capture(capture, progress)
@@ -138,27 +127,86 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             capture = capture.of_person(earlier.provenance["person"])
         motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
     solve_s = time.monotonic() - start
-    found = refuse_errors(diagnose(capture, motion), job.settings.accept, str(job.capture))
-    timed = record_found(job, motion, found, solve_s)
-    write_both(job, capture, timed, progress)
-    return outcome_of(job, timed, found, solve_s, capture.person)
+    found = diagnose(capture, motion)
+    outcome = _finish(job, motion, found, solve_s, lambda done: _write_both(job, capture, done, progress))
+    if capture.person:
+        outcome.data["person"] = capture.person
+    return outcome
 
 
-@dataclass(frozen=True)
-class _Part:
-    """One motion of several."""
+def _finish(
+    job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, write: Callable[[Motion], object]
+) -> Outcome[SolveResult]:
+    """Write a motion with its diagnostics, and return what is reported.
 
-    job: Job
-    capture: Capture
+    Raises:
+        MocapError: the job does not accept an error among the diagnostics.
+        WarningsRefused: the job is strict, and there are warnings.
+    """
+    found = refuse_errors(found, job.settings.accept, str(job.capture))
+    warnings = [sentence(item, motion.fps) for item in warnings_in(found)]
+    if job.strict and warnings:
+        raise WarningsRefused(
+            f"The solve has {len(warnings)} warning{'s' * (len(warnings) > 1)} and was to be strict: "
+            + " ".join(warnings),
+            where=str(job.capture),
+            hint="Nothing was written; solve without --strict to look at the result.",
+        )
+    record = {key: value for key, value in motion.provenance.items() if key != "findings"}
+    record |= {"solve_s": round(solve_s, 2), "diagnostics": [item.as_dict() for item in found]}
+    motion = replace(motion, provenance=record)
+    write(motion)
+    text, data = describe_motion(motion, solve_s)
+    report = None if job.report is None else str(job.report)
+    lines = [text, *rows("note", *(sentence(item, motion.fps) for item in notes_in(found))), *rows("motion", job.out)]
+    result: SolveResult = {"motion": str(job.out), "report": report, **data, "diagnostics": record["diagnostics"]}
+    lines += rows("report", report) if report else []
+    return Outcome("\n".join(lines), result, tuple(summarise(found, motion.fps)))
 
-    @property
-    def title(self) -> str:
-        """What it is of, for people."""
-        return f"{self.capture.name}, {self.capture.person}" if self.capture.person else self.capture.name
+
+def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
+    """Write the motion and its report, both named in one moment; the motion also if the report fails.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_files``.
+    """
+    from solver_backend.io.native.motion_file import write_motion
+
+    if job.report is None:
+        write_motion(job.out, motion, overwrite=job.overwrite)
+        return
+    failure: BaseException | None = None
+    try:
+        with atomic_files([job.out, job.report], overwrite=job.overwrite) as (out, page):
+            try:
+                _write_page(page, job, capture, motion, progress)
+            except BaseException as error:  # raised when the motion is safe
+                page.unlink(missing_ok=True)
+                failure = error
+            write_motion(out, motion, name=job.out.stem)
+    except OutputExists:
+        if not job.out.exists():  # another program took the page's name meanwhile
+            write_motion(job.out, motion)
+        raise
+    if failure is not None:
+        raise failure
 
 
-def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
-    """Solve jobs one after another, each for everybody where it asks for that; what fails does not stop the others.
+def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
+    from solver_backend.camera_calibration.calibration_check import check_calibration
+    from solver_backend.report.page import report_html
+
+    progress("Writing the report", 0, 1)
+    fit = None
+    if job.resolve is None and capture.cameras is not None and capture.keypoints is not None:
+        with suppress(MocapError):  # too little is seen together to compare the cameras
+            fit = check_calibration(capture.cameras, capture.keypoints, progress)
+    page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
+    progress("Writing the report", 1, 1)
+
+
+def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
+    """Solve jobs one after another, each for everybody if it asks for that; a failure does not stop the others.
 
     The result holds ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
 
@@ -167,7 +215,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
     """
     texts: list[str] = []
     summary: list[str] = []
-    to_look_at: list[str] = []
+    to_check: list[str] = []
     takes: list[TakeResult] = []
     failed: list[FailedTake] = []
     first: MocapError | None = None
@@ -175,56 +223,56 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
         parts = _parts(job, progress)
         where = f"{number + 1} of {len(jobs)}: " if len(jobs) > 1 else ""
         while True:
-            part = None
+            title = job.capture.name
             try:
                 part = next(parts, None)
                 if part is None:
                     break
-                prefix = f"{where}{part.title}: "
-                outcome = _solve_one(part.job, part.capture, _prefixed(progress, prefix), each)
-                texts.append(f"{part.title}\n{outcome.text}")
+                own, capture = part
+                title = f"{capture.name}, {capture.person}" if capture.person else capture.name
+                outcome = _solve_one(own, capture, _prefixed(progress, f"{where}{title}: "), each)
+                texts.append(f"{title}\n{outcome.text}")
                 warnings = outcome.summary[:-1]
-                summary += [f"{part.title}: {line}" for line in warnings]
-                to_look_at += [part.title] if warnings else []
-                takes.append({"capture": str(job.capture), "name": part.title, **outcome.data})
+                summary += [f"{title}: {line}" for line in warnings]
+                to_check += [title] if warnings else []
+                takes.append({"capture": str(job.capture), "name": title, **outcome.data})
             except Cancelled:
                 raise
             except MocapError as error:
                 first = first or error
-                title = part.title if part is not None else job.capture.name
-                texts.append(f"{title}\n  failed      {error}")
+                texts += [title, *rows("failed", error)]
                 summary.append(f"{title}: error: {error}")
-                to_look_at.append(title)
+                to_check.append(title)
                 failed.append({"capture": str(job.capture), "name": title, **error.as_event()})
     if first is not None and not takes:
         raise first
-    last = f"Look at {', '.join(to_look_at)}." if to_look_at else "OK"
+    last = f"Look at {', '.join(to_check)}." if to_check else "OK"
     result: TakesResult = {"takes": takes, "failed": failed}
     return Outcome("\n".join(texts), result, (*summary, last))
 
 
-def _parts(job: Job, progress: Progress) -> Iterator[_Part]:
-    """Yield what is solved of a job: the capture's person, or everybody with files of their own."""
+def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
+    """Yield jobs with their captures: the capture's person, or everybody with files of their own."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Frames are solved again for one person at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
         _check(job)
-        yield _Part(job, load(job.capture, job.reading(), progress))
+        yield job, load(job.capture, job.reading(), progress)
         return
     capture = load(job.capture, job.reading(), progress)
     if not capture.people:
         _check(job)
-        yield _Part(job, capture)
+        yield job, capture
     else:
         own = [(person.name, _own_files(job, person.name)) for person in capture.people]
         for _, theirs in own:
             _check(theirs)
         for name, theirs in own:
-            yield _Part(theirs, capture.of_person(name))
+            yield theirs, capture.of_person(name)
 
 
 def _own_files(job: Job, person: str) -> Job:
-    """Return a job for one of several people, whose name follows that of the files."""
+    """Return a job for one of several people, whose name is added to the files' names."""
     mark = re.sub(r"\W+", "_", person.casefold()).strip("_")
     report = job.report and job.report.with_name(f"{job.report.stem}_{mark}{job.report.suffix}")
     return replace(job, person=person, out=job.out.with_name(f"{job.out.stem}_{mark}{job.out.suffix}"), report=report)
@@ -238,22 +286,18 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
-    """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
+    """Return the jobs of the command line: job files, a session's trials, or the options as one job."""
     if args.job is not None:
         given = [name for name in VERBS["solve"].given(args) if name not in ("job", "scheduler", "tls")]
         if given:
-            raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join(given)}.", hint="Write it in the job file."
-            )
+            message = f"--job cannot be combined with {', '.join(given)}."
+            raise CommandLineInvalid(message, hint="Write it in the job file.")
         return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
-    job = {
-        "report": args.report, "subject": args.subject, "start": args.start, "labels": args.labels,
-        "overwrite": args.overwrite, "strict": args.strict, **read,
-        "settings": SolveSettings.from_dict(given_settings(args)), "resolve": _resolve(args),
-    }  # fmt: skip
+    files = {name: getattr(args, name) for name in ("report", "subject", "start", "labels", "overwrite", "strict")}
+    job = {**files, **read, "settings": SolveSettings.from_dict(given_settings(args)), "resolve": _resolve(args)}
     trials = trials_of(args.capture)
     if not trials:
         return [Job(capture=args.capture, out=args.out, **job)]
@@ -261,13 +305,10 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
 
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Path | None]:
-    """Return the files of a session's trial, which lie in the folder ``--out``, under the trial's name."""
+    """Return the files of a session's trial: in the folder ``--out``, named after the trial."""
     if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
-        raise CommandLineInvalid(
-            "The capture is a session of several trials.",
-            where=str(args.capture),
-            hint="Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz.",
-        )
+        hint = "Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz."
+        raise CommandLineInvalid("The capture is a session of several trials.", where=str(args.capture), hint=hint)
     page = None if args.report is None else args.out / f"{trial.name}.html"
     return {"out": args.out / f"{trial.name}{MOTION_SUFFIX}", "report": page}
 

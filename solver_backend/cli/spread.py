@@ -1,6 +1,6 @@
-"""Stretches of a long take solved by the workers of a Dask cluster (Rocklin 2015), which is optional.
+"""Solve stretches of a long take by the workers of a Dask cluster (Rocklin 2015), which is optional.
 
-What is sent is pickled by Dask, as everything is that its workers do: a scheduler is as trusted as the machine itself.
+Dask pickles everything that is sent, so a scheduler must be as trusted as the machine itself.
 """
 
 from __future__ import annotations

@@ -1,15 +1,15 @@
-"""The verbs of the studio: make a data set, compare solves on it, and estimate what camera arrays would reach."""
+"""The verbs of the studio: make a data set, compare solves on it, and estimate the errors of camera arrays."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.verb_results import BenchmarkResult, BenchmarkRow, DataSetPlan
+from solver_backend.exchange.verb_results import BenchmarkResult, DataSetPlan
 
 if TYPE_CHECKING:
     from solver_backend.exchange.solve_settings import SolveSettings
@@ -24,15 +24,14 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec = read_spec(args.description)
     begin = open_data_set if args.claim else check_data_set
     found = begin(spec, args.out) if args.plan or args.claim else plan(spec)
-    message = (
-        f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
-    )
-    data: DataSetPlan = {
-        "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
-        "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
-        "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
-    }  # fmt: skip
+    needed, free = found.bytes / 2**20, free_bytes(args.out) / 2**20
+    data = DataSetPlan(
+        shots=[shot.name for shot in found.shots], frames=found.frames, pictures=found.pictures,
+        needed_mb=round(needed, 1), film=list(spec.film), engine=spec.rgb.engine, write=list(spec.write),
+        data_set=str(args.out), free_mb=round(free, 1),
+    )  # fmt: skip
     if args.plan or args.claim:
+        message = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {needed:.0f} MiB"
         return Outcome(f"would make at most {message}", data)
     records = make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
@@ -42,7 +41,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.shot:
         return Outcome(made, data)
     card = write_card(args.out)
-    return Outcome(f"{made}\n  written     {args.out}", {**data, "card": [str(path) for path in card]})
+    return Outcome("\n".join([made, *rows("written", args.out)]), {**data, "card": [str(path) for path in card]})
 
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -60,16 +59,23 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     places = [place_errors(array, spec.perturb, progress=progress) for array in spec.arrays] if args.places else []
     page = args.data_set / "benchmark.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
-    rows: list[BenchmarkRow] = [
-        {"shot": v.shot, "camera_array": v.array, "faults": v.faults, "input": v.source, "method": v.method,
-         "mpjpe_mm": _plain(v.mpjpe_mm), "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2),
-         "seconds": _plain(v.seconds), "error": v.error}
+    figures = ("mpjpe_mm", "pa_mpjpe_mm", "accel_m_s2", "seconds")
+    plain: list[Any] = [
+        {
+            "shot": v.shot,
+            "camera_array": v.array,
+            "faults": v.faults,
+            "input": v.source,
+            "method": v.method,
+            **{name: _plain(getattr(v, name)) for name in figures},
+            "error": v.error,
+        }
         for v in verdicts
-    ]  # fmt: skip
-    data: BenchmarkResult = {"page": str(page), "table": table(verdicts), "rows": rows}
+    ]
+    data: BenchmarkResult = {"page": str(page), "table": table(verdicts), "rows": plain}
     if places:
         data["places"] = str(write_text(args.data_set / "places.json", places_text(places), overwrite=True))
-    return Outcome(f"{data['table']}\n  written     {page}", data)
+    return Outcome("\n".join([data["table"], *rows("written", page)]), data)
 
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -83,14 +89,14 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
         replace(place_errors(array, given, seed=spec.seed, progress=progress), array=f"{array.name}{suffix}")
-        for array in spec.arrays for suffix, given in faults.items()
-    ]  # fmt: skip
+        for array in spec.arrays
+        for suffix, given in faults.items()
+    ]
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=args.overwrite)
     medians = {p.array: p.median_mm for p in places}
-    message = "\n".join(
-        f"{name:<32} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
-    )
-    return Outcome(f"{message}\n  written     {args.out}", {"page": str(args.out), "median_mm": medians})
+    shown = {name: "nobody located" if value is None else f"{value:6.1f} mm" for name, value in medians.items()}
+    lines = [*(f"{name:<32} {value}" for name, value in shown.items()), *rows("written", args.out)]
+    return Outcome("\n".join(lines), {"page": str(args.out), "median_mm": medians})
 
 
 def _settings(path: Path) -> SolveSettings:

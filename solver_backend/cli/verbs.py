@@ -1,27 +1,18 @@
-"""The verbs. What they call is imported inside them: ``--help`` and a wrong path answer at once."""
+"""The verbs of captures. Modules that a verb needs are imported inside it, so that ``--help`` answers at once."""
 
 from __future__ import annotations
 
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver_backend.cli.arguments import given_settings
+from solver_backend.cli.arguments import given_settings, load, loaded, reading, trials_of
 from solver_backend.cli.describe import describe_capture, describe_people, people_lines
-from solver_backend.cli.describe_markers import describe_person
-from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.reading import load, loaded, reading, trials_of
-from solver_backend.exchange.diagnostics import diagnostic, sentence
-from solver_backend.exchange.errors import (
-    BackendMissing,
-    CaptureNotRecognised,
-    CommandLineInvalid,
-    MarkersUnknown,
-    RefinementUseless,
-)
+from solver_backend.cli.outcome import Outcome, rows, sentences
+from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.errors import CaptureNotRecognised, CommandLineInvalid, MarkersUnknown, RefinementUseless
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -29,45 +20,39 @@ from solver_backend.exchange.verb_results import CameraChange, CaptureResult, Ca
 from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
-if TYPE_CHECKING:
-    from training.engine.publish import Finished
-
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Learn a person from one or several marker takes and write the subject file."""
-    overwrite = args.overwrite
     captures = [load(path, reading(args), progress) for path in args.captures]
+    from solver_backend.cli.describe_markers import describe_person
     from solver_backend.fitters.label_after import person_of_nameless
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.motion_file import write_subject
 
-    settings = SolveSettings.from_dict(given_settings(args))
-    nameless = list[Capture]()
+    settings, nameless = SolveSettings.from_dict(given_settings(args)), list[Capture]()
     if args.layout is None:
         labelled = [labelled_capture(capture, progress) for capture in captures]
         captures = [capture for capture, _ in labelled]
         nameless = [capture for capture, take in labelled if take is not None]
-    person = calibrate_person(captures, settings, progress)
-    person = person_of_nameless(person, nameless, settings, progress)
-    write_subject(args.out, person, overwrite=overwrite)
+    person = person_of_nameless(calibrate_person(captures, settings, progress), nameless, settings, progress)
+    write_subject(args.out, person, overwrite=args.overwrite)
     text, data = describe_person(person)
-    problems = [sentence(item) for capture in captures for item in capture.problems]
+    problems = sentences([item for capture in captures for item in capture.problems])
     written: PersonResult = {"subject": str(args.out), **data, "problems": problems}
-    return Outcome(f"{text}\n  written     {args.out}", written)
+    return Outcome("\n".join([text, *rows("written", args.out)]), written)
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write which place each marker's label is taken for, as a file to be edited."""
-    overwrite = args.overwrite
-    capture = load(args.capture, reading(args), progress)
+    """Write the place that each marker's label is taken for, as a file to be edited."""
+    capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
     from solver_backend.body.label_places import write_label_places
 
-    write_label_places(args.out, capture.markers.labels, overwrite=overwrite)
+    write_label_places(args.out, capture.markers.labels, overwrite=args.overwrite)
     text, data = describe_capture(capture)
-    return Outcome(f"{text}\n  written     {args.out}", {"layout": str(args.out), **data})
+    return Outcome("\n".join([text, *rows("written", args.out)]), {"layout": str(args.out), **data})
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -79,12 +64,12 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.report.capture_page import write_capture_report
 
     write_capture_report(args.report, capture, overwrite=args.overwrite)
-    return Outcome(f"{text}\n  page        {args.report}", {**data, "report": str(args.report)})
+    return Outcome("\n".join([text, *rows("page", args.report)]), {**data, "report": str(args.report)})
 
 
 def people(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List everybody that two or more views see."""
-    capture = load(args.capture, reading(args), progress)
+    capture = loaded(args, progress)
     found = describe_people(capture)
     lines = people_lines(found) or ["  one person"]
     return Outcome("\n".join([f"Capture {capture.name}", *lines]), {"name": capture.name, "people": found})
@@ -93,24 +78,23 @@ def people(args: argparse.Namespace, progress: Progress) -> Outcome:
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write any capture as one of our own files, or each trial of a session as one of its own.
 
-    A folder of videos becomes a capture by the default detector, a recording of sensors by finding its markers.
+    The default detector makes a capture of a folder of videos. A recording of sensors becomes one of markers.
     """
-    overwrite = args.overwrite
     trials = trials_of(args.capture)
     if not trials:
-        check_output(args.out, overwrite=overwrite)
-        return Outcome(*_write(args.out, _converted(args, progress), overwrite))
+        check_output(args.out, overwrite=args.overwrite)
+        return Outcome(*_write(args.out, _converted(args, progress), args.overwrite))
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
             "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
         )
     files = [args.out / trial.name / "capture.npz" for trial in trials]
     for path in files:
-        check_output(path, overwrite=overwrite)
+        check_output(path, overwrite=args.overwrite)
     texts: list[str] = []
     found: CapturesResult = {"captures": []}
     for trial, path in zip(trials, files, strict=True):
-        text, data = _write(path, load(trial, reading(args), progress), overwrite)
+        text, data = _write(path, load(trial, reading(args), progress), args.overwrite)
         texts.append(text)
         found["captures"].append({**data, "source": str(trial)})
     return Outcome("\n".join(texts), found)
@@ -118,7 +102,7 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
     try:
-        return load(args.capture, reading(args), progress)
+        return loaded(args, progress)
     except CaptureNotRecognised:
         if (args.capture / SENSOR_RECORDING).is_file():
             from solver_backend.sensors.devices.recorded import open_folder
@@ -135,8 +119,7 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
 
 def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Correct camera poses by the people they film, and write the capture with them."""
-    overwrite = args.overwrite
-    capture = load(args.capture, reading(args), progress)
+    capture = loaded(args, progress)
     from solver_backend.cameras.refinement import refine_calibration
 
     progress("Refining the cameras", 0, 1)
@@ -144,32 +127,27 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Refining the cameras", 1, 1)
     before, after = float(np.nanmedian(found.before_px)), float(np.nanmedian(found.after_px))
     if not found.is_better:
-        raise RefinementUseless(
-            f"The cameras fit the people no better when refined: {before:.1f} px before, {after:.1f} px after.",
-            where=capture.name, hint="The calibration is as good as the detections can show; keep it.",
-        )  # fmt: skip
+        message = f"The cameras fit the people no better when refined: {before:.1f} px before, {after:.1f} px after."
+        hint = "The calibration is as good as the detections can show; keep it."
+        raise RefinementUseless(message, where=capture.name, hint=hint)
     note = diagnostic("cameras_refined", before=before, after=after)
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
-    text, data = _write(args.out, refined, overwrite)
-    rows: list[CameraChange] = [
-        {
-            "name": name, "before_px": _rounded(found.before_px[c]), "after_px": _rounded(found.after_px[c]),
-            "moved_mm": _rounded(found.moved_mm[c]), "turned_degrees": _rounded(found.turned_degrees[c]),
-        }
-        for c, name in enumerate(found.cameras.names)
-    ]  # fmt: skip
-    lines = [
-        f"  refined     {row['name']}: {row['before_px']} px before, {row['after_px']} px after; "
-        f"moved by {row['moved_mm']} mm, turned by {row['turned_degrees']}°"
-        for row in rows
-    ]
-    done: RefineResult = {**data, "refined": rows}
-    return Outcome("\n".join([text, *lines]), done)
-
-
-def _rounded(value: float) -> float | None:
-    return round(float(value), 2) if np.isfinite(value) else None
+    text, data = _write(args.out, refined, args.overwrite)
+    changes: list[CameraChange] = []
+    for c, name in enumerate(found.cameras.names):
+        columns = (found.before_px, found.after_px, found.moved_mm, found.turned_degrees)
+        values = [round(float(column[c]), 2) if np.isfinite(column[c]) else None for column in columns]
+        before_px, after_px, moved_mm, turned = values
+        changes.append(
+            {"name": name, "before_px": before_px, "after_px": after_px, "moved_mm": moved_mm, "turned_degrees": turned}
+        )
+        text += (
+            f"\n  refined     {name}: {before_px} px before, {after_px} px after; "
+            f"moved by {moved_mm} mm, turned by {turned}°"
+        )
+    done: RefineResult = {**data, "refined": changes}
+    return Outcome(text, done)
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -186,76 +164,22 @@ def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the embedded synthetic capture, truth included, or the embedded take of markers."""
-    overwrite = args.overwrite
     if args.markers:
         from solver_backend.synthesis.embedded.demo import DEMO_TAKE
 
-        return Outcome(*_write(args.out, load(DEMO_TAKE, {}, progress), overwrite))
+        return Outcome(*_write(args.out, load(DEMO_TAKE, {}, progress), args.overwrite))
     from solver_backend.synthesis.embedded.demo import demo_capture as make_capture
 
-    return Outcome(*_write(args.out, make_capture(), overwrite))
+    return Outcome(*_write(args.out, make_capture(), args.overwrite))
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the truth of a synthetic capture; of views, beside triangulation and a low-pass filter."""
+    """Compare a motion with the truth of a synthetic capture and, for views, with triangulation and a low-pass."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 
-    capture = load(args.capture, {}, progress)
-    found = compare(capture, read_motion(args.motion))
+    found = compare(load(args.capture, {}, progress), read_motion(args.motion))
     return Outcome("\n".join(found.lines()), found.figures())
-
-
-def train(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Train a prior and write its weights and model card."""
-    try:
-        from training.engine.loop import TrainingSettings
-        from training.train import train as train_prior
-    except ModuleNotFoundError as error:
-        raise training_missing(error) from error
-    if args.prior == "landmarks":
-        return _train_landmarks(args, progress)
-    names = ("steps", "batch", "learning_rate", "part", "device", "workers")
-    chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    options = {"seed": args.seed, "hidden": args.hidden, "start": args.start, "work": args.work}
-    settings = TrainingSettings(**chosen)
-    finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
-    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
-    lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
-    return _trained(finished, lines, figures)
-
-
-def training_missing(error: ModuleNotFoundError, libraries: str = "torch scipy") -> BackendMissing:
-    """Return the error that names what a verb that trains lacks: the repository's own package, or a library."""
-    if str(error.name).partition(".")[0] == "training":
-        return BackendMissing("The extension does not train.", hint="Run this verb in a clone of the repository.")
-    return BackendMissing(
-        f"Training needs the package {error.name}, which is not installed.",
-        hint=f"Install the libraries with: pip install {libraries}.",
-    )
-
-
-def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Train a row of the landmark networks, by steps or by seconds."""
-    from training.landmarks.loop import LandmarkTraining
-    from training.landmarks.train import train_landmark_rows
-
-    names = ("steps", "seconds", "batch", "learning_rate", "device")
-    chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}
-    settings = LandmarkTraining(seed=args.seed, graph=args.device == "cuda", processor=args.processor, **chosen)
-    finished = train_landmark_rows(
-        args.data, args.out, settings, row=args.row, width=args.width, resolution=args.resolution, work=args.work,
-        start=args.start, balanced_by=args.balanced_by, progress=progress,
-    )  # fmt: skip
-    return _trained(finished, [], {name: round(value, 4) for name, value in finished.metrics.items()})
-
-
-def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
-    """Return the weights' path and figures, and which held-out subjects these are without."""
-    if finished.absent:
-        lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
-    data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}
-    return Outcome("\n".join([str(finished.weights), *lines]), data)
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> tuple[str, CaptureResult]:
@@ -263,4 +187,4 @@ def _write(path: Path, capture: Capture, overwrite: bool) -> tuple[str, CaptureR
 
     write_capture(path, capture, overwrite=overwrite)
     text, data = describe_capture(capture)
-    return f"{text}\n  written     {path}", {"capture": str(path), **data}
+    return "\n".join([text, *rows("written", path)]), {"capture": str(path), **data}

@@ -1,15 +1,16 @@
-"""The verbs that begin with videos."""
+"""The verbs of videos."""
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from solver_backend.cli.arguments import given_settings, given_world
 from solver_backend.cli.describe import describe_capture
-from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.diagnostics import Diagnostic, summarise
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import write_text
@@ -31,7 +32,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.videos.pipeline.pictures import write_previews
     from solver_backend.videos.sync.synchronise import synchronise
 
-    overwrite, choice = args.overwrite, _choice(args)
+    choice = _choice(args)
     footage = _footage(args.videos)
     videos, names = list(footage.values()), list(footage)
     calibration = None
@@ -39,10 +40,9 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
         calibration = read_calibration(args.calibration)
         order = match_names(names, calibration.cameras.names)
         if order is None:
-            raise CommandLineInvalid(
-                f"The videos are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}.",
-                where=str(args.calibration), hint="Name the videos like the cameras (cam01 and cam_1 are alike).",
-            )  # fmt: skip
+            message = f"The videos are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}."
+            hint = "Name the videos like the cameras (cam01 and cam_1 are the same)."
+            raise CommandLineInvalid(message, where=str(args.calibration), hint=hint)
         calibration = ordered(calibration, order)
     folder = args.work or args.out.parent / "detections"
     found = detect_videos(
@@ -50,15 +50,18 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     )
     clocks = synchronise(found, calibration and calibration.cameras, args.clocks, progress)
     capture = assembled(args.out.stem, found, clocks, calibration, progress, world=WorldSettings(**given_world(args)))
-    write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=overwrite)
-    previews = write_previews(found, args.preview, progress, overwrite=overwrite) if args.preview else []
+    write_capture(args.out, checked(capture) if capture.cameras is not None else capture, overwrite=args.overwrite)
+    previews = write_previews(found, args.preview, progress, overwrite=args.overwrite) if args.preview else []
     text, data = describe_capture(capture)
-    text += f"\n  written     {args.out}" + "".join(f"\n  preview     {path}" for path in previews)
-    return Outcome(text, {"capture": str(args.out), "detections": str(folder), "clocks": clocks.as_dict(), **data})
+    lines = [text, *rows("written", args.out), *rows("preview", *previews)]
+    return Outcome(
+        "\n".join(lines), {"capture": str(args.out), "detections": str(folder), "clocks": clocks.as_dict(), **data}
+    )
 
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run all steps from a folder of videos to solved motions."""
+    from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_hand_detector
     from solver_backend.videos.pipeline.calibrate import KnownOfCameras
     from solver_backend.videos.pipeline.layout import look_through
@@ -68,8 +71,8 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
     if not takes:
-        names = ", ".join(take.name for take in found.takes)
-        raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=f"There are: {names}.")
+        hint = f"There are: {_names(found.takes)}."
+        raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=hint)
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
     lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until)
@@ -94,8 +97,14 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
                 raise
             failed[plan.take.name] = error
             continue
-        done[plan.take.name] = _took(plan, record)
         words, found_in[plan.take.name] = record.lines(), record.diagnostics()
+        report = {
+            **words, "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
+            "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
+        }  # fmt: skip
+        if "capture" in words:
+            report["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
+        done[plan.take.name] = report
         lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
     if failed and not done:
         raise next(iter(failed.values()))
@@ -105,7 +114,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return every warning on a line, and a last line to trust; of several takes the last names those to look at."""
+    """Return a line for each warning and a last line; of several takes the last line names those to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -114,21 +123,8 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
     return (*lines, f"Look at {', '.join(names)}." if names else "OK")
 
 
-def _took(plan: Any, record: Any) -> dict[str, object]:
-    """Return what is to be reported about a take that went the road, with its capture as ``convert`` reports it."""
-    from solver_backend.io.native.capture_file import read_capture
-
-    report = {
-        **record.lines(), "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
-        "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
-    }  # fmt: skip
-    if "capture" in report:
-        report["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
-    return report
-
-
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the one take of a folder of videos, by the default detector; None where there is no video.
+    """Return the capture of the only take in a folder of videos, by the default detector; None without videos.
 
     Args:
         folder: the folder.
@@ -149,9 +145,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
         found = look_through(folder)
     except NoVideos:
         return None
-    if len(found.takes) > 1:
-        names = ", ".join(take.name for take in found.takes)
-        raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=f"Choose one: {names}.")
+    _only_take(found.takes, folder)
     [plan] = planned(found, out / "from_videos")
     run_take(found, plan, PipelineSettings(chosen_detector(), until="capture"), progress)
     return read_capture(plan.capture)
@@ -164,22 +158,20 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 
-    overwrite = args.overwrite
     captures = [load_capture(path, progress=progress) for path in args.captures]
     weighted = [capture.name for capture in captures if capture.noise_map]
     if weighted:
-        raise CommandLineInvalid(
-            "Confidences that a noise map has weighted are not the detector's own.",
-            where=", ".join(weighted), hint="Detect again without --noise, and measure these captures.",
-        )  # fmt: skip
+        message = "Confidences that a noise map has weighted are not the detector's own."
+        hint = "Detect again without --noise, and measure these captures."
+        raise CommandLineInvalid(message, where=", ".join(weighted), hint=hint)
     named = (capture.detector for capture in captures if capture.detector)
     name = args.detector_name or next(named, "unnamed detector")
     noise = measure_noise_map(captures, name)
-    write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=overwrite)
+    write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=args.overwrite)
     steps = zip(noise.confidence, noise.sigma_mm, strict=True)
-    rows = [f"  confidence {c:.2f}: {s:.1f} mm" for c, s in steps]
-    text = "\n".join([f"{noise.detector}: {noise.detections} keypoints", *rows, f"  written     {args.out}"])
-    return Outcome(text, {"noise": str(args.out), **noise.as_dict()})
+    lines = [f"{noise.detector}: {noise.detections} keypoints"]
+    lines += [f"  confidence {c:.2f}: {s:.1f} mm" for c, s in steps]
+    return Outcome("\n".join([*lines, *rows("written", args.out)]), {"noise": str(args.out), **noise.as_dict()})
 
 
 def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -189,13 +181,12 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.videos.detect import find_hands as hands
     from solver_backend.videos.detect.detector import chosen_hand_detector
 
-    overwrite = args.overwrite
     choice = chosen_hand_detector(args.model, python=args.python)
     capture = hands.find_hands(load_capture(args.capture, progress=progress), choice, progress)
-    write_capture(args.out, capture, overwrite=overwrite)
+    write_capture(args.out, capture, overwrite=args.overwrite)
     shares = hands.seen_by(capture, 2)
-    rows = [f"  {side:<11} seen by two views in {share:.0f} % of the frames" for side, share in shares.items()]
-    text = "\n".join([f"Hands of {capture.name}", *rows, f"  written     {args.out}"])
+    lines = [f"  {side:<11} seen by two views in {share:.0f} % of the frames" for side, share in shares.items()]
+    text = "\n".join([f"Hands of {capture.name}", *lines, *rows("written", args.out)])
     return Outcome(text, {"capture": str(args.out), "seen_by_two_percent": shares})
 
 
@@ -215,16 +206,28 @@ def _pictures_fps(args: argparse.Namespace) -> float:
 
 
 def _footage(given: list[Path]) -> dict[str, Path]:
-    """Return the videos that were named, or those of the one folder that was, by the cameras' names."""
+    """Return the named videos, or those of a named folder, by camera."""
     if len(given) > 1 or not given[0].is_dir():
         from solver_backend.io.footage import join_chapters
 
         return {parts[0].stem: parts[0] for parts in join_chapters(given)}
     from solver_backend.videos.pipeline.layout import look_through
 
-    takes = look_through(given[0]).takes
-    if len(takes) > 1:
-        names = ", ".join(take.name for take in takes)
-        raise CommandLineInvalid("The folder holds several takes.", where=str(given[0]), hint=f"Choose one: {names}.")
-    take = next(iter(takes))
+    take = _only_take(look_through(given[0]).takes, given[0])
     return dict(zip(take.cameras, take.videos, strict=True))
+
+
+def _only_take(takes: Sequence[Any], folder: Path) -> Any:
+    """Return the take of a folder.
+
+    Raises:
+        CommandLineInvalid: there are several.
+    """
+    if len(takes) > 1:
+        hint = f"Choose one: {_names(takes)}."
+        raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=hint)
+    return takes[0]
+
+
+def _names(takes: Sequence[Any]) -> str:
+    return ", ".join(take.name for take in takes)

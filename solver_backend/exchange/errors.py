@@ -11,6 +11,21 @@ from .early_signals import CANCELLED
 from .plain_text import plain
 
 
+class ExitCode(IntEnum):
+    """How a run ended."""
+
+    RESULT = 0
+    """There is a result."""
+    USAGE = 2
+    """The command line, the job file or a setting is wrong."""
+    BAD_INPUT = 3
+    """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
+    FAILED = 4
+    """The solver, or what else does the work, failed."""
+    CANCELLED = CANCELLED
+    """The user, or a signal, ended the work; nothing was left half-written."""
+
+
 class ErrorEvent(TypedDict):
     """The ``error`` event of the progress protocol."""
 
@@ -32,6 +47,8 @@ class MocapError(Exception):
 
     code = "error"
     """Stable identifier in the progress stream: the snake case of the class below ``MocapError``."""
+    exit_code = ExitCode.BAD_INPUT
+    """How a command line ends with it."""
 
     def __init_subclass__(cls) -> None:
         if cls.__base__ is MocapError:
@@ -140,6 +157,8 @@ class OutputNotWritable(MocapError):
 class JobInvalid(MocapError):
     """The job file or a setting has an unknown key, a wrong type or an impossible value."""
 
+    exit_code = ExitCode.USAGE
+
 
 class BodyInvalid(MocapError):
     """A body model file lacks keys, or its arrays have the wrong shapes or values."""
@@ -192,6 +211,8 @@ class ResultRefused(MocapError):
 class Cancelled(MocapError):
     """The user cancelled the work."""
 
+    exit_code = ExitCode.CANCELLED
+
 
 class ShapeMismatch(MocapError):
     """Two arrays that are compared, or an array and what it stands for, have different shapes."""
@@ -204,33 +225,13 @@ class SchedulerUnsafe(MocapError):
 class CommandLineInvalid(MocapError):
     """The command line names an unknown verb or option, or lacks one."""
 
+    exit_code = ExitCode.USAGE
+
 
 class SolverFailed(MocapError):
     """The solver itself broke: a defect of the program or a machine out of memory, not of the input."""
 
-
-class ExitCode(IntEnum):
-    """How a run ended."""
-
-    RESULT = 0
-    """There is a result."""
-    USAGE = 2
-    """The command line, the job file or a setting is wrong."""
-    BAD_INPUT = 3
-    """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
-    FAILED = 4
-    """The solver, or what else does the work, failed."""
-    CANCELLED = CANCELLED
-    """The user, or a signal, ended the work; nothing was left half-written."""
-
-    @classmethod
-    def of(cls, error: MocapError) -> ExitCode:
-        """Return the exit code of a named error."""
-        if isinstance(error, Cancelled):
-            return cls.CANCELLED
-        if isinstance(error, SolverFailed):
-            return cls.FAILED
-        return cls.USAGE if isinstance(error, CommandLineInvalid | JobInvalid) else cls.BAD_INPUT
+    exit_code = ExitCode.FAILED
 
 
 def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:

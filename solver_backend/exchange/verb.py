@@ -59,6 +59,16 @@ class Verb:
         left_out = {row.name: None if row.of_class else row.default for row in self.settings}
         return {name: value for name, value in values.items() if value != left_out[name]}
 
+    def arguments(self, **values: Any) -> argparse.Namespace:
+        """Return the command line that has these values and is otherwise at its defaults.
+
+        Raises:
+            KeyError: the verb has no setting of a name.
+        """
+        if unknown := values.keys() - self.rows.keys():
+            raise KeyError(f"{self.name} has no {', '.join(unknown)}")
+        return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
+
     def words(self, values: Mapping[str, Any]) -> list[str]:
         """Return the arguments of a command line for values by name; what is None or at its default is left out.
 

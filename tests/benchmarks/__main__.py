@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import tests.benchmarks
-from blender_addon.headless.leave import leave
+from blender_addon.headless.process import leave
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, judge
 
 BASELINE = Path(__file__).with_name("baseline.json")

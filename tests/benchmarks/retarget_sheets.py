@@ -20,7 +20,7 @@ import numpy as np
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.body.body_file import BodyFile, default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
-from blender_addon.headless.leave import leave
+from blender_addon.headless.process import leave
 from blender_addon.render.contact_sheet import open_lettering
 from blender_addon.render.picture import blend, gradient, layer_from_render, write_png
 from blender_addon.render.stage import RenderQuality, open_stage

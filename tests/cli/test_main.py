@@ -142,17 +142,18 @@ def test_a_job_file_says_the_same_as_the_options(stand_ins, tmp_path, capsys):
     ],
 )
 @pytest.mark.parametrize("at", ["load_error", "solve_error"])
-def test_an_error_is_told_once_and_leaves_nothing(stand_ins, tmp_path, capsys, caplog, at, error, code, name):
+def test_an_error_is_told_once_and_leaves_nothing(stand_ins, tmp_path, capsys, at, error, code, name):
     setattr(stand_ins, at, error)
     assert main(["solve", "take", "--out", str(tmp_path / "m.npz"), "--json"]) == code
-    *progress, last = events(capsys.readouterr().out)
+    shown = capsys.readouterr()
+    *progress, last = events(shown.out)
     assert {event["event"] for event in progress} <= {"progress"}
     assert (last["event"], last["code"]) == ("error", name)
     assert set(last) == {"event", "code", "message", "where", "hint"}
     assert not list(tmp_path.iterdir())
     if code == 4:
         assert type(error).__name__ in last["message"]
-        assert "Traceback" in caplog.text
+        assert "Traceback" in shown.err
 
 
 def test_people_read_what_where_and_what_to_try(stand_ins, tmp_path, capsys):

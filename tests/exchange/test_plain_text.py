@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import io
+import sys
 from types import SimpleNamespace
 
 import pytest
 
-from solver_backend.cli.outcome import ForPeople, Outcome
+from solver_backend.exchange.command import Report
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.plain_text import plain
@@ -30,9 +31,9 @@ def test_what_steers_is_shown_as_a_sign() -> None:
 
 def test_terminal_and_page_show_it_plain(capsys: pytest.CaptureFixture[str]) -> None:
     stream = io.StringIO()
-    teller = ForPeople(stream)
-    teller.result(Outcome(f"Read {HOSTILE}\n  next", {}))
-    teller.error(FileMissing(HOSTILE, where=HOSTILE, hint=HOSTILE))
+    report = Report(stream, sys.stderr, as_json=False)
+    report.result({}, f"Read {HOSTILE}\n  next", [HOSTILE])
+    report.error(FileMissing(HOSTILE, where=HOSTILE, hint=HOSTILE))
     ConsoleProgress(stream)(HOSTILE, 1, 1)
     shown = stream.getvalue() + capsys.readouterr().err + str(FileMissing(HOSTILE)) + text(HOSTILE)
     assert not set(shown) & set("\x1b\r\x07\x9b\u202e\u2066\u2028\x00\ud800")

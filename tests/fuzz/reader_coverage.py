@@ -44,7 +44,7 @@ _READERS = (
     "solver_backend/synthesis/studio/spec.py",
     "solver_backend/synthesis/studio/checked_values.py",
     "blender_addon/headless/batch/record.py",
-    "blender_addon/headless/batch/engines/marker.py",
+    "blender_addon/headless/batch/engines/cluster_task.py",
     "blender_addon/render/picture.py",
     "blender_addon/solving/road_file.py",
     "blender_addon/studio/places.py",

@@ -14,8 +14,8 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.formats import write_calibration
-from solver_backend.cli.cancel import cancel_on_signals
 from solver_backend.cli.main import main
+from solver_backend.exchange.command import cancel_on_signals
 from solver_backend.exchange.errors import Cancelled
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.live.frames import from_lines

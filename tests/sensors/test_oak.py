@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.cli.oak_verbs import not_recorded
+from solver_backend.cli.sensor_verbs import not_recorded
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import (
     BackendMissing,

@@ -16,7 +16,6 @@ from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_outputs
 from ..._exchange.verb_results import SolveResult
 from ..._exchange.version import VERSION
-from ..exit_codes import exit_code
 
 NAME = "take.json"
 UNFINISHED = "unfinished"
@@ -124,7 +123,7 @@ def begun_record(take: str, capture: Path) -> TakeRecord:
 
 def failure_of(error: MocapError) -> Failure:
     """Return an error as a record has it."""
-    return {**error.as_event(), "exit_code": exit_code(error)}
+    return {**error.as_event(), "exit_code": error.exit_code}
 
 
 def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:

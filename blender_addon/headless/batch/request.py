@@ -1,7 +1,9 @@
-"""What a batch is asked for: the captures of a folder, how they are solved, and what is made of them."""
+"""The request of a batch: its captures, how they are solved, within which limits, and by whom."""
 
 from __future__ import annotations
 
+import os
+import time
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -9,10 +11,69 @@ from typing import Any
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
 from ..._exchange.reading_settings import ROWS as READING
-from ...errors import BatchInvalid
+from ...errors import BatchInvalid, TakeTooLarge, TakeTooSlow
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
-from .limits import TakeLimits
+from .record import fingerprint
 from .work import Plain, take_name
+
+_PROCESSES = Path("/proc")
+_MB = 2**20
+"""Bytes."""
+
+
+@dataclass(frozen=True)
+class TakeLimits:
+    """Limits of the solver for one take; None is none."""
+
+    seconds: float | None = None
+    """Of reading and solving together."""
+    memory_mb: float | None = None
+    """Of the solver's process, resident."""
+
+    def require_possible(self) -> None:
+        """Make sure that the limits can be held here.
+
+        Raises:
+            BatchInvalid: this system does not report a process's memory.
+        """
+        if self.memory_mb is not None and not _PROCESSES.is_dir():
+            raise BatchInvalid(
+                "This system does not report a process's memory.",
+                hint="Leave out --take-memory, or run the batch on Linux.",
+            )
+
+
+class TakeWatch:
+    """Watches the processes of one take, from its start on."""
+
+    def __init__(self, limits: TakeLimits) -> None:
+        self._limits, self._start = limits, time.monotonic()
+
+    def over_limit(self, pid: int) -> MocapError | None:
+        """Return the error of a process that is beyond a limit, None as long as it is within."""
+        seconds, most_mb = self._limits.seconds, self._limits.memory_mb
+        if seconds is not None and time.monotonic() - self._start > seconds:
+            return TakeTooSlow(
+                f"The take took longer than {seconds:g} s and was stopped.",
+                hint="Raise --take-seconds, or solve the take alone.",
+            )
+        if most_mb is not None and (used_mb := _resident_mb(pid)) > most_mb:
+            return TakeTooLarge(
+                f"The solver took {used_mb:.0f} MB for the take, more than the {most_mb:g} MB it may have, and was "
+                "stopped.",
+                hint="Raise --take-memory, or cut the take.",
+            )
+        return None
+
+
+def _resident_mb(pid: int) -> float:
+    """Return the memory that a process has in RAM; 0 where it has ended."""
+    try:
+        pages = (_PROCESSES / str(pid) / "statm").read_text().split()[1]
+    except (OSError, IndexError):
+        return 0.0
+    return int(pages) * os.sysconf("SC_PAGE_SIZE") / _MB
+
 
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})
 """Keys of a batch's job file."""
@@ -186,3 +247,89 @@ def _shared(path: Path | None) -> dict[str, Any]:
 
 def _not_valid(why: str, path: Path) -> BatchInvalid:
     return BatchInvalid(f"The batch's job file is not valid: {why}", where=str(path))
+
+
+class Listed:
+    """Items that are known from the start.
+
+    Args:
+        items: files or folders.
+    """
+
+    closed = True
+
+    def __init__(self, items: list[Path]) -> None:
+        self._waiting = items
+
+    def arrived(self) -> list[Path]:
+        """Return the items; nothing from the second call on."""
+        found, self._waiting = self._waiting, []
+        return found
+
+    def notes(self) -> list[str]:
+        """Return nothing: all items are done."""
+        return []
+
+
+class Watched:
+    """The captures that arrive in a folder, each once it has not changed for a while, and again when it has.
+
+    Two captures of one name are one take: the first of them is done, the other is reported.
+
+    Args:
+        request: the batch.
+        settled_s: for how long names, sizes and times of its files must stay the same, by this machine's own clock.
+        idle_s: how long to wait for more; None for ever.
+        poll_s: how often the folder is looked at.
+    """
+
+    def __init__(
+        self, request: BatchRequest, settled_s: float = 5.0, idle_s: float | None = None, poll_s: float = 1.0
+    ) -> None:
+        self._request = request
+        self._settled_s, self._idle_s, self._poll_s = settled_s, idle_s, poll_s
+        self._seen: dict[Path, tuple[str, float]] = {}
+        self._given: dict[Path, str] = {}
+        self._looked = -poll_s
+        self._last = time.monotonic()
+        self._doubled: dict[str, str] = {}
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing has arrived, or been on its way, for as long as is waited."""
+        return self._idle_s is not None and time.monotonic() - self._last > self._idle_s
+
+    def arrived(self) -> list[Path]:
+        """Return the captures that have arrived, or have changed since they did."""
+        now = time.monotonic()
+        if now - self._looked < self._poll_s:
+            return []
+        self._looked, found = now, []
+        names = {take_name(path): path for path in self._given}
+        for path in captures_in(self._request):
+            state = self._state(path)
+            if state is None or self._given.get(path) == state:
+                continue
+            if self._seen.get(path, ("", 0.0))[0] != state:
+                self._seen[path] = state, now
+            self._last = now
+            if now - self._seen[path][1] < self._settled_s:
+                continue
+            other = names.setdefault(take_name(path), path)
+            if other != path:
+                self._doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
+                self._given[path] = state
+                continue
+            self._given[path] = state
+            found.append(path)
+        return found
+
+    def notes(self) -> list[str]:
+        """Return which captures are not done because another has their name."""
+        return list(self._doubled.values())
+
+    def _state(self, path: Path) -> str | None:
+        try:
+            return fingerprint(path, {})
+        except (OSError, MocapError):
+            return None

@@ -6,23 +6,99 @@ again does only what is missing or whose inputs, settings or version have change
 
 from __future__ import annotations
 
+import json
+import time
+from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 
-from ..._exchange.outputs import temporary_folder
+from ..._exchange.cluster_address import use_certificates
+from ..._exchange.outputs import atomic_outputs, temporary_folder
 from ..._exchange.progress import Progress
 from ...errors import BatchInvalid
+from ..process import require_blender
 from ..result import CommandResult
 from .dispatch import dispatch
-from .engines.base import Engine
-from .engines.here import HereEngine, ProcessesEngine
+from .engines.base import Engine, HereEngine, ProcessesEngine
 from .record import TakeRecord
-from .request import BatchRequest, Spread, find_captures
-from .results import Results
-from .source import Listed, Watched
-from .summary import table
+from .request import BatchRequest, Listed, Spread, TakeLimits, Watched, find_captures
+from .summary import summary_page, table, worst_first
 from .takes import Takes
 from .work import Work
+
+SUMMARY = "summary"
+_RARELY = 20.0
+"""Writing may take one part of so many of the time."""
+_LEAST_S = 2.0
+"""Seconds from one writing of the results to the next, at the least; chosen by hand."""
+
+
+class Results:
+    """Collects records.
+
+    Args:
+        out: folder of the results.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._takes: dict[str, TakeRecord] = {}
+        self._next, self._start = 0.0, time.monotonic()
+        self._done = 0
+        self._engine: Engine | None = None
+        self._who = ""
+
+    @property
+    def outputs(self) -> list[str]:
+        """The summary's files."""
+        return [str(self._out / f"{SUMMARY}{suffix}") for suffix in (".json", ".txt", ".html")]
+
+    @contextmanager
+    def made_by(self, engine: Engine) -> Iterator[None]:
+        """State on the page who works; also afterwards, when nobody can be asked any more."""
+        self._engine = engine
+        try:
+            yield
+        finally:
+            self._who, self._engine = engine.headline(), None
+
+    def add(self, record: TakeRecord, recalled: bool) -> None:
+        """Keep the record of a take, and write the summary if that was not done just now."""
+        self._takes[record["take"]] = record
+        self._done += not recalled
+        if time.monotonic() > self._next:
+            self.write()
+
+    def ordered(self) -> list[TakeRecord]:
+        """Return the takes, worst first."""
+        return worst_first(list(self._takes.values()))
+
+    def write(self) -> None:
+        """Write the summary, if there is a take to sum up.
+
+        Raises:
+            OutputNotWritable: the folder cannot be written to.
+        """
+        if not self._takes:
+            return
+        begun, ordered = time.monotonic(), self.ordered()
+        texts = {
+            f"{SUMMARY}.json": json.dumps(ordered, indent=1, ensure_ascii=False),
+            f"{SUMMARY}.txt": table(ordered) + "\n",
+            f"{SUMMARY}.html": summary_page(ordered, self._out, self._message()),
+        }
+        with atomic_outputs(self._out, tuple(texts), overwrite=True) as temporary:
+            for name, text in texts.items():
+                temporary[name].write_text(text, encoding="utf-8")
+        took = time.monotonic() - begun
+        self._next = time.monotonic() + max(_LEAST_S, _RARELY * took)
+
+    def _message(self) -> str:
+        minutes = (time.monotonic() - self._start) / 60
+        rate = f"{self._done} done in {minutes:.1f} min" if self._done else "nothing was to be done"
+        who = self._who if self._engine is None else self._engine.headline()
+        return f"{rate} by {who}" if who else rate
 
 
 class BatchResult(CommandResult):
@@ -30,6 +106,25 @@ class BatchResult(CommandResult):
 
     takes: list[TakeRecord]
     """Worst first."""
+
+
+def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:
+    """Do the batch of a command line; see ``run_batch``."""
+    if args.tls is not None:
+        use_certificates(args.tls)
+    if args.bake or args.render or args.export:
+        require_blender(here=not (args.workers or args.scheduler))
+    if (args.captures is None) == (args.watch is None):
+        hint = "batch FOLDER, or --watch FOLDER."
+        raise BatchInvalid("A batch needs a folder of captures, or one to watch.", hint=hint)
+    formats, marker_formats = (tuple(dict.fromkeys(given)) for given in (args.export, args.export_markers))
+    request = BatchRequest(
+        args.captures or args.watch, args.out, args.job, args.bake, args.render, formats, args.body, args.python,
+        marker_formats, TakeLimits(args.take_seconds, args.take_memory), args.strict, tuple(args.accept),
+    )  # fmt: skip
+    watch = {"watch": args.watch is not None, "settled_s": args.settled, "idle_s": args.idle}
+    spread = Spread(args.scheduler, args.workers, stretches=args.stretches, patience_s=args.patience, **watch)
+    return run_batch(request, progress, spread)
 
 
 def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> BatchResult:
@@ -65,7 +160,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     ordered = results.ordered()
     codes = [take["error"]["exit_code"] for take in ordered if "error" in take]
     return {
-        "event": "result", "takes": ordered, "table": table(ordered), "outputs": results.outputs, "notes": notes,
+        "takes": ordered, "table": table(ordered), "outputs": results.outputs, "notes": notes,
         "exit_code": max(codes, default=0),
     }  # fmt: skip
 

@@ -10,10 +10,9 @@ from typing import ClassVar
 
 from ..._exchange.version import VERSION
 from ...errors import ShotsMissing
-from ..child_verb import run_verb
-from ..solver import run_solver
-from .limits import TakeLimits
+from ..children import run_solver, run_verb
 from .record import StepMade, TakeRecord
+from .request import TakeLimits
 from .work import Place, Plain, Step
 
 RECORDS, SHOTS = "tasks", "shots"
@@ -69,10 +68,8 @@ class Shots:
         """
         given = [str(self.description), "--out", str(self.data_set)]
         if step == FILM:
-            run_solver(
-                "studio", [*given, "--shot", item.name], place.progress, python=self.python,
-                over_limit=lambda pid: place.stopped(),
-            )  # fmt: skip
+            words = [*given, "--shot", item.name]
+            run_solver("studio", words, place.progress, python=self.python, stopped=lambda pid: place.stopped())
         else:
             run_verb("studio", [*given, "--colour-of", item.name], place.progress, place.stopped)
         return {"outputs": [f"../../{SHOTS}/{item.name}/{_DONE[step]}"], "notes": []}

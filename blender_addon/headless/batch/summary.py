@@ -1,9 +1,21 @@
-"""The takes of a batch as a table, the worst first."""
+"""The summary of a batch as a table and as a page, the worst takes first."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from base64 import b64encode
+from collections import Counter
+from collections.abc import Callable, Sequence
+from hashlib import sha256
+from html import escape
+from pathlib import Path
 
+import numpy as np
+
+from ..._exchange.errors import MocapError
+from ..._exchange.npz import read_arrays
+from ..._exchange.plain_text import plain
+from ...conventions.skeleton import PARENTS
 from .record import TakeRecord
 
 _BAD = ("failed", "set aside", "unfinished")
@@ -31,18 +43,18 @@ def table(takes: Sequence[TakeRecord]) -> str:
 def cells(take: TakeRecord) -> tuple[str, ...]:
     """Return a take's row of the table."""
     solved = take.get("solve") or {}
-    frames, unsure, bridged = (_text(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
+    frames, unsure, bridged = (_cell(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
     residual = f"{_residual(take):.2f} {unit}" if unit else "-"
     message = take["error"]["message"] if "error" in take else ""
-    return (take["take"], take["status"], frames, residual, unsure, bridged, _text(take.get("seconds")), message)
+    return (take["take"], take["status"], frames, residual, unsure, bridged, _cell(take.get("seconds")), message)
 
 
 def _padded(cell: str, width: int, column: int) -> str:
     return cell.rjust(width) if 2 <= column < len(HEAD) - 1 else cell.ljust(width)
 
 
-def _text(value: float | None) -> str:
+def _cell(value: float | None) -> str:
     if value is None:
         return "-"
     return f"{value:.2f}" if isinstance(value, float) else str(value)
@@ -57,3 +69,137 @@ def _doubtful(take: TakeRecord) -> float:
     solved = take.get("solve") or {}
     frames = solved.get("frames") or 1
     return (solved.get("unsure_frames", 0) + solved.get("unseen_frames", 0)) / frames
+
+
+WIDTH, HEIGHT = 220, 72
+_MOMENTS = 5
+_TALL_M = 2.0
+"""What the picture's height shows."""
+
+
+def thumbnail(motion: Path) -> str:
+    """Return an SVG of a motion file's body at five moments, "" where there is none to be read.
+
+    The figures stand side by side, seen along the horizontal direction in which they are narrowest.
+    """
+    try:
+        joints = np.asarray(read_arrays(motion, required=("joints",))["joints"], dtype=np.float64)
+    except (OSError, KeyError, ValueError, MocapError):
+        return ""
+    if joints.ndim != 3 or joints.shape[1:] != (len(PARENTS), 3) or not len(joints) or not np.isfinite(joints).all():
+        return ""
+    moments = np.unique(np.linspace(0, len(joints) - 1, _MOMENTS).round().astype(int))
+    return stick_figures(joints[moments])
+
+
+def stick_figures(joints: np.ndarray) -> str:
+    """Return an SVG of (N, 24, 3) joints in metres, Z up."""
+    scale, step = HEIGHT / _TALL_M, WIDTH / _MOMENTS
+    ground = joints[..., 2].min()
+    centred = joints[..., :2] - joints[:, :1, :2]
+    flat = centred.reshape(-1, 2)
+    _, _, axes = np.linalg.svd(flat - flat.mean(axis=0), full_matrices=False)
+    across = centred @ axes[0]
+    x = across * scale + step * (np.arange(len(joints))[:, None] + 0.5)
+    y = HEIGHT - (joints[..., 2] - ground) * scale - 2
+    bones = [(child, parent) for child, parent in enumerate(PARENTS) if parent >= 0]
+    paths = "".join(
+        "".join(f"M{x[n, a]:.1f} {y[n, a]:.1f}L{x[n, b]:.1f} {y[n, b]:.1f}" for a, b in bones)
+        for n in range(len(joints))
+    )
+    return f'<svg viewBox="0 0 {WIDTH} {HEIGHT}" role="img" aria-label="poses of the take"><path d="{paths}"/></svg>'
+
+
+MARK = '<meta name="generator" content="Manifold MoCap batch">'
+_PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~/")
+_ROWS, _PICTURES = 5000, 500
+"""More than these are in summary.json alone."""
+_STYLE = """
+:root { color-scheme: light dark; --bg: #f6f7f9; --card: #fff; --ink: #1b2330; --soft: #5b6675; --rule: #dfe3e8;
+  --line: #2563c9; --bad: #c2255c; }
+@media (prefers-color-scheme: dark) { :root { --bg: #12161c; --card: #1a2029; --ink: #e6eaf0; --soft: #98a4b3;
+  --rule: #2d3643; --line: #6ea8fe; --bad: #f06595; } }
+body { margin: 0; background: var(--bg); color: var(--ink); font: 15px/1.5 system-ui, sans-serif; }
+main { max-width: 1280px; margin: 0 auto; padding: 28px 20px 60px; }
+h1 { font-size: 27px; margin: 0; }
+.sub { color: var(--soft); margin: 0 0 18px; }
+.scroll { overflow-x: auto; background: var(--card); border: 1px solid var(--rule); border-radius: 10px; }
+table { border-collapse: collapse; width: 100%; }
+th, td { padding: 6px 12px; border-bottom: 1px solid var(--rule); text-align: left; vertical-align: middle; }
+th { color: var(--soft); font-weight: 500; font-size: 13px; }
+td.number { text-align: right; font-variant-numeric: tabular-nums; }
+tr.bad td:nth-child(3) { color: var(--bad); font-weight: 600; }
+a { color: var(--line); }
+svg, img { display: block; width: 220px; height: auto; max-height: 140px; object-fit: contain; }
+svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: round; }
+"""
+
+
+def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:
+    """Return the page.
+
+    Args:
+        takes: records, worst first.
+        out: folder that the page and the takes' folders lie in.
+        message: how the batch goes.
+    """
+    counts = Counter(str(take["status"]) for take in takes)
+    head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
+    rows = "".join(_row(take, out, thumbnail if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
+    more = f"<p>The other {len(takes) - _ROWS} takes are in summary.json.</p>" if len(takes) > _ROWS else ""
+    counted = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    hashed = b64encode(sha256(_STYLE.encode()).digest()).decode()
+    policy = (
+        f"default-src 'none'; img-src 'self' file:; style-src 'sha256-{hashed}'; base-uri 'none'; form-action 'none'"
+    )
+    return (
+        '<!doctype html><html lang="en"><head><meta charset="utf-8">'
+        f'<meta http-equiv="Content-Security-Policy" content="{policy}">{MARK}'
+        '<meta name="viewport" content="width=device-width,initial-scale=1">'
+        f"<title>Batch of {len(takes)} takes</title><style>{_STYLE}</style></head><body><main>"
+        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(counted)}. {_linked(message)}.</p>'
+        f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{more}'
+        "</main></body></html>\n"
+    )
+
+
+def _row(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
+    bad = take["status"] not in ("done", "skipped")
+    values = cells(take)
+    shown = "".join(
+        f"<td{' class=number' if 2 <= c < len(HEAD) - 1 else ''}>{_text(value)}</td>" for c, value in enumerate(values)
+    )
+    kind = " class=bad" if bad else ""
+    return f"<tr{kind}><td>{_picture(take, out, picture)}</td>{shown}<td>{_links(take, out)}</td></tr>"
+
+
+def _picture(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
+    """Return the contact sheet if one was rendered, or stick figures."""
+    name = take["take"]
+    if picture is None:
+        return ""
+    sheet = Path(name) / f"{name}_contact.png"
+    if any(Path(path).name == sheet.name for path in take.get("outputs", ())) and (out / sheet).is_file():
+        return f'<img loading="lazy" alt="contact sheet" src="{_link(sheet)}">'
+    return picture(out / name / f"{name}.npz") if take.get("outputs") else ""
+
+
+def _links(take: TakeRecord, out: Path) -> str:
+    name = take["take"]
+    wanted = {"report": f"{name}.html", "video": f"{name}.mp4", "log": "take.log"}
+    files = {word: Path(name) / file for word, file in wanted.items()}
+    return " ".join(f'<a href="{_link(path)}">{word}</a>' for word, path in files.items() if (out / path).is_file())
+
+
+def _link(path: Path) -> str:
+    """Return a relative path as an address, its bytes escaped (RFC 3986, 2.1)."""
+    return "".join(chr(b) if chr(b) in _PLAIN else f"%{b:02X}" for b in path.as_posix().encode())
+
+
+def _linked(message: str) -> str:
+    """Return a text in which the addresses of pages can be followed."""
+    return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(message))
+
+
+def _text(value: object) -> str:
+    return escape(plain(str(value), keep="\n\t"))

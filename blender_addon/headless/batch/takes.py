@@ -12,15 +12,15 @@ from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from ..._exchange.outputs import atomic_outputs
 from ..._exchange.reading_settings import options_of
 from ..._exchange.verb_results import SolveResult
-from ..bake import BakeRequest, run_bake
-from ..child_verb import run_verb
-from ..export import ExportRequest, run_export
+from ..children import run_solver, run_verb
 from ..result import CommandResult
-from ..solver import run_solver
-from .limits import TakeLimits, TakeWatch
+from ..verb_table import VERBS
 from .record import StepMade, fingerprint, read_record, step_key
-from .request import BatchRequest
+from .request import BatchRequest, TakeLimits, TakeWatch
 from .work import Place, Plain, Step
+
+PACKAGE = __package__.rpartition(".")[0]
+"""Of the verbs."""
 
 
 @dataclass(frozen=True)
@@ -96,7 +96,7 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
         run_solver,
         progress=place.progress,
         python=request.python,
-        over_limit=lambda pid: place.stopped() or watch.over_limit(pid),
+        stopped=lambda pid: place.stopped() or watch.over_limit(pid),
     )
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
@@ -127,18 +127,18 @@ def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) ->
 
 
 def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> CommandResult:
-    folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
+    copy = place.folder / f"{place.folder.name}_capture.npz"
+    values = {"motion": motion, "capture": copy, "out": place.folder, "footage_from": [capture], "overwrite": True}
+    values |= {"no_pictures": True} if blend else {}
+    return _in_blender("bake" if blend else "render", {**values, "body": request.body}, place)
+
+
+def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResult:
+    """Run a verb of this command line, in a process of its own if the place asks for that."""
+    row = VERBS[verb]
     if place.in_child:
-        words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
-        words += ["--footage-from", str(capture)]
-        words += ["--no-pictures"] if blend else []
-        words += ["--body", str(request.body)] if request.body else []
-        return run_verb("bake" if blend else "render", words, place.progress, place.stopped)
-    wanted = BakeRequest(
-        motion, folder, copy, request.body, blend=blend, video=not blend, pictures=not blend, overwrite=True,
-        footage_from=(capture,),
-    )  # fmt: skip
-    return run_bake(wanted, place.progress)
+        return run_verb(verb, row.words(values), place.progress, place.stopped)
+    return row.load(PACKAGE)(row.arguments(**values), place.progress)
 
 
 def _export(request: BatchRequest, place: Place) -> StepMade:
@@ -147,14 +147,10 @@ def _export(request: BatchRequest, place: Place) -> StepMade:
 
 
 def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[str]:
-    exports, outputs = place.folder / "export", list[str]()
-    if request.formats and place.in_child:
-        words = [str(motion), "--format", *request.formats, "--out", str(exports), "--overwrite"]
-        words += ["--body", str(request.body)] if request.body else []
-        outputs += run_verb("export", words, place.progress, place.stopped)["outputs"]
-    elif request.formats:
-        wanted = ExportRequest(motion, exports, request.formats, request.body, overwrite=True)
-        outputs += run_export(wanted, place.progress)["outputs"]
+    outputs = list[str]()
+    if request.formats:
+        values = {"source": motion, "formats": request.formats, "out": place.folder / "export", "overwrite": True}
+        outputs += _in_blender("export", {**values, "body": request.body}, place)["outputs"]
     return outputs + _export_markers(request, motion, place)
 
 

@@ -5,12 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 from ..._exchange.errors import MocapError
 from ..._exchange.progress import Progress
-from .limits import TakeLimits
 from .record import StepMade
+
+if TYPE_CHECKING:
+    from .request import TakeLimits
 
 Plain = dict[str, Any]
 """Work as plain values, for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""

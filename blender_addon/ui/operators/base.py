@@ -266,7 +266,7 @@ class SolverOperator(MocapOperator):
         """Start a run of the operator's verb."""
         if not call.through_blender:
             return self.launch(context, self.verb, list(call.words), call.folder)
-        from ...headless.child_verb import start_verb
+        from ...headless.children import start_verb
 
         words = [*call.words, *options(python=chosen_python(context))]
         return self.follow(context, start_verb(self.verb, words, call.folder))

@@ -5,7 +5,6 @@ from __future__ import annotations
 import html
 import io
 from collections.abc import Callable
-from contextlib import redirect_stderr
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -13,7 +12,8 @@ import numpy as np
 
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
-from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.command import Report
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics, sentence
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.progress import silent
@@ -181,9 +181,8 @@ def _states_size(outcome: Outcome, page: str) -> bool:
 
 def _lacking(outcome: Outcome, page: str, found: list[Diagnostic], fps: float) -> tuple[str, ...]:
     people, programs, errors = io.StringIO(), io.StringIO(), io.StringIO()
-    with redirect_stderr(errors):
-        ForPeople(people).result(outcome)
-    ForPrograms(programs).result(outcome)
+    for out, as_json in ((people, False), (programs, True)):
+        Report(out, errors, as_json=as_json).result(outcome.data, outcome.text, outcome.summary)
     texts = {"console": people.getvalue() + errors.getvalue(), "report": page, "JSON": programs.getvalue()}
     return tuple(
         f"{item.code} in {place}"
@@ -195,8 +194,7 @@ def _lacking(outcome: Outcome, page: str, found: list[Diagnostic], fps: float) -
 
 def _lacking_error(error: MocapError) -> tuple[str, ...]:
     people, programs, errors = io.StringIO(), io.StringIO(), io.StringIO()
-    with redirect_stderr(errors):
-        ForPeople(people).error(error)
-    ForPrograms(programs).error(error)
+    for out, as_json in ((people, False), (programs, True)):
+        Report(out, errors, as_json=as_json).error(error)
     texts = {"console": errors.getvalue(), "JSON": programs.getvalue()}
     return tuple(place for place, text in texts.items() if error.message[:_BEGIN] not in text)

@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from blender_addon.headless.blender_module import signals_wait
+from blender_addon.headless.process import signals_wait
 
 
 @pytest.mark.skipif(os.name == "nt", reason="os.kill ends the process there")

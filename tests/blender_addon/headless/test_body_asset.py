@@ -15,8 +15,9 @@ from blender_addon._exchange.progress import silent
 from blender_addon.body.controls.limbs import CONTROLS, ROOT, has_finger_controls
 from blender_addon.body.shape import get_betas, set_betas, sliders
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.headless.body import BodyRequest, run_body
+from blender_addon.headless.body import run_body
 from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
+from blender_addon.headless.verb_table import VERBS
 from tests.support.library_override import override_linked
 
 
@@ -24,7 +25,7 @@ from tests.support.library_override import override_linked
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Write the shipped body once."""
     path = tmp_path_factory.mktemp("library ü") / "Body.blend"
-    run_body(BodyRequest(path, betas=(1.0, -0.5)), silent)
+    run_body(VERBS["body"].arguments(out=path, betas=(1.0, -0.5)), silent)
     return path
 
 
@@ -95,7 +96,7 @@ def test_catalogs_of_others_stay(library: Path, tmp_path: Path) -> None:
 def test_existing_file_stays(library: Path) -> None:
     size = library.stat().st_size
     with pytest.raises(OutputExists, match="not overwritten"):
-        run_body(BodyRequest(library), silent)
+        run_body(VERBS["body"].arguments(out=library), silent)
     assert library.stat().st_size == size < 5e6
 
 

@@ -11,7 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[3]
 _MAKE = """
 import sys, bpy
-from blender_addon.headless.leave import leave
+from blender_addon.headless.process import leave
 bpy.ops.wm.read_factory_settings(use_empty=True)
 armature = bpy.data.objects.new("rig", bpy.data.armatures.new("rig"))
 bpy.context.scene.collection.objects.link(armature)

@@ -23,12 +23,11 @@ from blender_addon._exchange.errors import JobInvalid
 from blender_addon._exchange.motion_file import write_motion
 from blender_addon._exchange.progress import Progress, silent
 from blender_addon.errors import SolverStopped
-from blender_addon.headless import main as headless
+from blender_addon.headless import certificates
 from blender_addon.headless.blender_command import Command, run
-from blender_addon.headless.exit_codes import exit_code
+from blender_addon.headless.children import run_solver
 from blender_addon.headless.main import main
 from blender_addon.headless.result import CommandResult
-from blender_addon.headless.solver import run_solver
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run
 from solver_backend.io.native.capture_file import write_capture
@@ -68,19 +67,19 @@ def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: p
 
 
 def test_a_wrong_setting_is_a_wrong_command_line() -> None:
-    assert exit_code(JobInvalid("Unknown setting colour.")) == 2
+    assert JobInvalid("Unknown setting colour.").exit_code == 2
 
 
 @pytest.mark.skipif(os.name == "nt", reason="processes are killed differently there")
 def test_a_killed_solver_is_an_error_with_a_hint(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     child = [sys.executable, "-c", "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"]
     killed = Run("solve", SolverProcess(child, dict(os.environ), tmp_path))
-    monkeypatch.setattr("blender_addon.headless.solver.start", lambda *_: killed)
+    monkeypatch.setattr("blender_addon.headless.children.start", lambda *_: killed)
     with pytest.raises(
         SolverStopped, match=r"ended without a result.*signal 9.*your scene and earlier takes"
     ) as caught:
         run_solver("solve", [], silent)
-    assert (caught.value.code, exit_code(caught.value)) == ("solver_died", 4)
+    assert (caught.value.code, caught.value.exit_code) == ("solver_died", 4)
 
 
 def test_folders_that_cannot_be_written_are_named(
@@ -125,7 +124,7 @@ def test_a_signal_that_blender_swallows_ends_the_work_at_the_next_progress(
         progress("retargeting", 1, 2)
         return {"event": "result", "outputs": [], "notes": []}
 
-    monkeypatch.setattr(headless, "_certificates", swallowing)
+    monkeypatch.setattr(certificates, "run_certificates", swallowing)
     assert main(["certificates", "--out", str(tmp_path), "--json"]) == 130
     assert said(capfd)["code"] == "cancelled"
 

@@ -12,7 +12,7 @@ import pytest
 from blender_addon._exchange.events import what_is_wrong
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import SolverStopped
-from blender_addon.headless.solver import run_solver
+from blender_addon.headless.children import run_solver
 from blender_addon.solving import run
 
 NONSENSE: list[Any] = [

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.progress import silent
-from blender_addon.headless.bake import BakeRequest, run_bake
+from blender_addon.headless.bake import run_bake
+from blender_addon.headless.verb_table import VERBS
 from blender_addon.ui.adoption import adopt
 
 
@@ -27,7 +28,9 @@ def baked(solved, tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("baked")
     for name in ("capture.npz", "take_01.npz", "take_01.html"):
         shutil.copy(solved.files.motion.parent / name, made / name)
-    wanted = BakeRequest(made / "take_01.npz", made, made / "capture.npz", video=False, pictures=False)
+    wanted = VERBS["bake"].arguments(
+        motion=made / "take_01.npz", out=made, capture=made / "capture.npz", no_pictures=True
+    )
     run_bake(wanted, silent)
     moved = made.parent / "umgezogen ü"
     made.rename(moved)

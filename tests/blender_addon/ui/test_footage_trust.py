@@ -12,7 +12,8 @@ import pytest
 
 from blender_addon._exchange.capture_file import read_capture
 from blender_addon._exchange.progress import silent
-from blender_addon.headless.bake import BakeRequest, run_bake
+from blender_addon.headless.bake import run_bake
+from blender_addon.headless.verb_table import VERBS
 from blender_addon.render.picture import write_png
 from blender_addon.scene import cameras
 from blender_addon.scene.footage import find_footage, near_footage
@@ -111,7 +112,7 @@ def test_motions_and_headless_bakes_ask_too(
     path, motion = foreign(tmp_path / "foreign", str(elsewhere), solved), solved.folder / "take_01.npz"
     take = add_motion(bpy.context, motion, BakeSettings(), path)
     assert asked == [] and any("was not looked for" in note for note in take.notes)
-    request = BakeRequest(motion, tmp_path / "out", path, video=False, pictures=False)
+    request = VERBS["bake"].arguments(motion=motion, out=tmp_path / "out", capture=path, no_pictures=True)
     result = run_bake(request, silent)
     assert asked == [] and any("was not looked for" in note for note in result["notes"])
     allowed = replace(request, footage_from=(tmp_path,), overwrite=True)

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from blender_addon._exchange.progress import silent
-from blender_addon.headless.quiet import own_streams
+from blender_addon.headless.process import own_streams
+from blender_addon.headless.verb_table import VERBS
 from tests.fuzz.target import Target
 from tests.fuzz.verbs.motions import write_clip
 from tests.fuzz.verbs.running import nothing_left, verb_target
@@ -29,17 +30,18 @@ def _quietly(run: Run) -> Run:
 
 
 def _bake(folder: Path) -> object:
-    from blender_addon.headless.bake import BakeRequest, run_bake
+    from blender_addon.headless.bake import run_bake
 
-    request = BakeRequest(folder / "motion.npz", folder, folder / "capture.npz", video=False, pictures=False)
-    return run_bake(request, silent)
+    files = {"motion": folder / "motion.npz", "out": folder, "capture": folder / "capture.npz"}
+    return run_bake(VERBS["bake"].arguments(**files, no_pictures=True), silent)
 
 
 def _export(*formats: str) -> Run:
     def run(folder: Path) -> object:
-        from blender_addon.headless.export import ExportRequest, run_export
+        from blender_addon.headless.export import run_export
 
-        return run_export(ExportRequest(folder / "motion.npz", folder / "out", formats), silent)
+        args = VERBS["export"].arguments(source=folder / "motion.npz", out=folder / "out", formats=formats)
+        return run_export(args, silent)
 
     return run
 
@@ -62,15 +64,14 @@ def _rig(folder: Path) -> None:
 
 
 def _retarget(source: str, **files: str) -> Run:
-    """Return what retargets a motion; other files are fields of the request with names in the folder."""
+    """Return what retargets a motion; other files are options with names in the folder."""
 
     def run(folder: Path) -> object:
         from blender_addon.headless.retarget import run_retarget
-        from blender_addon.headless.retarget_request import RetargetRequest
 
         given: dict[str, Any] = {name: folder / path for name, path in files.items()}
-        request = RetargetRequest(folder / source, folder / "hero.blend", folder / "out.blend", **given)
-        return run_retarget(request, silent)
+        given |= {"source": folder / source, "target": [folder / "hero.blend"], "out": folder / "out.blend"}
+        return run_retarget(VERBS["retarget"].arguments(**given), silent)
 
     return run
 
@@ -80,6 +81,6 @@ TARGETS: tuple[Target, ...] = (
     verb_target("export", (write_solved,), _quietly(_export("bvh", "csv", "amass")), _NPZ, 2),
     verb_target("export, meshes", (write_solved,), _quietly(_export("fbx", "gltf")), _NPZ),
     verb_target("retarget", (_rig,), _quietly(_retarget("motion.npz")), _NPZ, 6),
-    verb_target("retarget, map", (_rig,), _quietly(_retarget("motion.npz", map_file="map.json")), {".json": "json"}, 6),
+    verb_target("retarget, map", (_rig,), _quietly(_retarget("motion.npz", map="map.json")), {".json": "json"}, 6),
     verb_target("retarget, clip", (_rig,), _quietly(_retarget("clip.bvh")), {".bvh": "text"}, 6),
 ) if find_spec("bpy") else ()  # fmt: skip

@@ -15,7 +15,7 @@ from unittest import mock
 from solver_backend.cli import live_sources
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import function_of
-from solver_backend.cli.outcome import ForPeople, ForPrograms
+from solver_backend.exchange.command import Report
 from solver_backend.exchange.errors import MocapError, NoDetections
 from solver_backend.exchange.outputs import is_leftover
 from solver_backend.exchange.progress import silent
@@ -54,7 +54,7 @@ def run_verb(folder: Path, line: str) -> object:
         line: verb and arguments, blanks between.
     """
     words = tuple(str(folder / word[2:]) if word.startswith("./") else word for word in line.split())
-    reports = ForPeople(io.StringIO()), ForPrograms(io.StringIO())
+    reports = [Report(io.StringIO(), io.StringIO(), as_json=as_json) for as_json in (False, True)]
     with redirect_stdout(io.StringIO()), redirect_stderr(io.StringIO()):
         try:
             # What makes a live run ready takes longer than a short run, and what it freezes is never freed.
@@ -65,7 +65,7 @@ def run_verb(folder: Path, line: str) -> object:
                 report.error(error)
             raise
         for report in reports:
-            report.result(outcome)
+            report.result(outcome.data, outcome.text, outcome.summary)
     return outcome
 
 

@@ -1,12 +1,18 @@
-"""What a batch asks of whoever does its takes."""
+"""Engines that do the takes of a batch, and those of this machine without a cluster."""
 
 from __future__ import annotations
 
+import threading
+from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
+from ...._exchange.errors import Cancelled, MocapError
+from ...._exchange.progress import Progress, silent
 from ..record import TakeRecord
+from ..run_take import run_take
+from ..work import Work
 
 LOST, ENDED, DIED = "lost", "ended", "died"
 
@@ -71,3 +77,99 @@ class Engine(Protocol):
     def close(self) -> None:
         """End what is being done, and tidy up."""
         ...
+
+
+class HereEngine:
+    """One take at a time, with Blender's part in this process.
+
+    Args:
+        work: the batch.
+        progress: receives how far each take has come.
+    """
+
+    tries = 1
+
+    def __init__(self, work: Work, progress: Progress) -> None:
+        self._work, self._progress = work, progress
+        self._begun: Ticket | None = None
+
+    def free(self) -> int:
+        """Return 1 between two takes."""
+        return int(self._begun is None)
+
+    def begin(self, ticket: Ticket) -> None:
+        """Keep the take; it is done when its end is asked for."""
+        self._begun = ticket
+
+    def ended(self, timeout_s: float) -> list[Ended]:
+        """Do the take that was begun."""
+        ticket, self._begun = self._begun, None
+        if ticket is None:
+            threading.Event().wait(timeout_s)
+            return []
+        record = run_take(self._work, ticket.capture, self._progress)
+        return [Ended(ticket, ENDED, record)]
+
+    def notes(self) -> list[str]:
+        """Return nothing: nobody else works."""
+        return []
+
+    def headline(self) -> str:
+        """Return who works."""
+        return "this process"
+
+    def close(self) -> None:
+        """Do nothing: nothing goes on."""
+
+
+class ProcessesEngine:
+    """Several takes at a time, the solver and Blender of each in processes of their own; needs nothing installed.
+
+    Args:
+        work: the batch.
+        workers: takes at a time.
+    """
+
+    tries = 2
+
+    def __init__(self, work: Work, workers: int) -> None:
+        self._work, self._workers = work, workers
+        self._pool = ThreadPoolExecutor(workers, "take")
+        self._running: dict[Future[TakeRecord], Ticket] = {}
+        self._stop = threading.Event()
+
+    def free(self) -> int:
+        """Return how many workers are idle."""
+        return self._workers - len(self._running)
+
+    def begin(self, ticket: Ticket) -> None:
+        """Start the take's processes."""
+        task = self._pool.submit(
+            run_take, self._work, ticket.capture, silent,
+            worker="this machine", stopped=self._stopped, in_child=True,
+        )  # fmt: skip
+        self._running[task] = ticket
+
+    def ended(self, timeout_s: float) -> list[Ended]:
+        """Return the takes whose processes have ended."""
+        if not self._running:
+            self._stop.wait(timeout_s)
+            return []
+        done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
+        return [Ended(self._running.pop(task), ENDED, task.result(), "this machine") for task in done]
+
+    def notes(self) -> list[str]:
+        """Return nothing: these workers are all alike."""
+        return []
+
+    def headline(self) -> str:
+        """Return who works."""
+        return f"{self._workers} processes"
+
+    def close(self) -> None:
+        """End all processes; what they have not finished is begun again by the next batch."""
+        self._stop.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+    def _stopped(self) -> MocapError | None:
+        return Cancelled("The batch was cancelled.") if self._stop.is_set() else None

@@ -7,6 +7,7 @@ scheduler, a worker or this program may end at any time.
 
 from __future__ import annotations
 
+import logging
 import time
 from collections.abc import Callable
 from contextlib import suppress
@@ -14,15 +15,66 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
-from ....errors import BatchTaken
+from ...._exchange.cluster_address import require_certificates, require_safe
+from ....errors import BatchTaken, EngineMissing, SchedulerMissing, WorkersUnsuitable
 from ..record import Failure, begun_record, read_record
 from ..work import Work
 from .base import DIED, ENDED, LOST, Ended, Ticket
-from .connection import connected, require_dask
-from .marker import marker_in, put_marker, remove_marker
+from .cluster_task import describe, marker_in, put_marker, remove_marker, versions, what_is_wrong
 
 if TYPE_CHECKING:
     from .cluster_task import Batch, TaskResult
+
+
+def require_dask() -> None:
+    """Make sure that Dask can be used.
+
+    Raises:
+        EngineMissing: it is not installed.
+    """
+    try:
+        import distributed  # noqa: F401
+    except ImportError as error:
+        raise EngineMissing(
+            "Dask is not installed in this Python.", where=str(error),
+            hint="Install it with: pip install distributed; or leave out --scheduler and give --workers N.",
+        ) from error  # fmt: skip
+
+
+def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
+    """Return a client of a scheduler.
+
+    Args:
+        address: of the scheduler, or the path of its file.
+        patience_s: how long to try.
+        tend: called before each try.
+
+    Raises:
+        SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are not given.
+        SchedulerMissing: none answers for so long.
+    """
+    require_safe(address)
+    import dask.config
+    from distributed import Client
+
+    require_certificates(address, dask.config.get("distributed.comm.tls.ca-file", None))
+    for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    end = time.monotonic() + patience_s
+    where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
+    while True:
+        tend()
+        try:
+            return Client(**where, timeout=min(5.0, patience_s), set_as_default=False)
+        except Exception as error:  # of the network, of the protocol, of another version's messages
+            if time.monotonic() > end:
+                raise SchedulerMissing(
+                    f"No scheduler answers: {type(error).__name__}: {error}.", where=address,
+                    hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786; it must "
+                    "have this program's version of Dask. Finished takes are kept.",
+                ) from error  # fmt: skip
+            time.sleep(0.5)
+
 
 _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
@@ -62,7 +114,6 @@ class ClusterEngine:
         tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
     ) -> None:  # fmt: skip
         require_dask()
-        from .cluster_workers import Workers
 
         self._work, self._address, self._tend = work, address, tend
         self._patience_s, self._stretches = patience_s, stretches
@@ -87,7 +138,6 @@ class ClusterEngine:
     def begin(self, ticket: Ticket) -> None:
         """Hand the take's steps to the scheduler."""
         from .cluster_task import step_of_take
-        from .cluster_workers import MEMORY
 
         given: Batch = {
             "work": self._plain, "out": self._out, "capture": str(ticket.capture.resolve()),
@@ -246,3 +296,146 @@ class ClusterEngine:
             time.sleep(0.2)
         self._workers.look_at_new()
         self._workers.require_some(patience_s=0.0)
+
+
+MEMORY = "memory_mb"
+"""Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it."""
+_CLOCK_S = 60.0
+"""Clocks that differ by more are reported."""
+_FAILS = 3
+"""A worker that fails to write so many takes in a row gets no more, while there are others."""
+
+
+class Workers:
+    """The workers of a scheduler, by their addresses.
+
+    Args:
+        address: of the scheduler, for errors.
+        out: folder of the results.
+        marker: what its marker states.
+        patience_s: how long a batch waits for the first worker, or for another one.
+    """
+
+    def __init__(self, address: str, out: str, marker: str, patience_s: float) -> None:
+        self._address, self._out, self._marker, self._patience_s = address, out, marker, patience_s
+        self._fails: dict[str, int] = {}
+        self._looked_at: set[str] = set()
+        self._without: float | None = None
+        self._notes: list[str] = []
+        self.versions = versions()
+        """What all workers must have."""
+        self.bad: dict[str, str] = {}
+        """Why a worker gets no takes."""
+        self.client: Any = None
+        """The connection."""
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know about them."""
+        return [*self._notes, *(f"Worker {name} gets no takes: {why}." for name, why in self.bad.items())]
+
+    @property
+    def threads(self) -> int:
+        """Threads of the workers that can do takes."""
+        return sum(info["nthreads"] for address, info in self.infos().items() if address not in self.bad)
+
+    @property
+    def good(self) -> set[str]:
+        """Those that can do takes."""
+        return set(self.infos()) - set(self.bad)
+
+    def note(self, text: str) -> None:
+        """Keep a sentence, once."""
+        if text not in self._notes:
+            self._notes.append(text)
+
+    def infos(self) -> dict[str, Any]:
+        """Return what the scheduler reports about each worker; nothing while it is gone."""
+        try:
+            return dict(self.client.scheduler_info(n_workers=-1)["workers"])
+        except Exception:  # the connection is going down; the next look reports it
+            return {}
+
+    def allowed(self, ticket: Ticket) -> set[str] | None:
+        """Return the workers that may do a take, None for all."""
+        good = self.good
+        others = good - ticket.avoid
+        if not self.bad and others == good:
+            return None
+        return others or good
+
+    def state_memory(self, wanted_mb: float) -> bool:
+        """Return whether all workers state how much memory their takes may have.
+
+        Raises:
+            WorkersUnsuitable: no worker has as much as a take may take.
+        """
+        stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
+        amounts = [amount for amount in stated if amount is not None]
+        if amounts and max(amounts) < wanted_mb:
+            raise WorkersUnsuitable(
+                f"No worker has the {wanted_mb:g} MB that a take may take; the largest has {max(amounts):g} MB.",
+                where=self._address, hint="Lower --take-memory, or start workers with more.",
+            )  # fmt: skip
+        return bool(amounts) and len(amounts) == len(stated)
+
+    def wrote(self, worker: str, failure: str) -> None:
+        """Remember that a worker could not write a take, or ("") that it could."""
+        if not failure:
+            self._fails.pop(worker, None)
+            return
+        fails = self._fails[worker] = self._fails.get(worker, 0) + 1
+        self.note(f"Worker {worker} could not write: {failure}")
+        if fails >= _FAILS and len(self.good) > 1:
+            self.bad[worker] = f"it could not write {fails} takes in a row"
+
+    def forget_looks(self) -> None:
+        """Look at all of them again; another scheduler has other workers."""
+        self._looked_at.clear()
+        self._without = None
+
+    def look_at_new(self) -> None:
+        """Ask workers that have come about their versions, folders and clocks."""
+        new = sorted(set(self.infos()) - self._looked_at)
+        if not new:
+            return
+        try:
+            asked = time.time()
+            found = self.client.run(describe, self._out, workers=new, on_error="return")
+        except Exception:  # a worker that has just died is looked at no more, the others the next time
+            return
+        self._looked_at.update(new)
+        for worker, about in found.items():
+            if isinstance(about, BaseException):
+                if isinstance(about, ImportError):
+                    self.bad[worker] = f"Manifold MoCap cannot be imported there ({about})"
+                continue
+            if wrong := what_is_wrong(about, self.versions, self._marker, self._out):
+                self.bad[worker] = wrong
+            ahead_s = about["time"] - asked
+            if abs(ahead_s) > _CLOCK_S:
+                self.note(
+                    f"The clock of {about['host']} differs by {ahead_s:+.0f} s; nothing depends on it but the "
+                    "times of files."
+                )
+
+    def require_some(self, patience_s: float | None = None) -> None:
+        """Make sure that there has been a worker that can do takes not too long ago.
+
+        Raises:
+            WorkersUnsuitable: there was none; the first reasons are named.
+        """
+        if self.good:
+            self._without = None
+            return
+        now = time.monotonic()
+        self._without = self._without or now
+        if now - self._without < (self._patience_s if patience_s is None else patience_s):
+            return
+        reasons = "; ".join(f"{worker}: {why}" for worker, why in list(self.bad.items())[:3])
+        raise WorkersUnsuitable(
+            f"No worker can do the takes: {reasons}." if reasons else "The scheduler has no workers.",
+            where=self._address,
+            hint="Workers need the same version, the same Python and the same folders as this program, under the same "
+            "paths. Finished takes are kept." if reasons else "Start some: dask worker ADDRESS --nthreads 1.",
+        )  # fmt: skip

@@ -3,19 +3,60 @@
 from __future__ import annotations
 
 import platform
+import secrets
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import NotRequired, TypedDict
 
 from ...._exchange.errors import Cancelled, MocapError
+from ...._exchange.outputs import write_text
 from ...._exchange.progress import silent
 from ...._exchange.version import VERSION
-from ..kinds import work_of
 from ..record import UNFINISHED, TakeRecord
 from ..run_take import recalled, run_step
-from ..work import Plain
-from .marker import marker_in
+from ..shots import Shots
+from ..takes import Takes
+from ..work import Plain, Work
+
+MARKER = ".batch"
+
+
+def put_marker(out: Path) -> str:
+    """Write a new marker and return what it states.
+
+    Raises:
+        OutputNotWritable: the folder cannot be written to.
+    """
+    text = secrets.token_hex(16)
+    out.mkdir(parents=True, exist_ok=True)
+    write_text(out / MARKER, text, overwrite=True)
+    return text
+
+
+def marker_in(out: Path) -> str:
+    """Return what the marker states; "" where there is none, or it is not to be seen from here."""
+    try:
+        return (out / MARKER).read_text(encoding="utf-8")[:64]
+    except (OSError, UnicodeDecodeError):
+        return ""
+
+
+def remove_marker(out: Path, text: str) -> None:
+    """Remove the marker if it is still ours; takes that are being done elsewhere end by that."""
+    with suppress(OSError):
+        if marker_in(out) == text:
+            (out / MARKER).unlink()
+
+
+_KINDS: dict[str, type[Takes] | type[Shots]] = {kind.kind: kind for kind in (Takes, Shots)}
+
+
+def work_of(values: Plain) -> Work:
+    """Return the work that its ``plain`` has written."""
+    return _KINDS[values["kind"]].from_plain(values)
+
 
 _LOOK_S, _LOOKS = 2.0, 3
 """The marker must be gone for so many looks: a network's folder may vanish for a moment."""

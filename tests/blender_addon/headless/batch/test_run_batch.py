@@ -14,6 +14,7 @@ import pytest
 from blender_addon._exchange.errors import Cancelled
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import BatchInvalid, SolverStopped
+from blender_addon.headless import bake
 from blender_addon.headless.batch import takes
 from blender_addon.headless.batch.record import fingerprint
 from blender_addon.headless.batch.request import BatchRequest
@@ -199,7 +200,7 @@ def test_what_breaks_unforeseen_is_one_takes_failure(
 ) -> None:
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert {take["status"] for take in result["takes"]} == {"failed"}, "the stand-in's motions cannot be baked"
-    monkeypatch.setattr(takes, "run_bake", lambda *_: 1 / 0)
+    monkeypatch.setattr(bake, "run_bake", lambda *_: 1 / 0)
     result = run_batch(BatchRequest(captures, tmp_path / "out", bake=True), silent)
     assert result["exit_code"] == 4
     assert result["takes"][0]["error"]["message"] == "ZeroDivisionError: division by zero"

@@ -17,11 +17,11 @@ import pytest
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import ShotsMissing
 from blender_addon.headless.batch import run_batch
-from blender_addon.headless.batch.kinds import work_of
+from blender_addon.headless.batch.engines.cluster_task import work_of
 from blender_addon.headless.batch.record import read_record
-from blender_addon.headless.batch.request import Spread
 from blender_addon.headless.batch.shots import RECORDS, SHOTS, Shots, digest_of, require_all
-from blender_addon.headless.studio import StudioRequest, run_studio
+from blender_addon.headless.studio import run_studio
+from blender_addon.headless.verb_table import VERBS
 from solver_backend.synthesis.studio.data_set import make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
 
@@ -78,7 +78,7 @@ def test_processes_make_the_same_bytes_and_do_again_what_is_gone(
 ) -> None:
     monkeypatch.setattr(run_batch, "_has_dask", lambda: False)
     spec, out = asked(tmp_path)
-    request = StudioRequest(spec, out, spread=Spread(workers=2))
+    request = VERBS["studio"].arguments(description=spec, out=out, workers=2)
     run_studio(request, silent)
     assert digests(out) == digests(plain)
     assert {path.name for path in out.iterdir()} >= {"card.md", RECORDS, SHOTS, "studio.json"}
@@ -102,7 +102,7 @@ def test_one_shot_that_cannot_be_made_does_not_stop_the_others(tmp_path: Path, m
     subprocess.run(claim, check=True, capture_output=True)
     (out / "studio.json").write_bytes((tmp_path / "other" / "studio.json").read_bytes())
     with pytest.raises(ShotsMissing, match=name):
-        run_studio(StudioRequest(spec, out, spread=Spread(workers=2)), silent)
+        run_studio(VERBS["studio"].arguments(description=spec, out=out, workers=2), silent)
     assert sum((folder / "shot.json").is_file() for folder in (out / SHOTS).iterdir()) == 2
 
 
@@ -123,7 +123,9 @@ def test_a_cluster_makes_the_same_bytes_though_a_worker_dies(plain: Path, tmp_pa
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
     try:
-        result: Any = run_studio(StudioRequest(spec, out, spread=Spread(cluster.address)), silent)
+        result: Any = run_studio(
+            VERBS["studio"].arguments(description=spec, out=out, scheduler=cluster.address), silent
+        )
     finally:
         cluster.close()
     killer.join()
@@ -144,11 +146,11 @@ def test_colour_by_a_clusters_workers_is_that_of_one_process(tmp_path: Path) -> 
         (tmp_path / part).mkdir()
     (tmp_path / "dask").mkdir()
     spec, one = asked(tmp_path / "one", **small)
-    run_studio(StudioRequest(spec, one), silent)
+    run_studio(VERBS["studio"].arguments(description=spec, out=one), silent)
     spec, many = asked(tmp_path / "many", **small)
     cluster = Tended(2, tmp_path / "dask")
     try:
-        run_studio(StudioRequest(spec, many, spread=Spread(cluster.address)), silent)
+        run_studio(VERBS["studio"].arguments(description=spec, out=many, scheduler=cluster.address), silent)
     finally:
         cluster.close()
     assert digests(many) == digests(one)

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from blender_addon._exchange.progress import silent
-from blender_addon.headless.batch.request import BatchRequest, Spread
+from blender_addon.headless.batch.request import BatchRequest, Spread, Watched
 from blender_addon.headless.batch.run_batch import run_batch
-from blender_addon.headless.batch.source import Watched
 from blender_addon.headless.main import main
 from tests.support.stand_in_solver import write_stand_in
 

@@ -7,9 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from blender_addon.headless.batch.summary import worst_first
-from blender_addon.headless.batch.summary_page import summary_page
-from blender_addon.headless.batch.thumbnails import stick_figures, thumbnail
+from blender_addon.headless.batch.summary import stick_figures, summary_page, thumbnail, worst_first
 from solver_backend.io.native.motion_file import write_motion
 from tests.support.scenes import small_motion
 

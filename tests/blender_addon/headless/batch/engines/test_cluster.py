@@ -20,11 +20,10 @@ pytest.importorskip("distributed")
 
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import BatchTaken, EngineMissing, SchedulerMissing, WorkersUnsuitable
+from blender_addon.headless.batch.engines.cluster_task import put_marker
 from blender_addon.headless.batch.engines.local_cluster import LocalCluster
-from blender_addon.headless.batch.engines.marker import put_marker
-from blender_addon.headless.batch.limits import TakeLimits
 from blender_addon.headless.batch.record import read_record
-from blender_addon.headless.batch.request import BatchRequest, Spread
+from blender_addon.headless.batch.request import BatchRequest, Spread, TakeLimits
 from blender_addon.headless.batch.run_batch import run_batch
 from tests.support.stand_in_solver import write_stand_in
 from tests.support.tended_cluster import Tended

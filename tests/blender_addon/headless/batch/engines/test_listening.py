@@ -18,7 +18,7 @@ pytest.importorskip("distributed")
 
 from blender_addon._exchange.cluster_address import require_safe, use_certificates
 from blender_addon._exchange.errors import FileMissing, SchedulerUnsafe
-from blender_addon.headless.batch.engines.connection import connected
+from blender_addon.headless.batch.engines.cluster import connected
 from blender_addon.headless.main import main
 from tests.support.tended_cluster import Tended
 

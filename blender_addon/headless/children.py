@@ -1,0 +1,150 @@
+"""Child processes followed to their end: verbs of the solver, and verbs of this command line."""
+
+from __future__ import annotations
+
+import os
+import sys
+import time
+from argparse import Namespace
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
+from .._exchange.errors import Cancelled, MocapError
+from .._exchange.progress import Progress
+from ..errors import SolverStopped
+from ..solving.child import SolverProcess
+from ..solving.run import Run, start
+from .blender_command import COMMAND
+from .result import CommandResult
+
+_PACKAGE = Path(__file__).resolve().parents[1]
+_POLL_S = 0.05
+"""Seconds between two looks at a child; chosen by hand."""
+
+
+def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
+    """Run the solver's verb of the same name with the options that are passed on.
+
+    Args:
+        args: command line.
+        progress: receives what the solver reports.
+        words: further arguments, before those of the command line.
+
+    Raises:
+        MocapError: see ``run_solver``.
+    """
+    result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
+    files = ("motion", "report", "subject", "markers_file")
+    notes = [*result.get("problems", []), *result.get("notes", [])]
+    if "problems" not in result:
+        takes = result.get("takes", [result])
+        found = [item for take in takes for item in read_diagnostics(take.get("diagnostics"))]
+        notes = [sentence(item) for item in warnings_in(found)]
+    return result | {"outputs": [result[name] for name in files if result.get(name)], "notes": notes}
+
+
+def run_solver(
+    verb: str,
+    arguments: Sequence[str],
+    progress: Progress,
+    *,
+    python: Path | None = None,
+    stopped: Callable[[int], MocapError | None] = lambda pid: None,
+) -> Any:
+    """Run a verb of the solver and return its result event.
+
+    Args:
+        verb: verb of its command line.
+        arguments: follow the verb.
+        progress: receives what the solver reports.
+        python: interpreter to use; None for this one.
+        stopped: see ``run_to_its_end``.
+
+    Raises:
+        SolverMissing: solver or interpreter are not there.
+        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
+    """
+    return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
+
+
+def run_verb(
+    verb: str,
+    arguments: Sequence[str],
+    progress: Progress,
+    stopped: Callable[[], MocapError | None] = lambda: None,
+) -> Any:
+    """Run a verb of this command line in a process of its own and return its result event.
+
+    Blender does one thing at a time, and may crash.
+
+    Raises:
+        SolverMissing: it cannot be started.
+        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
+    """
+    run = start_verb(verb, arguments, Path.cwd())
+    return run_to_its_end(run, progress, lambda pid: stopped(), f"Blender's process ({verb})")
+
+
+def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
+    """Start a verb of this command line in a working folder, and return its run, to be polled.
+
+    Raises:
+        SolverMissing: it cannot be started.
+    """
+    command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
+    known = os.environ.get("PYTHONPATH", "")
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(_PACKAGE.parent), known)))}
+    run = Run(verb, SolverProcess(command, environment, folder))
+    run.log.append(f"> {' '.join(command)}")
+    return run
+
+
+def command_line() -> list[str]:
+    """Return how this command line is started: by Python, or by the Blender that runs it."""
+    blender = getattr(getattr(sys.modules.get("bpy"), "app", None), "binary_path", "")
+    return [blender, "--command", COMMAND] if blender else [sys.executable, "-m", _PACKAGE.name]
+
+
+def run_to_its_end(
+    run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
+) -> Any:
+    """Wait for a child process and return its result event; the process has ended in any case.
+
+    Args:
+        run: the process, begun.
+        progress: receives what it reports.
+        stopped: asked again and again about the process's number; an error ends the process.
+        called: name of the process in the message about an end without a message.
+
+    Raises:
+        SolverStopped: it ended with an error, or without a message.
+        MocapError: the error from ``stopped``.
+        Cancelled: it was cancelled, or this program was interrupted.
+    """
+    try:
+        while not run.finished:
+            if error := stopped(run.process.pid):
+                run.process.kill()
+                raise error
+            if not run.poll():
+                time.sleep(_POLL_S)
+            elif run.total > 0:
+                progress(run.stage, run.done, run.total)
+    except BaseException:
+        run.cancel()
+        while not run.finished:
+            run.poll()
+            time.sleep(_POLL_S)
+        raise
+    if run.result is not None:
+        return run.result
+    event = run.error
+    assert event is not None
+    if event["code"] == "cancelled":
+        raise Cancelled(event["message"], where=event["where"])
+    if event["code"] == "solver_died":
+        event = event.copy()
+        event["message"] = event["message"].replace("The solver", called)
+    raise SolverStopped(event, run.process.exit_code or 0)

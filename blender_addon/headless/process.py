@@ -1,0 +1,96 @@
+"""This process: Blender as a module, its output streams, and the end."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from importlib import import_module
+from importlib.util import find_spec
+from typing import NoReturn, TextIO
+
+from .._exchange.command import signals_handled
+from ..errors import BlenderMissing
+
+
+def require_blender(*, here: bool = True, instead: str = "") -> None:
+    """Check that this Python has Blender, and load it if this process uses it.
+
+    Args:
+        here: this process uses it.
+        instead: what else the user can do.
+
+    Raises:
+        BlenderMissing: it has not.
+    """
+    if find_spec("bpy") is None:
+        hint = f"Install the package 'bpy' into it{instead and ', or '}{instead}."
+        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
+    if here:
+        with signals_wait():
+            import_module("bpy")
+
+
+@contextmanager
+def signals_wait() -> Iterator[None]:
+    """Let the signals that cancel arrive at the end of the block.
+
+    Blender runs scripts of its own while it loads. It prints an error that a signal raises there, goes on half loaded,
+    and crashes later (seen with bpy 4.5). It loads in half a second. A mask is not enough, as other threads have none.
+    """
+    arrived: list[int] = []
+    try:
+        with signals_handled(lambda number, _: arrived.append(number)):
+            yield
+    finally:
+        for number in arrived[:1]:
+            signal.raise_signal(number)
+
+
+@contextmanager
+def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
+    """Yield this program's output and error streams, and drop what Blender's libraries print.
+
+    Blender prints lines about each rendered frame to the process's file descriptors, past Python's ``sys.stdout``, and
+    the reports of its operators through it.
+
+    Args:
+        verbose: let Blender's lines through to standard error instead.
+    """
+    sys.stdout.flush()
+    sys.stderr.flush()
+    kept = os.dup(1), os.dup(2)
+    sink = os.dup(2) if verbose else os.open(os.devnull, os.O_WRONLY)
+    out, err = (os.fdopen(os.dup(fd), "w", encoding="utf-8", buffering=1) for fd in kept)
+    python_streams = sys.stdout, sys.stderr
+    unheard = os.fdopen(os.dup(sink), "w", encoding="utf-8")
+    try:
+        os.dup2(sink, 1)
+        os.dup2(sink, 2)
+        sys.stdout, sys.stderr = unheard, err
+        yield out, err
+    finally:
+        sys.stdout, sys.stderr = python_streams
+        unheard.close()
+        out.close()
+        err.close()
+        for target, fd in enumerate(kept, start=1):
+            os.dup2(fd, target)
+            os.close(fd)
+        os.close(sink)
+
+
+def leave(code: int) -> NoReturn:
+    """End the process with an exit code, at once if Blender is loaded.
+
+    Blender as a module waits for ever at Python's end if a scene had a driver in Python, because it frees the driver
+    after the interpreter that compiled it (seen with bpy 4.5). Everything is written by then.
+    """
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):
+            stream.flush()
+    if "bpy" in sys.modules:
+        os._exit(code)
+    sys.exit(code)

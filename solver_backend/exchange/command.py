@@ -1,0 +1,166 @@
+"""What both command lines do around a verb: handle signals, report progress and result, and name errors."""
+
+from __future__ import annotations
+
+import _thread
+import os
+import signal
+import threading
+import time
+import traceback
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from types import FrameType
+from typing import Any, TextIO
+
+from .errors import Cancelled, ExitCode, MocapError
+from .outputs import full_disk
+from .plain_text import plain
+from .progress import ConsoleProgress, JsonProgress, Progress
+
+_SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") if hasattr(signal, name)]
+
+
+def cancelled() -> Cancelled:
+    """Return the error that a signal becomes."""
+    return Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
+
+
+class Cancellation:
+    """Raises an error at the first signal. Later signals are ignored, so that the work can tidy up.
+
+    Args:
+        error: makes the error.
+    """
+
+    def __init__(self, error: Callable[[], BaseException]) -> None:
+        self.asked, self._error = False, error
+
+    def on_signal(self, number: int, frame: FrameType | None) -> None:
+        """Raise the error at the first signal."""
+        if not self.asked:
+            self.asked = True
+            raise self._error()
+
+    def watched(self, progress: Progress) -> Progress:
+        """Return a progress receiver that raises the error again if somebody has swallowed it."""
+
+        def watching(stage: str, done: int, total: int) -> None:
+            if self.asked:
+                raise self._error()
+            progress(stage, done, total)
+
+        return watching
+
+
+@contextmanager
+def signals_handled(handler: Any) -> Iterator[None]:
+    """Handle the signals that cancel by a function while the block runs. Only the main thread receives signals."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {number: signal.signal(number, handler) for number in _SIGNALS}
+    try:
+        yield
+    finally:
+        for number, old in before.items():
+            signal.signal(number, signal.SIG_DFL if old is None else old)  # Python does not know Blender's own handler
+
+
+@contextmanager
+def cancel_on_signals(error: Callable[[], BaseException] = cancelled) -> Iterator[Cancellation]:
+    """Turn signals into an error while the block runs."""
+    cancellation = Cancellation(error)
+    with signals_handled(cancellation.on_signal):
+        yield cancellation
+
+
+@contextmanager
+def cancelling_until_held() -> Iterator[Callable[[], None]]:
+    """Yield a function that makes signals wait until the block ends, so that a recording is written whole."""
+    with ExitStack() as stack:
+        yield lambda: stack.enter_context(signals_handled(signal.SIG_IGN))
+
+
+def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
+    """Cancel as a signal would when a pipe ends, whose other end is held by the program that started this one.
+
+    The pipe also ends if that program crashes, on every operating system.
+
+    Args:
+        stream: file descriptor of the pipe.
+        grace_s: seconds after which the process is ended in any case; None waits for ever.
+    """
+
+    def watch() -> None:
+        with suppress(OSError):
+            while os.read(stream, 4096):
+                pass
+        _thread.interrupt_main(signal.SIGTERM)
+        if grace_s is not None:
+            time.sleep(grace_s)
+            os._exit(ExitCode.CANCELLED)
+
+    threading.Thread(target=watch, name="parent pipe", daemon=True).start()
+
+
+class Report:
+    """Reports one run: as text for people, or as JSON lines for programs.
+
+    Args:
+        out: receives the result, and all JSON lines.
+        err: receives everything else that is meant for people.
+        as_json: write JSON lines.
+        interval_s: least time between two progress lines of a stage.
+    """
+
+    def __init__(self, out: TextIO, err: TextIO, *, as_json: bool, interval_s: float = 0.1) -> None:
+        self._out, self._err = out, err
+        self._lines = JsonProgress(out, interval_s) if as_json else None
+        self.progress: Progress = self._lines or ConsoleProgress(err, interval_s)
+
+    def result(self, data: Mapping[str, object], text: str, remarks: Iterable[str] = ()) -> None:
+        """Report a result.
+
+        Args:
+            data: values of the result event.
+            text: for people, on standard output.
+            remarks: for people, on standard error.
+        """
+        if self._lines is not None:
+            self._lines.event({"event": "result", **data})
+            return
+        print(plain(text, keep="\n"), file=self._out, flush=True)
+        for line in remarks:
+            print(plain(line, keep="\n"), file=self._err, flush=True)
+
+    def error(self, error: MocapError) -> int:
+        """Report what went wrong, where, and what to try; return the exit code."""
+        if self._lines is not None:
+            self._lines.event(error.as_event())
+        else:
+            start = "\n" if self._err.isatty() else ""
+            where = f"\n  where: {plain(error.where)}" if error.where else ""
+            hint = f"\n  try:   {plain(error.hint)}" if error.hint else ""
+            print(f"{start}error: {plain(error.message)}{where}{hint}", file=self._err, flush=True)
+        return error.exit_code
+
+
+def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
+    """Return the named error of anything that a verb raised; the traceback of a fault is printed.
+
+    Args:
+        error: what was raised.
+        failed: kind of an error that is nobody's fault but ours.
+        what: failed, such as "The solver".
+        asked: a signal came before, of which a library may have made an error of its own.
+    """
+    if isinstance(error, MocapError):
+        return error
+    if (named := full_disk(error)) is not None:
+        return named
+    if asked or isinstance(error, KeyboardInterrupt):
+        return cancelled()
+    traceback.print_exception(error)
+    hint = "Please report this with the log above."
+    return failed(f"{what} failed: {type(error).__name__}: {error}", hint=hint)
