@@ -82,7 +82,6 @@ def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
 
 
 def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
-    """Return (count, labels) in 0..1: adults of both sexes, muscle, weight, height and proportions normal."""
     rng = np.random.default_rng(seed)
     values = rng.random((count, len(labels)))
     for column, label in enumerate(labels):
@@ -167,7 +166,6 @@ def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0
 
 
 def _sources() -> dict[str, str]:
-    """Return the rig's bone that begins at each of the 24 joints."""
     pairs = [(side, ours, bone) for ours, bone in _LEFT.items() for side in ("left", "right")]
     return _MIDLINE | {f"{side}_{ours}": f"{bone}.{side[0].upper()}" for side, ours, bone in pairs}
 
@@ -188,7 +186,6 @@ def _owners(rig: AnnyRig) -> np.ndarray:
 
 
 def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
-    """Return (V, 24) weights with at most six influences."""
     joined = csr_matrix(weights @ csr_matrix((np.ones(len(owner)), (np.arange(len(owner)), owner)))).toarray()
     np.put_along_axis(joined, np.argsort(joined, axis=1, kind="stable")[:, :-MAX_INFLUENCES], 0.0, axis=1)
     joined[joined < 1e-4] = 0.0

@@ -70,14 +70,12 @@ def _iris_ring(seen: Array, angle: Array) -> tuple[Array, Array]:
 
 
 def _shown(vertices: Array, faces: Array, lids: int) -> Array:
-    """Return (Q,) the feature of each face, by its distance from the pupil's centre."""
     away = np.linalg.norm(vertices[faces].mean(axis=1)[:, :2] - EYE_CENTRE[:2], axis=1)
     on_ball = np.arange(len(faces)) >= 2 * _AROUND * lids
     return np.select([~on_ball, away < PUPIL_M, away < IRIS_M], [NONE, PUPIL, IRIS], EYEBALL)
 
 
 def _lid_edge(angle: Array) -> Array:
-    """Return the (N, 2) edge of the lids, from the outer corner over the upper lid."""
     share = 0.5 * (1.0 - np.cos(angle))[:, None]
     sine = np.sin(angle)
     height = np.where(sine > 0, _UPPER_M, -_LOWER_M) * np.abs(sine) ** np.where(sine > 0, 1.15, 1.3)

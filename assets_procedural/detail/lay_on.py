@@ -74,13 +74,11 @@ def _around(seam: Array, above: Array, below: Array, beyond: float) -> Array:
 
 
 def _upper(x: Array) -> Array:
-    """Return the height of the upper lip's red: a bow with a dip in the middle, low at the corner."""
     t = x / CORNER_M
     return _UPPER_M * ((1.0 - t**2.2) * (1.0 - 0.14 * np.exp(-((t / 0.13) ** 2))) + 0.16 * t)
 
 
 def _lower(x: Array) -> Array:
-    """Return the height of the lower lip's red, fullest in the middle."""
     t = x / CORNER_M
     return _LOWER_M * ((1.0 - t**2.4) + 0.13 * t)
 
@@ -93,7 +91,6 @@ def _rim(count: int) -> Array:
 
 
 def _groove(points: Array, seam: Array) -> Array:
-    """Return the depth of the groove between the lips at (N, 2) points, shallower towards the corner."""
     height = np.interp(points[:, 0], seam[:, 0], seam[:, 1])
     beyond = np.maximum(points[:, 0] - seam[-1, 0], 0.0)
     away = np.hypot(points[:, 1] - height, 2.0 * beyond)

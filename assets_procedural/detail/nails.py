@@ -100,7 +100,6 @@ def _with_nail(half: HalfBody, place: NailPlace) -> HalfBody:
 
 
 def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
-    """Return the height of the skin over (across, along), metres."""
     beside = np.linalg.norm(local[:, :2], axis=1) < _BESIDE_M
     near = beside & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
     return RBFInterpolator(local[near, :2], local[near, 2], kernel="thin_plate_spline", smoothing=1e-9)

@@ -152,7 +152,6 @@ def _outside(faces: Array, keep: Array, count: int) -> Array:
 
 
 def _rim(kept: Array, removed: Array, closed: bool) -> Array:
-    """Return the vertices around the hole, counter-clockwise as seen from outside."""
     inner, outer = _directed(removed), _directed(kept)
     after = {a: b for a, b in inner if (b, a) in outer}
     starts = sorted(set(after) - set(after.values()))

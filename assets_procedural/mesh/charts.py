@@ -120,7 +120,6 @@ def _pieces(faces: Array, group: Array) -> Array:
 
 
 def _face_graph(faces: Array, group: Array) -> sp.csr_matrix:
-    """Return the adjacency of faces of the same group."""
     pairs = np.sort(half_edges(faces), axis=1)
     owner = np.tile(np.arange(len(faces)), 3)
     order = np.lexsort(pairs.T[::-1])

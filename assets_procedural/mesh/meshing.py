@@ -129,7 +129,6 @@ def check_closed(faces: np.ndarray, num_vertices: int) -> None:
 
 
 def _marching_half(primitives: Primitives, cell: float = 0.003) -> tuple[np.ndarray, np.ndarray]:
-    """Return the largest piece of the skin with x >= 0, its border exactly on x = 0."""
     nx, ny, nz = (int(n) for n in np.ceil((_HIGH - _LOW) / cell))
     field = np.round(np.log(primitives.grid(_LOW, cell, (nx, ny, nz)) + 1e-6), 6)
     vertices, faces, _, _ = marching_cubes(field, 0.0, spacing=(cell,) * 3)
@@ -187,7 +186,6 @@ def _wanted_sizes(primitives: Primitives, vertices: np.ndarray, faces: np.ndarra
 
 
 def _cut_loop(primitives: Primitives, vertices: np.ndarray, faces: np.ndarray, plane: Plane) -> np.ndarray:
-    """Move the nearer end of every edge that crosses the plane onto it, along the skin."""
     edges = edges_of(faces)
     side = np.where(plane.near(vertices), plane.side(vertices), np.nan)
     crossing = edges[side[edges[:, 0]] * side[edges[:, 1]] < 0]

@@ -229,7 +229,6 @@ def relax(
 
 
 def _scatter(faces: Array, values: Array, count: int) -> Array:
-    """Return the (count, ...) sums of face values over the faces around each vertex."""
     columns = values.reshape(len(faces), -1)
     corners = faces.ravel()
     summed = [np.bincount(corners, np.repeat(column, 3), minlength=count) for column in columns.T]

@@ -132,7 +132,6 @@ def _girth_fields(frame: RestFrame) -> dict[str, Field]:
 
 
 def _profile(knots: dict[float, float]) -> Profile:
-    """Return a smooth curve through the knots, flat at each of them and constant beyond the ends."""
     at, values = list(knots), list(knots.values())
 
     def curve(x: Array) -> Array:

@@ -143,7 +143,6 @@ def _seated_figures(body: BakedBody) -> Iterator[Figure]:
 
 
 def _local_bend_figures(body: BakedBody) -> Iterator[Figure]:
-    """Yield the change of the cone from a joint to its skin; the rest of the limb moves rigidly."""
     masks = joint_masks(body.weights)
     for name, pose in BENDS.items():
         joint, left = JOINT[f"left_{name}"], {f"left_{name}": pose[f"left_{name}"]}

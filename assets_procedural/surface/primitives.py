@@ -60,7 +60,6 @@ class Primitives:
         return np.log(total), gradient
 
     def _reach(self) -> np.ndarray:
-        """Return the (K, 3) half sizes of the boxes outside which each primitive weighs less than e^-9."""
         covariance = np.linalg.inv(np.swapaxes(self.whiten, 1, 2) @ self.whiten)
         variance = np.diagonal(covariance, axis1=1, axis2=2)
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])

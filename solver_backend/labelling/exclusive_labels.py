@@ -96,7 +96,6 @@ def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, f
 
 
 def _may(labels: np.ndarray, together: np.ndarray, t: np.intp, label: int, but: np.intp) -> bool:
-    """Return whether a stretch could have a label that the other one gives up."""
     if label == GHOST:
         return True
     rivals = together[t] & (labels == label)

@@ -199,7 +199,6 @@ def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.nd
 
 
 def _order(reference: ReferenceTake) -> np.ndarray:
-    """Return the labels, each the one that is most rigid with three of those before it."""
     weight = reference.weight
     first = int(np.argmax(np.sort(weight, axis=1)[:, -4:].sum(1)))
     order, left = [first], set(range(len(weight))) - {first}
@@ -279,7 +278,6 @@ def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceT
 
 
 def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
-    """Return the label of each chain: the clearest first, none twice in a frame."""
     found, used = np.full(len(cost), -1), np.zeros((alive.shape[0], cost.shape[1]), dtype=bool)
     two = np.sort(cost, axis=1)[:, :2]
     with np.errstate(invalid="ignore"):

@@ -293,7 +293,6 @@ def _replacements(
 
 
 def _padded(shape: TakeShape, more: int) -> TakeShape:
-    """Return a take's shape with further points of which nothing is known."""
     distance, variance = (
         np.pad(part, ((0, more), (0, more)), constant_values=np.nan) for part in (shape.distance, shape.variance)
     )
@@ -301,7 +300,6 @@ def _padded(shape: TakeShape, more: int) -> TakeShape:
 
 
 def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
-    """Return (F, L, 3) points of a take under these labels, NaN where it has none."""
     found = np.full((len(cloud.positions), len(labels), 3), np.nan)
     own = {label: column for column, label in enumerate(cloud.names)}
     there = [i for i, label in enumerate(labels) if label in own]

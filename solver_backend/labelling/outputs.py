@@ -1,4 +1,4 @@
-"""What the landmark network estimates: the markers of the superset, and the joints."""
+"""Outputs of the landmark network: the markers of the superset, and the joints."""
 
 from __future__ import annotations
 
@@ -12,17 +12,11 @@ GHOST = len(MARKERS)
 """Label of a point that is none of the markers."""
 JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
-"""Markers, then joints: what positions are estimated of."""
+"""Markers, then joints, in the order of the estimated positions."""
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )
-"""Places of other layouts: points there are none of the markers."""
-PUBLISHED_JOINTS: tuple[str, ...] = (
-    "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
-    "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
-    "left_wrist", "right_wrist",
-)  # fmt: skip
-"""The 18 joints of the published network, one of many choices: the paper names none."""
+"""Places of other layouts, where a point is none of the markers."""
 
 
 def other_side(name: str) -> str:

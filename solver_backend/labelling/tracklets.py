@@ -57,7 +57,6 @@ def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False)
 
 
 def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return first and last frames of one column's stretches."""
     found: list[tuple[int, int]] = []
     for first, last in true_runs(seen):
         run = points[first : last + 1]
@@ -78,7 +77,6 @@ def _stretches(points: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[i
 
 
 def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
-    """Return the distance of a point from the extrapolated place of an earlier run."""
     a, b = run
     velocity = points[b] - points[b - 1] if b > a and np.isfinite(points[b - 1]).all() else np.zeros(3)
     return float(np.linalg.norm(points[frame] - points[b] - (frame - b) * velocity))

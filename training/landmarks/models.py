@@ -12,7 +12,7 @@ from torch import nn
 from torch.nn import functional
 from torch.nn.functional import cross_entropy
 
-from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS, PUBLISHED_JOINTS
+from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from training.engine.dense_layers import AttentionLayer, attention, split_heads
 from training.landmarks.cloud_stream import Clouds
@@ -458,6 +458,12 @@ Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]
 """Of heatmaps; the paper's is the second, which has no gradient where a map is surely wrong."""
 ALL_LANDMARKS = tuple(range(len(MARKERS) + len(JOINTS)))
+PUBLISHED_JOINTS: tuple[str, ...] = (
+    "pelvis", "left_hip", "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "left_foot",
+    "right_foot", "spine3", "neck", "head", "left_shoulder", "right_shoulder", "left_elbow", "right_elbow",
+    "left_wrist", "right_wrist",
+)  # fmt: skip
+"""The 18 joints of the published network, one of many choices: the paper names none."""
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
 """Columns of the 53 markers and 18 joints."""
 BMSE_SIGMA = 0.02

@@ -292,7 +292,6 @@ def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedH
 def _still_angles(
     skeleton: HandSkeleton, side: int, earlier: Motion, pins: tuple[Pin, ...]
 ) -> Float[np.ndarray, "frames a"]:
-    """Return (F, A) radians of one hand of a motion, in pinned frames those of the pins that have fingers."""
     layout = earlier.body_layout
     columns = np.array(layout.group(f"{SIDES[side]}_hand")) - 1
     turns = earlier.body_pose.reshape(earlier.num_frames, -1, 3)[:, columns].copy()

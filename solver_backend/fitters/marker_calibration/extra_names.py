@@ -129,8 +129,6 @@ class _ChainPoints:
 
 @dataclass(frozen=True)
 class _Take:
-    """A take without labels of its own, and the person in it."""
-
     expected: np.ndarray  # (F, L, 3) metres, the person's markers on the body
     frames: np.ndarray  # (K,) frames with known poses
     bones: BonePoses  # in these
@@ -192,7 +190,6 @@ def with_extras(
 
 
 def _take(cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, progress: Progress) -> _Take:
-    """Return where the person's bones and markers are in a take, by the markers that have names."""
     like = np.zeros(1)
     named = cloud.columns([i for i in range(len(cloud.names)) if i not in nameless])
     part, columns = matched(person, named.names)
@@ -219,7 +216,6 @@ def _take(cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body:
 
 
 def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[str]:
-    """Return the person's labels whose points lie farther than ``MARGIN_M`` from their markers on the body."""
     found = set[str]()
     for m, label in enumerate(person.labels):
         if label in cloud.names:
@@ -259,7 +255,6 @@ def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float) -> MarkerSubject:
-    """Return the person with the chains that ride on a bone, and on no prop, as further markers."""
     count = np.array([len(take.tracks[c].frames) for c in chains])
     order = np.argsort(-count, kind="stable")
     chains = chains[order][count[order] >= LEAST_SHARE * len(take.expected)]

@@ -101,7 +101,6 @@ def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
 
 
 def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
-    """Return the distance of the hips by the length of a thigh, the median of the frames; 0 where it is not known."""
     label_of = {place[1:]: label for place, label in zip(person.places, person.labels, strict=True)}
     needed = [label_of.get(name) for name in ("left_hip", "right_hip", "left_knee", "right_knee")]
     if not all(label in cloud.names for label in needed):

@@ -52,7 +52,6 @@ def rough_markers(problem: Problem, subject: Subject, rough: RoughMotion) -> np.
 def _fitted(
     problem: Problem, subject: Subject, frames: np.ndarray, start: FrameStates
 ) -> tuple[FrameStates, np.ndarray]:
-    """Return the poses of these frames and their costs (S,)."""
     size, single = block_size(BLOCK_FRAMES, start.z), array_namespace(start.z).float32
     parts = [slice(i, i + size) for i in range(0, len(frames), size)]
 

@@ -199,7 +199,6 @@ def _placed(points: np.ndarray, measurements: Measurements) -> tuple[float, np.n
 
 
 def _covariances(motion: Motion, R: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3, 3) covariances of the joints in the turned world, m²."""
     if motion.joint_covariance is None:
         shape = (*motion.joints.shape[:2], 3, 3)
         return np.broadcast_to(UNKNOWN_SIGMA_M**2 * np.eye(3), shape)

@@ -204,7 +204,6 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
 
 
 def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Return (F, 2, 15, 3) turns of the fingers and (F, 2, 15) which rest, both writable; and whether there are any."""
     turns, shape = finger_turns_of(motion), (motion.num_frames, 2, JOINTS_OF_A_HAND)
     if turns is None:
         return np.zeros((*shape, 3)), np.ones(shape, bool), False
@@ -243,7 +242,6 @@ def _wrists(motion: Motion) -> list[np.ndarray]:
 
 
 def _at(gloves: GloveTake, side: int, times: np.ndarray, covered: np.ndarray) -> np.ndarray:
-    """Return (F, A) angles of a side at times of the gloves, NaN where unknown."""
     angles = np.full((len(times), NUM_ANGLES), np.nan)
     for a in range(NUM_ANGLES):
         known = np.isfinite(gloves.angles[:, side, a])

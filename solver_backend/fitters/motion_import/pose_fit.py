@@ -160,7 +160,6 @@ def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndar
 
 
 def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return ``fit_poses`` of some frames, each with a damping of its own."""
     known, prior = _known(places), _prior()
     G, root = turns.copy(), np.zeros((len(places), 3))
     root += (places[:, known] - posed(rest, G, root)[:, known]).mean(1)

@@ -198,7 +198,6 @@ def _spread_out(
     below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> Array | None:
-    """Return the covariances with the spread of resting parts, None where there are none."""
     if solved.covariance is None:
         return None
     body, frames = solved.subject.body, solved.frames

@@ -148,7 +148,6 @@ class PropEquations:
         return e, before, after
 
     def _precision(self) -> np.ndarray:
-        """Return (F - 1, 12, 12) matrices Q⁻¹."""
         dt, half = self.dt, np.arange(SIZE // 2)
         share = 1.0 / np.repeat(self.unrest, 3, axis=1)
         weight = np.zeros((len(share), SIZE, SIZE))
@@ -205,7 +204,6 @@ def start_prop(points: np.ndarray) -> PropStart:
 
 
 def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return R (F, 3, 3), t (F, 3) and the frames (F,) that show three markers of known place."""
     usable = np.isfinite(points).all(-1) & np.isfinite(rest).all(-1)
     posed = usable.sum(axis=1) >= 3
     R, t = np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3))

@@ -138,7 +138,6 @@ def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations
 
 
 def _covariance(equations: PropEquations, state: PropState) -> np.ndarray:
-    """Return the (F, 12, 12) covariances of the frames' unknowns: the diagonal blocks of H⁻¹."""
     return equations.linearise(state, SCALE)[1].marginals()[0]
 
 

@@ -10,7 +10,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.diagnostics import Severity, refuse_errors, sentence
 from solver_backend.exchange.errors import ResultRefused
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.marker_calibration.marker_places import off_place
+from solver_backend.fitters.marker_calibration.marker_problem import off_place
 from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.horse import NAMES, horse_markers
