@@ -36,7 +36,7 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 @dataclass(frozen=True)
 class AnnyRig:
-    """A skinned mesh in its own rest pose: V vertices, B bones, N shapes; metres, Y up, facing +Z."""
+    """A skinned mesh in its own rest pose: V vertices, B bones, N shapes, metres, Y up, facing +Z."""
 
     bones: tuple[str, ...]
     parents: tuple[int, ...]

@@ -11,7 +11,7 @@ from assets_procedural.arrays import Array, averaging, neighbour_graph
 
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
-"""Centre, from the head's joint, and radii of the ellipsoids whose skin gives way; metres, chosen on the picture."""
+"""Centre, from the head's joint, and radii of the ellipsoids whose skin gives way, metres, chosen on the picture."""
 _AROUND = 1.45
 """Skin up to this many radii shows where the head's surface is; chosen on the picture."""
 _MIDDLE = np.array([0.0, 0.060, 0.020])

@@ -78,7 +78,7 @@ def replace(half: HalfBody, hole: Mask, patch: Patch) -> HalfBody:
 
 
 def surface_around(half: HalfBody, near: Array, left_out: Array) -> Depth:
-    """Return z over (x, y) of the skin as seen from the front, smooth over what is left out.
+    """Return z over (x, y) of the skin as seen from the front, smooth over what is excluded.
 
     It passes through the vertices that ``near`` (V,) marks, except those that ``left_out`` (V,) marks.
     """
@@ -136,7 +136,7 @@ def zip_rings(vertices: Array, rim: Array, ring: Array, closed: bool) -> Array:
 
 
 def _gap(vertices: Array, rim: Array, ring: Array, i: int, j: int) -> float:
-    """Return the length of the edge between the two, on a grid of a micrometre; infinite beyond an end."""
+    """Return the length of the edge between the two, on a grid of a micrometre, infinite beyond an end."""
     if i >= len(rim) or j >= len(ring):
         return np.inf
     return round(float(np.linalg.norm(vertices[rim[i]] - vertices[ring[j]])), 6)

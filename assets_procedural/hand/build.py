@@ -42,7 +42,7 @@ _RANGES_DEG = {
     "dip_flexion": (-10.0, 80.0), "thumb_cmc_flexion": (-35.0, 45.0), "thumb_cmc_spread": (-5.0, 55.0),
     "thumb_cmc_twist": (-30.0, 30.0), "thumb_mcp_flexion": (-15.0, 65.0), "thumb_ip_flexion": (-20.0, 85.0),
 }  # fmt: skip
-"""Degrees that each kind of angle is drawn from; see ``hand_angles``."""
+"""Degrees that each kind of angle is drawn from (see ``hand_angles``)."""
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:

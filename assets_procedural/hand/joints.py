@@ -52,7 +52,7 @@ class HandJoints:
 
 @dataclass(frozen=True)
 class Knots:
-    """The knots of both hands' relaxed digits, the thumb first; see ``finger_knots``."""
+    """The knots of both hands' relaxed digits, the thumb first (see ``finger_knots``)."""
 
     points: Array
     """(40, 3) metres."""

@@ -183,7 +183,7 @@ class Measures:
 
 
 OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
-"""Additions to a measured length, metres: landmarks on the skin are no joint centres; chosen by hand."""
+"""Additions to a measured length, metres: landmarks on the skin are no joint centres, chosen by hand."""
 _UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
 _TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
     "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),

@@ -1,4 +1,4 @@
-"""Rest, shapes, poses and close-ups to look at: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
+"""Draw rest, shapes, poses and close-ups: ``python -m assets_procedural.quality.contact_sheet --out FOLDER``."""
 
 from __future__ import annotations
 

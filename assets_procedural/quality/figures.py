@@ -1,4 +1,4 @@
-"""A body file against what it must reach: ``python -m assets_procedural.quality.figures``; 1 on a miss."""
+"""Check a body file against its limits: ``python -m assets_procedural.quality.figures``; 1 on a miss."""
 
 from __future__ import annotations
 

@@ -13,7 +13,7 @@ from assets_procedural.skeleton.skinning import vertex_normals
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
 _BACKGROUND = np.array([0.90, 0.91, 0.93])
-"""Linear red, green and blue behind the body; chosen by hand."""
+"""Linear red, green and blue behind the body, chosen by hand."""
 
 
 @dataclass(frozen=True)

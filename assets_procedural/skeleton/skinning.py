@@ -11,11 +11,11 @@ from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.joints import Segment, bone_segments
 
 MAX_INFLUENCES = 6
-"""Joints that move one vertex at most; chosen by hand."""
+"""Joints that move one vertex at most, chosen by hand."""
 _SMALLEST = 0.005
-"""Weight that is dropped, a share of 1; chosen by hand."""
+"""Weight that is dropped, a share of 1, chosen by hand."""
 _FLOW = 3.0
-"""``c`` of the heat ``c / d²`` that a bone gives (Baran, Popovic 2007); chosen by hand."""
+"""``c`` of the heat ``c / d²`` that a bone gives (Baran, Popovic 2007), chosen by hand."""
 _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 
@@ -104,7 +104,7 @@ def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PA
 
 
 def posed_joints(joints: Array, rotations: Array) -> Array:
-    """Return (24, 3) where the joints are in a pose, metres; see ``pose_skeleton``."""
+    """Return (24, 3) where the joints are in a pose, metres (see ``pose_skeleton``)."""
     turns, shifts = pose_skeleton(joints, rotations)
     return np.einsum("jab,jb->ja", turns, joints) + shifts
 

@@ -1,1 +1,1 @@
-"""Which marker each point of an unlabelled cloud is, and where those are that nobody sees."""
+"""Names for the points of an unlabelled cloud, and places of hidden markers."""

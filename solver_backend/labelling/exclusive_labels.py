@@ -1,4 +1,4 @@
-"""Exclusive labels: no marker has two points in a frame, or two stretches that are seen together."""
+"""Exclusive labels: no marker has two points in a frame, or two tracklets that are seen together."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solver_backend.labelling.outputs import GHOST
 _TAKEN = -1e9
 """Evidence of a label that is taken: below any log-probability."""
 _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
-"""Most rounds of exchange, most pairs of one round, and the least gain of an exchange; chosen by hand."""
+"""Most rounds of exchange, most pairs of one round, and the least gain of an exchange, chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
@@ -35,15 +35,15 @@ def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
 
 
 def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[int, int] | None = None) -> np.ndarray:
-    """Return (T,) labels that maximise the evidence, none twice among stretches that are seen together.
+    """Return (T,) labels that maximise the evidence, none twice among tracklets that are seen together.
 
-    The clearest stretch chooses first, by the margin of its best free label over the next. Then pairs exchange their
+    The clearest tracklet chooses first, by the margin of its best free label over the next. Then pairs exchange their
     labels as long as the sum grows.
 
     Args:
         evidence: (T, 54) log likelihoods, ghost last.
         together: (T, T) bool: both are seen at one time.
-        bound: labels assigned by the user, by stretch.
+        bound: labels assigned by the user, by tracklet.
     """
     count = len(evidence)
     labels = np.full(count, -1)

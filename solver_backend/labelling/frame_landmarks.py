@@ -1,4 +1,4 @@
-"""What the network has for single frames: markers and joints, whatever the points are called."""
+"""Readings of single frames by the network: markers and joints."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Prog
     """Return (F, 77, 3) metres: the network's markers and joints; NaN in frames with too few points.
 
     Args:
-        positions: (F, N, 3) metres, Z up, in any order; NaN where there is no point.
+        positions: (F, N, 3) metres, Z up, in any order, NaN where there is no point.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

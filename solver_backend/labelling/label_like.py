@@ -2,7 +2,7 @@
 
 Pairs of markers on one bone keep their distance, others stay near theirs. At the moment that shows most points, a beam
 search places the labels, those first that are most rigid with what is placed; triple products exclude mirror images.
-From there names spread over time: a stretch gets the label whose distances to the named points fit, if no other fits.
+From there names spread over time: a tracklet gets the label whose distances to the named points fit, if no other fits.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class ReferenceTake:
 
     labels: tuple[str, ...]
     distance: np.ndarray
-    """(L, L) metres, the means; NaN where a pair is never seen."""
+    """(L, L) metres, the means, NaN where a pair is never seen."""
     variance: np.ndarray
     """(L, L) m²."""
     weight: np.ndarray
@@ -60,7 +60,7 @@ def reference_of(cloud: MarkerCloud) -> ReferenceTake:
 
 
 def distance_statistics(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (N, N) means and variances of the distances of (F, N, 3) points; NaN where too few frames show both."""
+    """Return (N, N) means and variances of the distances of (F, N, 3) points, NaN where too few frames show both."""
     count = points.shape[1]
     total, square, seen = (np.zeros((count, count)) for _ in range(3))
     for frame in points:
@@ -87,9 +87,9 @@ pair with a label that is laid on no point; a right one costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0
 """Triple products of each new label, and the weight of each against a rigid pair."""
 FITS, CLEAR = 4.0, 0.2
-"""Largest mean cost of a stretch that fits a label, and the least by which the next label is worse."""
+"""Largest mean cost of a tracklet that fits a label, and the least by which the next label is worse."""
 SAMPLES, ROUNDS = 24, 6
-"""Frames of a stretch to use, and rounds in which names spread."""
+"""Frames of a tracklet to use, and rounds in which names spread."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ class LikeTake:
 
     tracklets: Tracklets
     chain_label: np.ndarray
-    """(C,) label of each chain of stretches, -1 where none is sure."""
+    """(C,) label of each chain of tracklets, -1 where none is sure."""
     labels: tuple[str, ...]
     """Of the reference."""
 
@@ -259,12 +259,12 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
-    """Return (L,) the mean cost over pairs of each label for a stretch, by its distances to the named points.
+    """Return (L,) the mean cost over pairs of each label for a tracklet, by its distances to the named points.
 
     Args:
-        points: (S, 3) of the stretch.
+        points: (S, 3) of the tracklet.
         named: (S, L, 3).
-        own: the stretch's own label, which does not count as a named point, -1 where it has none.
+        own: the tracklet's own label, which does not count as a named point, -1 where it has none.
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:

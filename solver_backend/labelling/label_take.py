@@ -1,4 +1,4 @@
-"""Names for an unlabelled cloud: the network reads frames, stretches vote, and labels exclude one another."""
+"""Names for an unlabelled cloud: the network reads frames, tracklets vote, and labels exclude one another."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ SURE, TRUSTED = 0.8, 0.6
 FIRST_AGREED, AGREED = 0.5, 0.4
 """Least mean probability by the network of these: in the first round, and always where a body is laid over them."""
 _ROWS = 512
-"""Stretches that are compared with all others at once."""
+"""Tracklets that are compared with all others at once."""
 
 
 @dataclass(frozen=True)
@@ -98,7 +98,7 @@ def voted(
 
 
 def seen_together(tracklets: Tracklets) -> np.ndarray:
-    """Return (C, C) whether two chains have stretches that are seen at one time."""
+    """Return (C, C) whether two chains have tracklets that are seen at one time."""
     first, last, chain = tracklets.first, tracklets.last, tracklets.chain
     together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
     for start in range(0, len(first), _ROWS):
@@ -110,7 +110,7 @@ def seen_together(tracklets: Tracklets) -> np.ndarray:
 
 
 AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))
-"""The head's markers, one beside the other."""
+"""The head's markers, in order."""
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
 """Least mean turn of a head against shoulders and waist that shows wrong names. In 158 takes of UI-PRMD it is 43
@@ -158,7 +158,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 
 
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
-    """Return the mean angle from the head's left to the body's in the head's plane, rad; 0 where nothing shows it.
+    """Return the mean angle from the head's left to the body's in the head's plane, rad, 0 where nothing shows it.
 
     The (F, 4, 3) markers are in the order of ``AROUND``; ``left`` are (F, 3) vectors from the body's right to its left.
     """
@@ -197,7 +197,7 @@ class FittedBody(Protocol):
 
     @property
     def off_m(self) -> float:
-        """Median distance of the seen markers; NaN where none was."""
+        """Median distance of the seen markers, NaN where none was."""
         ...
 
 
@@ -224,7 +224,7 @@ def body_evidence(
     fps: float,
     fit: BodyFit,
 ) -> np.ndarray:
-    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it is not used.
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body, 0 where it is not used.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.
@@ -296,7 +296,7 @@ ROUNDS, BODY_FROM = 5, 2
 _FLOOR = -8.0
 """Least log probability of one reading: no single frame rules a label out."""
 MOST_CHAINS = 5000
-"""Most chains of stretches: every pair of them is compared, 2 GB at this number."""
+"""Most chains of tracklets: every pair of them is compared, 2 GB at this number."""
 
 
 @dataclass(frozen=True)
@@ -309,7 +309,7 @@ class LabelledTake:
     """(F, N) probability of the label, NaN where there is no point."""
     tracklets: Tracklets
     stretch_label: np.ndarray
-    """(T,) label of each stretch, as above."""
+    """(T,) label of each tracklet, as above."""
     stretch_confidence: np.ndarray
     """(T,) probability of that label."""
     frames: np.ndarray
@@ -327,7 +327,7 @@ class LabelledTake:
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
         """Return the take with one column per marker, in the superset's order, and then the unnamed points.
 
-        Names that somebody gave these stay; others are numbered. Where two stretches of one marker share a frame, the
+        Names that somebody gave these stay. Others are numbered. Where two tracklets of one marker share a frame, the
         surer one counts.
         """
         frames, given = len(self.labels), source.values
@@ -360,7 +360,7 @@ def label_take(
     Args:
         cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
         start_fit: makes the fit of a body that is laid over the named points.
-        user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole stretch.
+        user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole tracklet.
             Empty text: none of them.
         persistent: each column is one marker throughout the take.
 
@@ -389,9 +389,9 @@ def label_take(
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
-    """Return frames at the reading rate, and one in each stretch too short to have one, where enough is seen.
+    """Return frames at the reading rate, and one in each tracklet too short to have one, where enough is seen.
 
-    A crowd is read less often, see ``CROWD``, and in as few frames as its short stretches allow.
+    A crowd is read less often, see ``CROWD``, and in as few frames as its short tracklets allow.
     """
     pairs = float(np.square(seen.sum(1), dtype=np.float64).mean()) / CROWD**2
     step = max(1, round(fps / READ_FPS * max(1.0, pairs)))
@@ -405,7 +405,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the fewest frames that hit every stretch: ends of those that end before others begin."""
+    """Return the fewest frames that hit every tracklet: ends of those that end before others begin."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

@@ -1,4 +1,4 @@
-"""Distances between markers over a whole take, and their changes, which name a stretch by the others."""
+"""Distances between markers over a whole take, and their changes, which name a tracklet by the others."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
 and a share of their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
 """Most partners that count as independent (one marker's place moves all of its distances), largest weight of one
-partner, and least partners of a named stretch; chosen by hand."""
+partner, and least partners of a named tracklet, chosen by hand."""
 _BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
 """Frames, pairs of points, and chains times places times partners at a time, which bound memory (32 MB of each
-intermediate array); chosen by hand. A thousand points are compared frame by frame."""
+intermediate array), chosen by hand. A thousand points are compared frame by frame."""
 _SCALE_FROM_M = 0.3
-"""Least distance of pairs that count for the body's size, metres; chosen by hand."""
+"""Least distance of pairs that count for the body's size, metres, chosen by hand."""
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 

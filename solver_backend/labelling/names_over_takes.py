@@ -1,4 +1,4 @@
-"""Markers that hold each other's names in one take of a person and not in the others."""
+"""Markers with swapped names in one take of a person."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class TakeShape:
     points: np.ndarray
     """(F, M, 3) metres, NaN where missing."""
     distance: np.ndarray
-    """(M, M) metres, the means; NaN where too few frames show both."""
+    """(M, M) metres, the means, NaN where too few frames show both."""
     variance: np.ndarray
     """(M, M) m², of the distances and of their changes between takes."""
 
@@ -308,7 +308,7 @@ def _points_of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
 
 
 def _places(labels: Sequence[str]) -> TakeShape:
-    """Return the layouts' places on the average body; NaN where they have none."""
+    """Return the layouts' places on the average body, NaN where they have none."""
     body, known = load_body(), name_markers(labels).known
     named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
     points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)

@@ -1,4 +1,4 @@
-"""Stretches of points that are one marker: tracks cut where they jump, joined where one goes on from another."""
+"""Tracklets of points that are one marker: tracks cut at jumps, joined where one continues another."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ SPLIT_GAP_S = 0.1
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
 """Largest change of a step: metres, and an acceleration that no marker on a person exceeds."""
 JOIN_S, JOIN_M = 0.1, 0.02
-"""Longest gap between a stretch and its continuation, and the largest distance from the extrapolated place."""
+"""Longest gap between a tracklet and its continuation, and the largest distance from the extrapolated place."""
 CLEAR = 0.5
-"""Factor by which every other beginning is farther than the chosen one."""
+"""Factor by which every other beginning is farther away than the chosen one."""
 
 
 @dataclass(frozen=True)
 class Tracklets:
-    """T stretches of points in a cloud: column, first and last frame, and chain of stretches that continue (T,)."""
+    """T tracklets of points in a cloud: column, first and last frame, and chain of tracklets that continue (T,)."""
 
     number: np.ndarray
-    """(F, N) int: stretch of each point, -1 where there is none."""
+    """(F, N) int: tracklet of each point, -1 where there is none."""
     column: np.ndarray
     first: np.ndarray
     last: np.ndarray
@@ -40,9 +40,9 @@ class Tracklets:
 
 
 def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
-    """Return the stretches of (F, N, 3) points in metres, NaN where missing.
+    """Return the tracklets of (F, N, 3) points in metres, NaN where missing.
 
-    ``persistent``: each column is one marker throughout, as somebody named it, and its stretches are one chain.
+    ``persistent``: each column is one marker throughout, as somebody named it, and its tracklets are one chain.
     """
     seen = np.isfinite(positions).all(-1)
     number = np.full(seen.shape, -1)
@@ -83,7 +83,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return the chain of each stretch: ends meet beginnings that are near, soon and nobody else's."""
+    """Return the chain of each tracklet: ends meet beginnings that are near, soon and nobody else's."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:

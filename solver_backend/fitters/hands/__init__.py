@@ -1,1 +1,1 @@
-"""Hands beside a solved body: each hand's wrist and fingers over the take, from keypoints in views or from markers."""
+"""Hands on a solved body: wrists, fingers, and arms that follow."""

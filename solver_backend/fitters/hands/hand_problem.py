@@ -95,7 +95,7 @@ def contact_equations(
 SIZES = (0.75, 1.35)
 """Limits of hands' size by the body's own: seven standard deviations; another size is a fault."""
 TURN_SIGMA = float(np.deg2rad(35.0))
-"""Deviation of a wrist's turn from the body's, whose keypoints hardly constrain twist."""
+"""Deviation of a wrist's turn from the body's, whose keypoints barely constrain twist."""
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
 """Standard deviations of accelerations over a tenth of a second, rad/s² and m/s². Those of fingers in the recorded
 exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred, 150 at most."""
@@ -110,7 +110,7 @@ class WristPath:
     places: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
-    """(F, 3, 3) m² of the place; None where the path is only a start and constrains neither place nor turn."""
+    """(F, 3, 3) m² of the place, None where the path is only a start and constrains neither place nor turn."""
 
 
 @dataclass(frozen=True)
@@ -203,7 +203,7 @@ class KeyModel:
     problem: HandProblem
     layout: KeyframeLayout
     moving: Bool[np.ndarray, " keys"] | None = None
-    """(K,) keys that move; None for all."""
+    """(K,) keys that move, None for all."""
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
         """Return the (1,) cost and the normal equations of keys (K, D)."""

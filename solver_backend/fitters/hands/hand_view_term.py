@@ -1,4 +1,4 @@
-"""Detections of a hand in views, each of which has the whole hand off besides every point."""
+"""Detections of a hand in views; each view has an offset of the whole hand in addition to every point's noise."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class HandViewTerm:
         return replace(self, points=self.points.rescaled(variance))
 
     def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
-        """Return (C, F, L) the share of each view's own error that a point takes over; see ``ReprojectionTerm``."""
+        """Return (C, F, L) the share of each view's own error that a point takes over (see ``ReprojectionTerm``)."""
         return self.points.leverage(points, used)
 
     def residuals(self, points: np.ndarray) -> Residuals:
@@ -136,7 +136,7 @@ class LocatedHand:
     """One hand by the views alone."""
 
     points: Float[np.ndarray, "frames 21 3"]
-    """(F, 21, 3) metres, NaN where no two views agree or nobody looked."""
+    """(F, 21, 3) metres, NaN where no two views agree or no view shows it."""
     spread_m2: Float[np.ndarray, "frames 21"]
     """(F, 21) trace of the covariance by which points scatter about their hand."""
     noise: HandNoise
@@ -252,7 +252,7 @@ class SortedHands:
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Return detections by the wrists they lie at; hands that lie at no wrist are left out.
+    """Return detections by the wrists they lie at; hands that lie at no wrist are excluded.
 
     A frame's two hands in one view are exchanged where both lie nearer to each other's wrist; one alone where it does.
     Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.

@@ -1,4 +1,4 @@
-"""Hands that views or markers show beside the body: the layer that solves them on its wrists."""
+"""The layer that solves hands on the wrists of a solved body."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Hands(Layer):
 
     @classmethod
     def of_views(cls, cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
-        """Return the hands of a person; none where no view shows any."""
+        """Return the hands of a person, none where no view shows any."""
         views = HandViews.of(cameras, keypoints)
         return () if views is None else (cls(views),)
 

@@ -1,4 +1,4 @@
-"""Both hands of a body as they are measured: sorted by the wrists they lie at, located, sized, each made a problem."""
+"""Both hands of a body, measured: sorted by wrists, located, sized, and made into problems."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def likely_size(hands: Iterable[HandSize]) -> float:
 
 
 USUAL_WRIST_M = 0.02
-"""Standard deviation per axis of a wrist where the method estimates none; chosen by hand."""
+"""Standard deviation per axis of a wrist where the method estimates none, chosen by hand."""
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
 """Standard deviations per axis of a point about its hand and of the whole hand, in palms: those of MediaPipe's model on
 palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``), which one view cannot measure."""
@@ -110,7 +110,7 @@ class MeasuredHands:
     skeletons: tuple[HandSkeleton, HandSkeleton]
     """Left and right."""
     hands: Mapping[int, MeasuredHand]
-    """By side, 0 left and 1 right; unseen sides are missing."""
+    """By side, 0 left and 1 right. Unseen sides are missing."""
     size: float
     """Of the hands by that of the body's shape."""
     diagnostics: tuple[Diagnostic, ...]
@@ -118,7 +118,7 @@ class MeasuredHands:
 
 @dataclass(frozen=True)
 class ArmPaths:
-    """Both arms of a body over F frames, (F, 2, ...) left first: turns, places and covariance of wrists; metres."""
+    """Both arms of a body over F frames, (F, 2, ...) left first: turns, places and covariance of wrists, metres."""
 
     rotations: np.ndarray
     wrists: np.ndarray

@@ -1,4 +1,4 @@
-"""Hands as views or markers show them, before they are sorted and measured."""
+"""Hands in views or marker clouds, before they are sorted and measured."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ class HandViews:
     cameras: Cameras
     """C calibrated cameras."""
     xy: np.ndarray
-    """(C, F, 2, 21, 2) px, left hand first; NaN where unseen."""
+    """(C, F, 2, 21, 2) px, left hand first, NaN where unseen."""
     confidence: np.ndarray
     """(C, F, 2, 21) in 0..1, 0 where unseen."""
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:
-        """Return the hands of a person; None where no view shows any.
+        """Return the hands of a person, None where no view shows any.
 
-        A view that was left out for what it shows of the body is left out with its hands.
+        A view that was excluded for what it shows of the body is excluded with its hands.
         """
         if keypoints.hands is None:
             return None

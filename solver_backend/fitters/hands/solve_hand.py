@@ -147,7 +147,7 @@ class SolvedHand:
     """``HAND_POINTS`` in metres, with their covariance."""
     covariance: Float[np.ndarray, "frames 21 3 3"]
     informed: Bool[np.ndarray, "frames 5"]
-    """Fingers that are seen, in the order of ``FINGERS``; others rest."""
+    """Fingers that are seen, in the order of ``FINGERS``. Others rest."""
     convergence: Convergence
 
     @property

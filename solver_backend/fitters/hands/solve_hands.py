@@ -1,4 +1,4 @@
-"""Both hands beside a solved body: sorted by the wrists they lie at, located, solved, and the arms brought along."""
+"""Both hands on a solved body: sorted, located, solved, and followed by the arms."""
 
 from __future__ import annotations
 
@@ -126,7 +126,7 @@ class SolvedHands(SolvedLayer):
     skeletons: tuple[HandSkeleton, HandSkeleton]
     """Left and right."""
     hands: Mapping[int, SolvedHand]
-    """By side, 0 left and 1 right; unseen sides are missing."""
+    """By side, 0 left and 1 right. Unseen sides are missing."""
     size: float
     """Of the hands by that of the body's shape."""
 
@@ -138,7 +138,7 @@ class SolvedHands(SolvedLayer):
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Return the poses with arms and wrists that agree with the hands, and the hands; None where the take is too short.
+    """Return the poses with arms and wrists that agree with the hands, and the hands, None where the take is too short.
 
     A body without fingers has no hands either, which is reported.
     """

@@ -1,4 +1,4 @@
-"""A body's motion with its hands: as wide as the layout with fingers."""
+"""A body's motion with hands, in the layout with fingers."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from solver_backend.fitters.keyframes.splice_range import SolvedRange
 
 _UNSEEN_M = 0.04
-"""Standard deviation per axis of the joints of a hand that nobody sees, metres."""
+"""Standard deviation per axis of the joints of a hand that no view shows, metres."""
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
-    """Return a motion with fingers and the hands' ``statistics``; unseen fingers rest relaxed, and are flagged."""
+    """Return a motion with fingers and the hands' ``statistics``. Unseen fingers rest relaxed, and are flagged."""
     body = with_hand_size(hands.body, hands.size)
     layout, narrow = body.layout, motion.body_layout
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -91,7 +91,7 @@ def without_fingers(motion: Motion) -> Motion:
 
 
 def hand_size_in(motion: Motion) -> float:
-    """Return the size of a motion's hands by that of the body's shape; 1 where it states none."""
+    """Return the size of a motion's hands by that of the body's shape, 1 where it states none."""
     return float(motion.provenance.get("hands", {}).get("size", 1.0))
 
 
@@ -220,7 +220,7 @@ def with_finger_turns(
 
 
 def finger_turns_of(motion: Motion) -> Float[np.ndarray, "frames 30 3"] | None:
-    """Return (F, 30, 3) axis-angles of a motion's finger joints; None where it has none."""
+    """Return (F, 30, 3) axis-angles of a motion's finger joints, None where it has none."""
     if not set(SMPL_HANDS.joints) <= set(motion.body_layout.joints):
         return None
     columns = [motion.body_layout.joints.index(joint) - 1 for joint in SMPL_HANDS.joints[FINGERS]]

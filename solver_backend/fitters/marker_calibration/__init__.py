@@ -1,1 +1,1 @@
-"""What stays the same of a person in markers: shape, and every marker's place on the body."""
+"""Calibration of a person from markers: shape, marker places, and wrong labels."""

@@ -55,7 +55,7 @@ def missing_markers(cloud: MarkerCloud, person: MarkerSubject) -> np.ndarray:
 
 
 def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, labels: Sequence[str]) -> MarkerCloud:
-    """Return the take with each recognised point under its marker's label; the others stay where they are.
+    """Return the take with each recognised point under its marker's label. The others stay where they are.
 
     Args:
         cloud: F frames.
@@ -140,7 +140,7 @@ class _Take:
 def named_extras(
     cloud: MarkerCloud, person: MarkerSubject, body: Body, progress: Progress = silent, kept: Collection[str] = ()
 ) -> ExtraNames:
-    """Return a take under the person's labels; unnamed points get the name of the marker at their place.
+    """Return a take under the person's labels. Unnamed points get the name of the marker at their place.
 
     Args:
         cloud: labelled by the network.

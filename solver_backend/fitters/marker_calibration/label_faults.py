@@ -56,7 +56,7 @@ class CleanedLabels:
     """Markers with corrected labels."""
 
     points: np.ndarray
-    """(F, M, 3) metres; NaN where missing or where a point was no marker."""
+    """(F, M, 3) metres, NaN where missing or where a point was no marker."""
     flags: np.ndarray
     """(F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
     faults: tuple[LabelFault, ...]
@@ -117,7 +117,7 @@ def _gain(points: np.ndarray, expected: np.ndarray, a: int, b: int) -> np.ndarra
 
 
 def _misfit(off: np.ndarray) -> np.ndarray:
-    """Return (F,) half the robust square of (F, 3) errors; 0 where one is missing."""
+    """Return (F,) half the robust square of (F, 3) errors, 0 where one is missing."""
     squared = (off * off).sum(-1) / SIGMA_M**2
     return 0.5 * geman_mcclure(np.nan_to_num(squared), SCALE)[0]
 
@@ -286,7 +286,7 @@ def _on_skin(name: str) -> str:
 
 
 def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return the (n, F) sines of feet in front of waist and legs; None where they are not known."""
+    """Return the (n, F) sines of feet in front of waist and legs, None where they are not known."""
     lateral = _lateral(points, column, WAIST, 1)
     lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
     waist, feet = (_mean(points, column, _both(places)) for places in (WAIST, (*TOES, *HEELS)))
@@ -298,7 +298,7 @@ def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | No
 
 
 def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
-    """Return (n, F) sines of knees and noses in front of the body, those of bends that show; None where none does."""
+    """Return (n, F) sines of knees and noses in front of the body, those of bends that show, None where none does."""
     found = []
     hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
     if hips is not None:
@@ -320,7 +320,7 @@ def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray |
 
 
 def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
-    """Return (F, 3) metres from the right to the left, the mean of pairs; None where there are too few."""
+    """Return (F, 3) metres from the right to the left, the mean of pairs, None where there are too few."""
     pairs = [(column["L" + p], column["R" + p]) for p in places if {"L" + p, "R" + p} <= column.keys()]
     if len(pairs) < least:
         return None
@@ -328,13 +328,13 @@ def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], 
 
 
 def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray | None:
-    """Return (F, 3) unit directions from a foot's heel to its toes; None without both."""
+    """Return (F, 3) unit directions from a foot's heel to its toes, None without both."""
     toes, heel = (_mean(points, column, [side + place for place in places]) for places in (TOES, HEELS))
     return None if toes is None or heel is None else unit(toes - heel)
 
 
 def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
-    """Return (F, 3) means of the known places; None where there is none."""
+    """Return (F, 3) means of the known places, None where there is none."""
     chosen = [column[name] for name in names if name in column]
     return points[:, chosen].mean(axis=1) if chosen else None
 
@@ -397,7 +397,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
 
 
 def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
-    """Return the median cosine of the wrist's line and the upper arm's direction across the forearm; 1 if unknown."""
+    """Return the median cosine of the wrist's line and the upper arm's direction across the forearm, 1 if unknown."""
     forearm = unit(0.5 * (inner + outer) - elbow)
     upper = shoulder - elbow
     across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
@@ -419,7 +419,7 @@ LEAST = 8
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
     """Return pairs of markers that hold each other's labels, by a fit of the mean person to varied frames.
 
-    Markers of which the bone alone is known have no expected place and are left out.
+    Markers of which the bone alone is known have no expected place and are excluded.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)

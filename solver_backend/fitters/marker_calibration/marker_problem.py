@@ -113,7 +113,7 @@ def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray)
 
     Args:
         found: the calibration from several takes.
-        points: (F, M, 3) metres of the takes one after the other, NaN where missing.
+        points: (F, M, 3) metres of the takes in turn, NaN where missing.
         takes: (F,) take of each frame.
     """
     subject, frames = found.subject, found.poses
@@ -154,7 +154,7 @@ def marker_problem(
     """Return the problem of labelled markers on a calibrated person, with wrong labels corrected.
 
     Args:
-        person: from an earlier calibration; None calibrates on the take.
+        person: from an earlier calibration, None calibrates on the take.
 
     Raises:
         MarkersUnknown, NoDetections: too few markers are known, or seen.
@@ -231,7 +231,7 @@ def _cleaned(
 def moved_points(cloud: MarkerCloud, points: np.ndarray) -> MarkerCloud:
     """Return the cloud with (F, L, 3) points that changed columns, each with its residual and covariance.
 
-    A marker that is left out is NaN.
+    A marker that is excluded is NaN.
     """
     if cloud.residual is None and cloud.covariance is None:
         return replace(cloud, positions=points)
@@ -356,7 +356,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Return the frames of several takes one after the other; a marker that a take lacks is missing there."""
+    """Return the frames of several takes in turn; a marker that a take lacks is missing there."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

@@ -1,4 +1,4 @@
-"""What a calibration found doubtful of a person's markers, from the person's record."""
+"""Doubts about a person's markers, found by a calibration or before it."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ limb without its side (``label``, and the ``place`` that was found)."""
 
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return the diagnostics of unused names, markers that were left out, and sides that were found."""
+    """Return the diagnostics of unused names, markers that were excluded, and sides that were found."""
     sides, over, off, two = (
         person.provenance.get(key, ()) for key in (SIDE_FOUND, NAMES_OVER_TAKES, MISPLACED, TWO_PLACES)
     )

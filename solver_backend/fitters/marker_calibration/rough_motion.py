@@ -14,17 +14,17 @@ from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.solver.levenberg_marquardt import LMSettings
 
 RATE_HZ, ANCHORS_HZ = 10.0, 2.0
-"""Frames a second that are fitted, and those of them that start from nothing; the others start between two of them."""
+"""Frames per second to fit, and the ones among them that start from nothing. The others start between two of these."""
 SCALES, STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
 """Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
 STRAYED = 6.0
-"""A frame whose cost is so many times the median's did not come home from between its anchors."""
+"""Cost by the median from which a frame that started between its anchors is fitted again."""
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:
-    """Return poses of about ``RATE_HZ`` frames a second: every few from nothing, the others from those between."""
+    """Return poses of about ``RATE_HZ`` frames per second: every few from nothing, the others from those between."""
     seen = np.flatnonzero(problem.measurements.seen)
     frames = np.unique(np.append(seen[:: max(1, round(problem.fps / RATE_HZ))], seen[-1]))
     chosen = np.unique(np.append(np.arange(0, len(frames), round(RATE_HZ / ANCHORS_HZ)), len(frames) - 1))

@@ -45,7 +45,7 @@ def with_marker(person: MarkerSubject, label: str, marker: Attachment) -> Marker
 
 
 def person_of(motion: Motion) -> MarkerSubject | None:
-    """Return the person of an earlier solve from markers; None where the motion has none."""
+    """Return the person of an earlier solve from markers, None where the motion has none."""
     labels, places, offsets, sigma = motion.marker_labels, motion.layout, motion.offsets, motion.marker_sigma
     if offsets is None or labels is None or places is None or sigma is None:
         return None

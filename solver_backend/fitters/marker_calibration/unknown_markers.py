@@ -1,4 +1,4 @@
-"""Which markers are a prop's: groups that keep their distances, and that no bone of the person carries."""
+"""Markers of unknown names: on a bone, or on a prop as a rigid group that no bone carries."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 LEAST_MARKERS = 3
 """Least markers of a prop: fewer have no orientation."""
 STRAYS_M, SHARE = 0.006, 0.95
-"""A distance of a rigid body stays so near to its median in this share of the frames: markers of 2 mm noise per axis
+"""A distance of a rigid body keeps so near to its median in this share of the frames: markers of 2 mm noise per axis
 stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
 MOVES_M = 0.05
 """Least distance that a prop's marker moves from its usual place; what moves less is part of the room."""
@@ -121,7 +121,7 @@ class BonePoses:
 
 
 def attach(points: np.ndarray, bones: BonePoses, named: str | None = None) -> Attachment | None:
-    """Return the bone to which a marker has the most constant offset; None where it has none.
+    """Return the bone to which a marker has the most constant offset, None where it has none.
 
     For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, per axis, which single wrong points do not move.
     The marker belongs to the bone with the smallest median distance from the offset. Where several bones are equally
@@ -185,7 +185,7 @@ def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[Loo
 
     Args:
         cloud: markers at no known place of a body.
-        bones: of the person in these frames; groups that a bone carries are left out.
+        bones: of the person in these frames; groups that a bone carries are excluded.
     """
     labels, found = cloud.names, list[LooseGroup]()
     prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]

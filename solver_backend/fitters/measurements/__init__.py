@@ -1,1 +1,1 @@
-"""What a fit solves from: points, their covariance and a data term; built from views or from markers."""
+"""Input of a fit: points, their covariance and a data term, from views or markers."""

@@ -11,14 +11,14 @@ from solver_backend.geometry.small_matrices import solved_3x3
 NEIGHBOURS, LOOKED_AT = 4, 12
 """Markers that predict a gap, seen from one end to the other, and the nearest ones to choose from."""
 FRAMES = 60
-"""Frames in which distances are measured; chosen by hand."""
+"""Frames in which distances are measured, chosen by hand."""
 NOISE, DOUBT = 0.1, 2.0
-"""Share of a neighbour's variance that is its own, and evidence that markers move independently, in stretches."""
+"""Share of a neighbour's variance that is its own, and evidence that markers move independently, in segments."""
 TIMES, STRETCHES, MOST_STRETCHES = 6, 6, 240
-"""Times in a gap at which markers are compared, stretches that begin in one gap's length, and in the take: a gap does
+"""Times in a gap at which markers are compared, segments that begin in one gap's length, and in the take: a gap does
 not take longer in a longer one."""
 LEAST, MOST_M = 4, 0.05
-"""Least stretches to learn from, and the most that neighbours may add, metres."""
+"""Least segments to learn from, and the most that neighbours may add, metres."""
 
 
 def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
@@ -34,7 +34,7 @@ def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: floa
 
     With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, the rest of the error d between two frames a and b (see
     ``joining_shares``): ``δ_m = Σ_k β_k δ_k`` over the neighbours k, ``(C + λ diag C) β = c`` with the covariances of
-    such rests in all stretches of the gap's length, each of the pairs from where both are seen, drawn to 0 by
+    such rests in all segments of the gap's length, each of the pairs from where both are seen, drawn to 0 by
     ``DOUBT``.
 
     Reference: Goldberger 1962, "Best linear unbiased prediction in the generalized linear regression model".
@@ -81,7 +81,7 @@ def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray
 def _rests(
     off: np.ndarray, columns: np.ndarray, step: int, count: int, times: np.ndarray, length: int, lasting: float
 ) -> np.ndarray:
-    """Return (S, T, K, 3) errors in K columns beyond the curves that join the ends of S stretches, a step apart."""
+    """Return (S, T, K, 3) errors in K columns beyond the curves that join the ends of S segments, a step apart."""
     before, after = (joining_shares(t, length, lasting) for t in (times, length + 1 - times))
     stop = step * (count - 1) + 1
     first, last = off[:stop:step][:, columns], off[length + 1 : length + 1 + stop : step][:, columns]

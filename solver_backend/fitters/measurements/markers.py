@@ -1,4 +1,4 @@
-"""Optical markers that are named: places on the skin, measured without cameras."""
+"""Measurements of named optical markers: places on the skin, without cameras."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A capture examined before it is solved: faults of its views are found, repaired where that is sure, and named."""
+"""Checks of a capture before it is solved: faults of views are found, repaired where that is sure, and reported."""
 
 from __future__ import annotations
 
@@ -52,12 +52,12 @@ def check_capture(
     """Find faults of single views and repair them.
 
     Repeated frames come first, then whole views (names, mirrored, turned), time, passers-by and limbs. Remaining faults
-    are left out.
+    are excluded.
 
     Args:
         triangulation: of the capture as it was read.
         estimate_sync: where some camera is late, move the others by their delays too, however small.
-        sync: "off" moves no camera in time; see ``SolveSettings``.
+        sync: "off" moves no camera in time (see ``SolveSettings``).
 
     Raises:
         NotSynchronised: it is "on", and delays cannot be estimated.

@@ -161,7 +161,7 @@ ankle, and feet that are trusted less are missed by more."""
 
 
 def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, L) pixels by which a fitted body may miss detections: ``sqrt(sigma² + (f m / z)²)``.
+    """Return (C, F, L) errors of a fitted body against detections, pixels: ``sqrt(sigma² + (f m / z)²)``.
 
     Args:
         points: (F, L, 3) located points, NaN where there is none; a frame's depth z is their median's.

@@ -1,4 +1,4 @@
-"""Keypoints that calibrated cameras see: triangulated, checked, and evaluated by their reprojection."""
+"""Measurements of keypoints in calibrated cameras: triangulated, checked, and evaluated by reprojection."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class WristClock:
 
 
 def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray, " n"]) -> Float[np.ndarray, " m"]:
-    """Return angular speeds, ``RATE`` per second, in rad/s; NaN where fewer than two are known.
+    """Return angular speeds, ``RATE`` per second, in rad/s, NaN where fewer than two are known.
 
     Args:
         rotations: (F, 3, 3) in any world and axes.
@@ -71,7 +71,7 @@ def wrist_speeds(rotations: Float[np.ndarray, "n 3 3"], times: Float[np.ndarray,
 
 
 def find_wrist_clock(one: list[np.ndarray], other: list[np.ndarray]) -> WristClock | None:
-    """Return when the other recording begins in the one; None where no wrist moves, or they are too short.
+    """Return when the other recording begins in the one, None where no wrist moves, or they are too short.
 
     The offset has the highest correlation of the speeds of all wrists over the overlap, between samples by a parabola.
     Speeds are (n,) and (m,) of the same wrists, ``RATE`` per second.

@@ -92,7 +92,7 @@ def resting_shares(
         offsets: (L, 3) of the landmarks in the rest frame, metres.
         located: (F, L) bool.
         seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
-        pinned: frames with poses that somebody set, which informs every part.
+        pinned: frames with pinned poses, which informs every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
     frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
@@ -148,7 +148,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
     """Return the poses with the uninformed parts at rest; the same object where there are none.
 
-    ``pinned`` are frames with poses that somebody set.
+    ``pinned`` are frames with pinned poses.
     """
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded

@@ -1,4 +1,4 @@
-"""How far a resting joint may be from where people have it: what full recordings show, given what is seen."""
+"""Spread of a resting joint about its usual place, from full recordings."""
 
 from __future__ import annotations
 

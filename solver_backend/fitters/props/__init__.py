@@ -1,1 +1,1 @@
-"""Props: groups of markers that move as rigid bodies and are worn by nobody, in six degrees of freedom."""
+"""Props: groups of markers that move as rigid bodies off the person, in six degrees of freedom."""

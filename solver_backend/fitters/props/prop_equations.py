@@ -174,7 +174,7 @@ class PropStart:
     R: np.ndarray
     t: np.ndarray
     posed: np.ndarray
-    """(F,) bool: the frame shows three markers or more; the others lie on the way between such."""
+    """(F,) bool: the frame shows three markers or more. The others lie on the way between such."""
     sigma_m: float
     """Standard deviation of a marker per axis."""
 

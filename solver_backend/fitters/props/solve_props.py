@@ -1,4 +1,4 @@
-"""The props of a solved take: found among the markers that the person does not wear, and solved one by one."""
+"""The props of a solved take: found among the markers off the person, and solved one by one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Props(Layer):
 
         Args:
             worn: labels of the person's.
-            layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
+            layout: path of a file that states how labels are read, see ``read_label_places``. Empty for none.
             others: markers of other prefixes.
         """
         names = name_markers([label for label in cloud.names if not is_unnamed(label)], places_given(layout))
@@ -68,7 +68,7 @@ class Props(Layer):
 
 @dataclass(frozen=True)
 class SolvedProps(SolvedLayer):
-    """Props of a take, in the order in which they were solved."""
+    """Props of a take, in solving order."""
 
     props: tuple[Prop, ...]
 
@@ -84,13 +84,13 @@ WRONG_M = 0.018
 """Least deviation of a wrong distance from its median: three times the stray of a rigid body's distances. The solve's
 robust penalty handles smaller errors."""
 STEPS = LMSettings(6, 1e-5)
-"""Most Gauss-Newton steps, and the relative change of the cost at which they end; chosen by hand."""
+"""Most Gauss-Newton steps, and the relative change of the cost at which they end, chosen by hand."""
 LEAST_FRAMES = 4
-"""Least frames that locate a prop; chosen by hand."""
+"""Least frames that locate a prop, chosen by hand."""
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
-    """Return the prop of M labelled markers; None where too few frames show three of them.
+    """Return the prop of M labelled markers, None where too few frames show three of them.
 
     The (F, M, 3) points are in world metres, NaN where missing.
     """
@@ -154,7 +154,7 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
 def _without_wrong_points(points: np.ndarray) -> np.ndarray:
     """Return the points without those that contradict the largest group of a frame's markers that agree.
 
-    Where several groups are the largest, labels may be exchanged, and all that contradict any are left out.
+    Where several groups are the largest, labels may be exchanged, and all that contradict any are excluded.
     """
     away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
     off = np.abs(away - quantile(away, 0.5, axis=0))
@@ -179,7 +179,7 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
-    """Return the props among the markers that nobody wears, and their diagnostics."""
+    """Return the props among the markers that the person does not wear, and their diagnostics."""
     found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))

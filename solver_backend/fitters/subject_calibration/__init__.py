@@ -1,1 +1,1 @@
-"""What stays the same over a take: shape, keypoint variances, where feet stand."""
+"""Constants of a take: shape, keypoint variances, and planted feet."""

@@ -1,4 +1,4 @@
-"""Which feet stand, read from a first solution, and where they stand."""
+"""Planted points of the feet, read from a first solution."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class Contacts:
     """(F, L, 3) metres: the mean position of each stand, 0 elsewhere."""
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
-        """Return (F, 2) bool: a point of the left and of the right foot is planted; None where no point is a foot's."""
+        """Return (F, 2) bool: a point of the left and of the right foot is planted, None where no point is a foot's."""
         feet = _foot_columns(names)
         if not feet:
             return None
@@ -54,7 +54,7 @@ def find_contacts(
     Args:
         points: (F, L, 3) solved positions, metres, Z up.
         fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
-        sight: (F, 3) unit direction of the one camera that sees the person; None where several do.
+        sight: (F, 3) unit direction of the one camera that sees the person, None where several do.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
     columns = _foot_columns(names)

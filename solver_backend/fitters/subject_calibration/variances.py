@@ -1,4 +1,4 @@
-"""How reliable each keypoint is in each view, learned from what the body leaves unexplained there."""
+"""Noise of each keypoint in each view, learned from the residuals of a body."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     Args:
         frames: poses of the sample.
         term: data of all frames.
-        scale: detections beyond this many standard deviations are left out.
+        scale: detections beyond this many standard deviations are excluded.
         sample: frame numbers of the sample.
     """
     return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
@@ -62,7 +62,7 @@ def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: f
 
 
 WINDOW_S = 0.5
-"""Length of a stretch: errors of markers and of networks last about as long."""
+"""Length of a window: errors of markers and of networks last about as long."""
 TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0
 """Weights, in frames, of the mean landmark, and of a landmark's mean over the take."""
 LANDMARK_RANGE = (0.2, 25.0)
@@ -72,7 +72,7 @@ LANDMARK_RANGE = (0.2, 25.0)
 def with_window_variances(
     term: DataTerm, points: Array, fps: float, scale: float, dof: float, looked_at: np.ndarray | None = None
 ) -> DataTerm:
-    """Return the term with a variance for every landmark and stretch of ``WINDOW_S``.
+    """Return the term with a variance for every landmark and window of ``WINDOW_S``.
 
     ``v_lw = (Σ_{f in w} |r_lf|²/3 + n v_l) / (Σ_{f in w} (1 - h) + n)`` over the inliers, in units of the variance
     assumed so far, and v_l from all of the take about the mean landmark in the same way: the maximum of the
@@ -83,9 +83,9 @@ def with_window_variances(
     Args:
         term: landmarks measured once, all F frames.
         points: (F, L, 3) landmarks of a solution.
-        scale: landmarks beyond this many standard deviations are left out.
+        scale: landmarks beyond this many standard deviations are excluded.
         dof: unknowns of a solution for each frame.
-        looked_at: (T,) bool of all frames of the term: those of the points; None for all. A stretch without any has the
+        looked_at: (T,) bool of all frames of the term: those of the points, None for all. A window without any has the
             landmark's mean.
 
     Reference: Kendall and Gal 2017, eq. 8, whose minimum by a variance this is.
