@@ -194,8 +194,10 @@ def solve_from(
     shown = problem.at(problem.skeleton.keypoints())
     points, J = shown.points(states), shown.jacobian(states)
     covariance = inflation * (J @ spread[:, None] @ np.swapaxes(J, -1, -2)) + CONSTANT_M**2 * np.eye(3)
-    parts = (states[:, part] for part in (TURN, SHIFT, FINGERS))
-    return SolvedHand(problem, *parts, points, covariance, informed_fingers(problem, spread), found.convergence)
+    turn, shift, angles = states[:, TURN], states[:, SHIFT], states[:, FINGERS]
+    return SolvedHand(
+        problem, turn, shift, angles, points, covariance, informed_fingers(problem, spread), found.convergence
+    )
 
 
 def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:

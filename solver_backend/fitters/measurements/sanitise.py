@@ -150,7 +150,8 @@ def _in_time(
 
 
 def _diagnose_view(cameras: Cameras, fault: ViewFault) -> Diagnostic:
-    names, cause, more = [cameras.names[fault.view_range.view]], fault.explanation, dict[str, Any]()
+    names, cause = [cameras.names[fault.view_range.view]], fault.explanation
+    more: dict[str, Any] = {}
     if isinstance(cause, Mirrored):
         code = "image_mirrored" if cause.image else "sides_exchanged"
     elif isinstance(cause, NamedLike):
