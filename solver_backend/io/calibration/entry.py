@@ -1,4 +1,4 @@
-"""One camera as a calibration file states it, and the step from such entries to ``Cameras``."""
+"""A camera in a calibration file, and the step from such entries to ``Cameras``."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000
-"""Pixels a side."""
+"""Pixels per side at most."""
 ROUNDING = 1e-3
-"""A rotation matrix off by less is taken as rounded and made exact."""
+"""Deviation from a rotation matrix up to which it is rounded and made exact."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,6 @@ class CameraEntry:
     """A camera in OpenCV's axes: ``x_cam = R @ x_world + t``."""
 
     name: str
-    """Name in the file."""
     K: np.ndarray
     """(3, 3) pixels."""
     distortion: np.ndarray
@@ -36,61 +35,51 @@ class CameraEntry:
     t: np.ndarray
     """(3,) in the file's unit."""
     image_size: tuple[int, int] | None = None
-    """Width and height in pixels where the file states it."""
+    """Width and height in pixels if the file states it."""
     model: str = DEFAULT_MODEL
     """Name of the lens model that the coefficients belong to."""
     rotation_vector: np.ndarray | None = None
-    """(3,) the rotation as it is written, where it is written as a vector."""
+    """(3,) the rotation as written, if it is written as a vector."""
 
     def __post_init__(self) -> None:
-        """Make sure that its numbers can be; they are not finite where a camera was not calibrated.
-
-        Raises:
-            CalibrationInvalid: one is larger than any length in any unit.
-        """
-        for name in ("K", "distortion", "R", "t"):
-            largest = largest_finite(getattr(self, name))
-            if largest > FARTHEST_IN_UNITS:
+        for name in ("K", "distortion", "R", "t"):  # an uncalibrated camera may hold NaN
+            if (largest := largest_finite(getattr(self, name))) > FARTHEST_IN_UNITS:
                 what = f"{name} holds {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")
 
 
 @dataclass(frozen=True)
 class StatedCameras:
-    """What a calibration file says, in its own unit and axes."""
+    """Content of a calibration file in its own unit and axes."""
 
     entries: list[CameraEntry]
-    """Its cameras, none where it is of another format."""
+    """Its cameras, none if it is of another format."""
     unit: str = ""
-    """Length unit where the format has one."""
+    """Length unit if the format has one."""
     source: str = "default"
     """Origin of that unit and of Z as the up axis, for notes."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Cameras of one calibration in metres, Z up, with what was assumed."""
+    """All cameras of a calibration in metres, Z up, with notes on assumptions."""
 
     cameras: Cameras
-    """Every camera of the file."""
     source: Path
     """File or folder."""
     size_known: tuple[bool, ...] = ()
     """Whether the file states each camera's image size."""
     guessed_unit: str = ""
-    """The unit that only the distance of the cameras suggests; '' where it is stated."""
+    """The unit if only the distance of the cameras suggests it, '' if it is stated."""
     notes: tuple[Diagnostic, ...] = ()
-    """Units and axes found."""
     rolls: tuple[int, ...] = ()
-    """Of each camera, by how many quarter turns clockwise its pictures were found turned; () where none was."""
+    """Quarter turns clockwise of each camera's pictures, () if none is turned."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
 
 
 def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
-    """Return the cameras; an image size that is not stated is taken as twice the principal point.
+    """Return the cameras. An image size that is not stated is twice the principal point.
 
     Raises:
         CalibrationInvalid: a value is impossible.
@@ -111,7 +100,7 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
 
 
 def _exact_rotation(R: np.ndarray) -> np.ndarray:
-    """Return the nearest rotation of one that was rounded; leave anything else for the check in ``Cameras``."""
+    """Return the nearest rotation of a rounded one. ``Cameras`` checks anything else."""
     if not np.isfinite(R).all() or np.abs(R @ R.T - np.eye(3)).max() > ROUNDING:
         return R
     U, _, Vt = np.linalg.svd(R)
@@ -143,21 +132,18 @@ def _guessed_size(K: np.ndarray) -> tuple[int, int]:
 
 
 LARGEST_SHARE = 10.0
-"""Focal length up to which it is in widths of the picture: the longest lenses have 8, the shortest in pixels 100."""
+"""Focal length up to which it is in widths of the picture. The longest lenses have 8, the shortest in pixels 100."""
 SHORTEST_SHARE = 0.05
-"""Focal length in widths of the picture below which it is in other units than pixels: it would show 168 degrees."""
+"""Focal length in widths of the picture below which it is not in pixels, because it would show 168 degrees."""
 OFF_MIDDLE = 0.15
-"""How far principal points are from the middle at most, in the picture's size: from corners they are 0.3 or more."""
+"""Distance of principal points from the middle at most, in the picture's size. From corners it is 0.3 or more."""
 SURELY_DEGREES = 4.0 * np.pi
-"""Length of a rotation vector that none in radians has: two turns."""
+"""Length of a rotation vector that is not in radians: two turns."""
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 
 def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
-    """Return the cameras as they are meant, and what was corrected; all of them must be written so.
-
-    Args:
-        entries: of one file, at least one.
+    """Return the cameras of one file in our conventions, and the corrections. All must have the same convention.
 
     Raises:
         CalibrationInvalid: the focal lengths are in another unit than pixels.
@@ -177,7 +163,8 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
         convention = "centre_missing" if missing else "centre_offset"
         found.append(diagnostic("calibration_read_as", convention=convention, cameras=names))
     if any(e.rotation_vector is not None and np.linalg.norm(e.rotation_vector) > SURELY_DEGREES for e in entries):
-        entries = [e if e.rotation_vector is None else replace(e, R=_of_degrees(e.rotation_vector)) for e in entries]
+        turned = [None if (v := e.rotation_vector) is None else np.asarray(exp_so3(np.radians(v))) for e in entries]
+        entries = [e if R is None else replace(e, R=R) for e, R in zip(entries, turned, strict=True)]
         found.append(diagnostic("calibration_read_as", convention="degrees", cameras=names))
     if all(_is_mirrored(entry.R) for entry in entries):
         entries = [replace(e, R=e.R @ _MIRROR) for e in entries]
@@ -202,10 +189,6 @@ def _from_middle(entry: CameraEntry) -> np.ndarray:
     K = entry.K.copy()
     K[:2, 2] += (np.array(_size(entry)) - 1) / 2
     return K
-
-
-def _of_degrees(vector: np.ndarray) -> np.ndarray:
-    return np.asarray(exp_so3(np.radians(vector)))
 
 
 def _is_mirrored(R: np.ndarray) -> bool:

@@ -1,9 +1,10 @@
-"""Find the calibration of a recording: in its folder, beside it, or in the folders above."""
+"""Find the calibration of a recording in its folder, beside it, or in the folders above."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,11 @@ from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
-"""Folders above and below that are searched; chosen by hand."""
+"""Folders above that are searched, chosen by hand."""
 AGREES_BY_NAME = 0.7
-"""Share of the keypoints that agree by the cameras of the recorded names from which no others are looked for."""
+"""Share of the keypoints that agree with the cameras of the recorded names from which no others are tried."""
 CLEARLY_BETTER = 0.2
-"""Share of the keypoints that must agree more by another calibration of a folder than by its first."""
+"""Share of the keypoints that must agree more with another calibration of a folder than with its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 _UNSUPPORTED = {
@@ -37,11 +38,15 @@ _UNSUPPORTED = {
     ".pickle": ("a Python pickle, which runs code when it is read", "Write its arrays with numpy.savez or as JSON."),
     ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or a projection matrix a camera."),
 }
-"""What files of each ending are, and the way out."""
+"""Kinds of unsupported files by ending, and the way out."""
+
+
+ByViews = Callable[[Cameras, list[int] | None], list[int] | None]
+"""Assigns calibrated cameras to the recorded ones by their views, given an assignment by names or counting."""
 
 
 def levels_above(root: Path) -> list[Path]:
-    """Return the folder, its parent, and those above as far as they belong to the recording.
+    """Return the folder, its parent, and the folders above that belong to the recording.
 
     A folder above belongs to it while the one below holds a Config.toml or is named like Pose2Sim's ``S00_P00_...``.
     """
@@ -55,7 +60,7 @@ def levels_above(root: Path) -> list[Path]:
 
 
 def is_calibration_folder(path: Path) -> bool:
-    """Whether a folder is named like one that holds a calibration."""
+    """Return whether a folder is named like one with a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
 
 
@@ -66,29 +71,32 @@ def find_calibration(
     unit: str | None = None,
     up_axis: str | None = None,
     names: Mapping[str, str] | None = None,
-    by_views: Callable[[Cameras, list[int] | None], list[int] | None] | None = None,
+    by_views: ByViews | None = None,
     agreement: Callable[[Cameras], float] | None = None,
 ) -> Calibration:
-    """Return the nearest calibration that knows the recorded cameras, with its cameras in the recorded order.
+    """Return the nearest calibration of the recorded cameras, with its cameras in the recorded order.
 
     Args:
         root: folder of the recording.
         recorded: names of the recorded cameras.
         unit: length unit of the calibration, see ``read_calibration``.
         up_axis: axis of its world that points up.
-        names: calibrated names of recorded cameras whose own names do not give them.
-        by_views: assigns calibrated cameras to the recorded ones by what they see, given the assignment by counting;
-            asked where no calibration has the recorded names and none were given.
-        agreement: share of the keypoints that agree between views by cameras in the recorded order; asked where a
+        names: calibrated names of recorded cameras with other names.
+        by_views: asked if no calibration has the recorded names and no ``names`` are given.
+        agreement: share of the keypoints that agree between views with cameras in the recorded order, asked if a
             folder holds several calibrations of these cameras.
 
     Raises:
         CalibrationMissing: there is none.
         JobInvalid: one of ``names`` is of no recorded camera.
-        CalibrationMismatch: there are some, all for other cameras; names both.
-        CalibrationInvalid, FileDamaged: a nearer one is bad, or the only files that could be one are damaged.
+        CalibrationMismatch: all are for other cameras.
+        CalibrationInvalid, FileDamaged: a nearer one is invalid, or the only files that could be one are damaged.
     """
-    called = _called(recorded, names or {})
+    names = names or {}
+    if unknown := [name for name in names if name not in recorded]:
+        hint = f"They are {listing(recorded)}."
+        raise JobInvalid(f"No recorded camera is called {listing(unknown)}.", where="camera", hint=hint)
+    called = [names.get(name, name) for name in recorded]
     others: list[Calibration] = []
     damaged: list[MocapError] = []
     for folder in _folders(root):
@@ -101,46 +109,47 @@ def find_calibration(
                 return chosen
             return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
-        # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
+        # A broken file in a calibration folder is a broken calibration. Elsewhere it may be anything.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
         if serious:
             raise serious[0]
-        damaged += [e for e in errors if _may_be_one(e, folder, root)]
+        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem)]
     if not others and damaged:
         raise damaged[0]
     if not others:
-        what, how = name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
+        what, how = _name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
         what = f"The recording has no camera calibration. {what}".rstrip()
         raise CalibrationMissing(what, where=str(root), hint=f"{how} Formats that are read: {FORMATS}.")
     if by_views is not None and not names:
         for calibration in others:
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
             if order is not None:
-                return _found_by_views(ordered(calibration, order), order, recorded, calibration.cameras.names)
+                first = calibration.cameras.names[order[0]]
+                return _assigned_by_views(ordered(calibration, order), recorded, calibrated=first)
+    raise _mismatch(root, others, recorded)
+
+
+def _mismatch(root: Path, others: Sequence[Calibration], recorded: Sequence[str]) -> CalibrationMismatch:
     for calibration in others:
         if takes := takes_in_names(recorded, calibration.cameras.names):
             hint = "Put the detections of each take into a folder of its own."
             what = f"The folder holds {len(takes)} takes: {listing(takes)}."
-            raise CalibrationMismatch(what, where=str(root), hint=hint)
+            return CalibrationMismatch(what, where=str(root), hint=hint)
     for calibration in others:
-        if without := _without_calibration(recorded, calibration.cameras.names):
-            raise CalibrationMismatch(
-                f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
-                f"{calibration.source.name} is for {listing(calibration.cameras.names)}.",
-                where=str(calibration.source),
-                hint="Move the detections of what is not calibrated out of the folder, or calibrate all cameras.",
-            )
-    raise CalibrationMismatch(
-        f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
-        f"{listing(others[0].cameras.names)}.",
-        where=str(others[0].source),
-        hint=f"Assign them with --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
-        "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
-    )
-
-
-def _may_be_one(error: MocapError, folder: Path, root: Path) -> bool:
-    return folder == root or is_calibration_folder(folder) or bool(_CALIBRATION.match(Path(error.where or "").stem))
+        calibrated = calibration.cameras.names
+        keys = {name_key(name) for name in calibrated}
+        without = [name for name in recorded if name_key(name) not in keys]
+        # All calibrated cameras are recorded, each once.
+        if without and {name_key(n) for n in recorded} >= keys and len(recorded) - len(without) == len(keys):
+            what = f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
+            what += f"{calibration.source.name} is for {listing(calibrated)}."
+            hint = "Move the detections of what is not calibrated out of the folder, or calibrate all cameras."
+            return CalibrationMismatch(what, where=str(calibration.source), hint=hint)
+    source, calibrated = others[0].source, others[0].cameras.names
+    what = f"The recorded cameras are {listing(recorded)}; the calibration {source.name} is for {listing(calibrated)}."
+    hint = f"Assign them with --camera {recorded[0]}={calibrated[0]} and so on; or name the cameras "
+    hint += "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration."
+    return CalibrationMismatch(what, where=str(source), hint=hint)
 
 
 def _others_of_more(
@@ -148,26 +157,21 @@ def _others_of_more(
     by_names: list[int],
     chosen: Calibration,
     recorded: Sequence[str],
-    by_views: Callable[[Cameras, list[int] | None], list[int] | None],
+    by_views: ByViews,
     agreement: Callable[[Cameras], float],
 ) -> Calibration:
-    """Return a calibration by its names, or by the views where it has more cameras and others of them clearly agree.
-
-    Args:
-        whole: all its cameras.
-        by_names: which of them have the recorded names.
-        chosen: those.
-        recorded, by_views, agreement: see ``find_calibration``.
-    """
+    """Return the cameras ``chosen`` by name, or by the views if the calibration has more and others clearly agree."""
     if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
         return chosen
     order = by_views(whole.cameras, by_names)
-    if order is None or order == by_names:
-        return chosen
-    pairs = [f"{name} is {whole.cameras.names[i]}" for name, i in zip(recorded, order, strict=True)]
-    others = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs)
-    found = ordered(whole, order)
-    return replace(found, problems=(*found.problems, others))
+    return chosen if order is None or order == by_names else _assigned_by_views(ordered(whole, order), recorded)
+
+
+def _assigned_by_views(found: Calibration, recorded: Sequence[str], **calibrated: Any) -> Calibration:
+    """Return a calibration in the recorded order with a problem that names the pairs."""
+    pairs = [f"{name} is {camera}" for name, camera in zip(recorded, found.cameras.names, strict=True)]
+    assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, **calibrated)
+    return replace(found, problems=(*found.problems, assigned))
 
 
 def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float] | None) -> Calibration:
@@ -177,51 +181,23 @@ def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float]
     best = max(range(len(found)), key=shares.__getitem__)
     if shares[best] - shares[0] < CLEARLY_BETTER:
         return found[0]
-    names: dict[str, Any] = {"used": found[best].source.name, "other": found[0].source.name}
-    percent, other = 100 * shares[best], 100 * shares[0]
-    chosen = diagnostic("calibration_of_several", **names, percent=percent, percent_other=other)
+    percent, other, used = 100 * shares[best], 100 * shares[0], found[best].source.name
+    chosen = diagnostic(
+        "calibration_of_several", used=used, other=found[0].source.name, percent=percent, percent_other=other
+    )
     return replace(found[best], problems=(*found[best].problems, chosen))
-
-
-def _without_calibration(recorded: Sequence[str], calibrated: Sequence[str]) -> list[str]:
-    keys = {name_key(name) for name in calibrated}
-    without = [name for name in recorded if name_key(name) not in keys]
-    known = {name_key(name) for name in recorded} & keys
-    return without if known == keys and len(recorded) - len(without) == len(keys) else []
-
-
-def _found_by_views(
-    found: Calibration, order: list[int], recorded: Sequence[str], calibrated: Sequence[str]
-) -> Calibration:
-    pairs = [f"{name} is {calibrated[i]}" for name, i in zip(recorded, order, strict=True)]
-    assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, calibrated=calibrated[order[0]])
-    return replace(found, problems=(*found.problems, assigned))
-
-
-def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
-    unknown = [name for name in names if name not in recorded]
-    if unknown:
-        hint = f"They are {listing(recorded)}."
-        raise JobInvalid(f"No recorded camera is called {listing(unknown)}.", where="camera", hint=hint)
-    return [names.get(name, name) for name in recorded]
 
 
 def _folders(root: Path) -> Iterator[Path]:
     for i, level in enumerate(levels_above(root)):
-        yield from sorted(path for path in _subfolders(level) if is_calibration_folder(path))
+        with suppress(OSError):
+            yield from sorted(path for path in level.iterdir() if is_calibration_folder(path))
         if i < 2:
             yield level
 
 
-def _subfolders(folder: Path) -> list[Path]:
-    try:
-        return [path for path in folder.iterdir() if path.is_dir()]
-    except OSError:
-        return []
-
-
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
-    """Return a calibration with its cameras in this order; its notes name those left out, and names that differ."""
+    """Return a calibration with its cameras in this order, and notes on omitted cameras and different names."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
     notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))
@@ -236,8 +212,8 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
     )
 
 
-def name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
-    """Return a sentence on the first such file in the folders, and how to convert it; None where there is none."""
+def _name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
+    """Return a sentence on the first unsupported file in the folders, and how to convert it, or None."""
     for folder in folders:
         for path in sorted(folder.iterdir()) if folder.is_dir() else ():
             if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:

@@ -1,7 +1,6 @@
 """The part of YAML that OpenCV's FileStorage writes: blocks by indentation, flow lists and maps, plain scalars.
 
-Every character is looked at a fixed number of times; anchors, aliases and block texts, which FileStorage never writes,
-are refused by name.
+Time is linear in the length. Anchors, aliases and block texts, which FileStorage never writes, are refused by name.
 """
 
 from __future__ import annotations
@@ -29,11 +28,10 @@ class _Line:
 
 
 def read_yaml(path: Path) -> Any:
-    """Return the nested dicts, lists and scalars of an OpenCV YAML file; matrices are dicts of rows, cols, dt, data.
+    """Return the nested dicts, lists and scalars of an OpenCV YAML file. Matrices are dicts of rows, cols, dt, data.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is truncated or uses YAML that FileStorage never writes.
+        FileMissing, FileDamaged: there is no such file, or it is truncated or uses YAML that FileStorage never writes.
     """
     try:
         return parse_yaml(read_text(path, LARGEST_TEXT))
@@ -43,15 +41,9 @@ def read_yaml(path: Path) -> Any:
 
 
 def parse_yaml(text: str) -> Any:
-    """Return the content of a text; see ``read_yaml``.
-
-    Raises:
-        ValueError: names the line that is not understood.
-    """
+    """Return the content of a text, or raise ValueError with the line that is not understood."""
     lines = _logical_lines(text)
-    if not lines:
-        return {}
-    value, end = _block(lines, 0, lines[0].indent)
+    value, end = _block(lines, 0, lines[0].indent) if lines else ({}, 0)
     if end < len(lines):
         raise ValueError(f"line {lines[end].number}: unexpected indentation")
     return value
@@ -78,7 +70,7 @@ def _logical_lines(text: str) -> list[_Line]:
 
 
 def _key_and_rest(text: str) -> tuple[str, str] | None:
-    """Return the key of a line and what follows its colon; None where the line is no ``key: value``."""
+    """Return the key of a line and the rest after its colon, None if the line is no ``key: value``."""
     if text[0] in "\"'":
         key, quote, rest = text[1:].partition(text[0])
         rest = rest.lstrip() if quote else ""
@@ -147,9 +139,8 @@ def _value(rest: str, lines: list[_Line], i: int, indent: int) -> tuple[Any, int
     following = lines[i + 1] if i + 1 < len(lines) else None
     if following is None or following.indent < indent:
         return None, i + 1
-    if following.indent == indent and not following.text.startswith("-"):
-        return None, i + 1
-    if following.indent == indent and lines[i].text.startswith("-"):
+    # Items of a list may have the indentation of its key.
+    if following.indent == indent and (not following.text.startswith("-") or lines[i].text.startswith("-")):
         return None, i + 1
     return _block(lines, i + 1, following.indent)
 
@@ -159,10 +150,9 @@ def _flow(text: str, number: int) -> Any:
         raise ValueError(f"line {number}: '{text[:40]}' is {_UNWRITTEN[text[0]]}, which FileStorage never writes")
     try:
         value, end = _flow_value(text, 0)
-    except IndexError as error:
-        raise ValueError(f"line {number}: a bracket is not closed") from error
-    except ValueError as error:
-        raise ValueError(f"line {number}: {error}") from error
+    except (IndexError, ValueError) as error:
+        why = "a bracket is not closed" if isinstance(error, IndexError) else error
+        raise ValueError(f"line {number}: {why}") from error
     if text[end:].strip():
         raise ValueError(f"line {number}: '{text[end:].strip()[:40]}' is not expected")
     return value
