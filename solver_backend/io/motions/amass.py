@@ -1,4 +1,4 @@
-"""Motion in from AMASS npz, of the first release (SMPL-H) and the later one (SMPL-X)."""
+"""Motion from AMASS npz, of the first release (SMPL-H) and the later one (SMPL-X)."""
 
 from __future__ import annotations
 
@@ -22,46 +22,45 @@ _STORED = (*_RATES, *_PARTS.split())
 _WIDTHS = {3 * SMPL.num_joints: "smpl", 3 * SMPL_H.num_joints: "smplh", 3 * SMPL_X.num_joints: "smplx"}
 """Body model by the number of columns of ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS
-"""Numbers of a body's pose as rotation vectors."""
 _FINGERS = 3 * len(SMPL_H.group("left_hand") + SMPL_H.group("right_hand"))
-"""Numbers of both hands' fingers."""
+"""Numbers of a body's pose and of both hands' fingers as rotation vectors."""
 
 JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
-"""betas (10,), global_orient (F, 3), body_pose (F, 69), transl (F, 3) -> joints (F, 24, 3)."""
+"""From betas (10,), global_orient (F, 3), body_pose (F, 69) and transl (F, 3) to joints (F, 24, 3)."""
 
 
 @dataclass(frozen=True)
 class AmassClip:
-    """One AMASS sequence in SMPL's parameters; metres, radians, Z up."""
+    """An AMASS sequence in SMPL's parameters, metres, radians, Z up."""
 
     betas: np.ndarray
-    """(B,) shape coefficients of the body that ``gender`` and ``model`` name; often 10 or 16."""
+    """(B,) shape coefficients of the body of ``gender`` and ``model``, often 10 or 16."""
     global_orient: np.ndarray
     """(F, 3) axis-angle, body frame to world."""
     body_pose: np.ndarray
-    """(F, 69) axis-angle of joints 1..23; joints 22 and 23 are zero unless the file is SMPL's."""
+    """(F, 69) axis-angle of joints 1..23. Joints 22 and 23 are zero unless the file is SMPL's."""
     transl: np.ndarray
     """(F, 3) metres."""
     fps: float
-    """Frames per second."""
     gender: str
     """'male', 'female', 'neutral' or 'unknown'."""
     model: str
     """'smpl', 'smplh' or 'smplx'."""
     hand_pose: np.ndarray | None = None
-    """(F, 90) axis-angle of the fingers, left then right, where the file has them."""
+    """(F, 90) axis-angle of the fingers, left then right, if the file has them."""
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
-    """Read an AMASS file: ``poses`` (F, 72, 156 or 165), or ``root_orient`` and ``pose_body``; and ``trans``.
+    """Read an AMASS file: ``trans``, and ``poses`` (F, 72, 156 or 165) or ``root_orient`` and ``pose_body``.
 
     Args:
-        fps: frames per second; None takes what the file states.
+        path: of the file.
+        fps: frames per second, None for the file's.
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
         NonFiniteData: a value is NaN or infinite.
-        MotionInvalid: there are no frames, or a turn or a shape cannot be.
+        MotionInvalid: there are no frames, or a turn or a shape is impossible.
     """
     fields = read_fields(path, _STORED)
     transl = fields.numbers("trans", (None, 3))
@@ -79,14 +78,9 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
 
 def motion_of(clip: AmassClip, body: str, joints_of: JointsOf) -> Motion:
-    """Return the clip as a motion of a body whose joints the caller computes.
+    """Return the clip as a motion of a body, with the body's forward kinematics.
 
-    Shape coefficients belong to the body they were fitted to: pass zeros on by another clip if it is not the same.
-
-    Args:
-        clip: as read.
-        body: id of the body.
-        joints_of: forward kinematics of that body.
+    Shape coefficients belong to the body they were fitted to. Use a clip with zeros for another body.
     """
     betas = np.zeros(NUM_BETAS)
     count = min(NUM_BETAS, len(clip.betas))
@@ -142,7 +136,7 @@ def _gender(fields: Fields) -> str:
 
 
 def is_amass(path: Path) -> bool:
-    """Return whether a file is an .npz that holds poses and does not name a format, as our own files do."""
+    """Return whether a file is an .npz with poses and without the name of a format, which our own files have."""
     if path.suffix.lower() != ".npz":
         return False
     try:

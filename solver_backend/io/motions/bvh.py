@@ -24,43 +24,42 @@ METRES_PER_UNIT = 0.01
 _LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000
 """Bytes of the file and letters of its HIERARCHY."""
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
-"""Of a skeleton, of a take, and of both multiplied: what is made of them takes 100 bytes a joint and frame."""
+"""Of a skeleton, of a take, and of both multiplied. Memory is 100 bytes per joint and frame."""
 _BLOCK = 1 << 20
-"""Bytes that are read at a time; chosen by hand."""
+"""Characters that are split at a time, chosen by hand."""
 _AXES = {"X": 0, "Y": 1, "Z": 2}
 """Column of each axis."""
 
 
 @dataclass(frozen=True)
 class BvhClip:
-    """A moving skeleton: ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``; metres, Z up.
+    """A moving skeleton, ``p_j = p_parent + G_parent @ local_j``, ``G_j = G_parent @ rotations_j``, metres, Z up.
 
-    Offsets stay in the skeleton's own rest axes (usually Y up); the rotation to Z up is part of the root's rotation.
+    Offsets stay in the skeleton's own rest axes (usually Y up). The root's rotation includes the rotation to Z up.
     """
 
     names: tuple[str, ...]
     """J joints, parents before children."""
     parents: np.ndarray
-    """(J,) index of each joint's parent; -1 at the root."""
+    """(J,) index of each joint's parent, -1 at the root."""
     offsets: np.ndarray
     """(J, 3) metres from the parent in the rest pose."""
     rotations: np.ndarray
-    """(F, J, 3, 3) from the joint's to its parent's axes; of the root to the world's."""
+    """(F, J, 3, 3) from the joint's to its parent's axes, and from the root's to the world's."""
     root_positions: np.ndarray
     """(F, 3) metres in the world."""
     fps: float
-    """Frames per second."""
     translations: np.ndarray | None = None
-    """(F, J, 3) metres from the parent, where joints other than the root have position channels."""
+    """(F, J, 3) metres from the parent, if joints other than the root have position channels."""
     end_offsets: dict[str, np.ndarray] = field(default_factory=dict)
-    """(3,) metres from each joint that ends in an End Site to that site."""
+    """(3,) metres from a joint to its End Site."""
 
     def positions(self) -> np.ndarray:
-        """Return (F, J, 3) the joints in world metres."""
+        """Return the (F, J, 3) joints in world metres."""
         return self.posed()[0]
 
     def posed(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, J, 3) the joints in world metres and (F, J, 3, 3) their rotations from the rest axes."""
+        """Return the (F, J, 3) joints in world metres and their (F, J, 3, 3) rotations from the rest axes."""
         frames, joints = self.rotations.shape[:2]
         local = np.broadcast_to(self.offsets, (frames, joints, 3)) if self.translations is None else self.translations
         p, G = np.empty((frames, joints, 3)), np.empty((frames, joints, 3, 3))
@@ -86,17 +85,17 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     """Read a BVH file with any order of channels.
 
     ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
-    Those of other joints do so too in files of most programs, and are added to it in files of some: what keeps the
-    bones nearer to their rest lengths is taken.
+    Those of other joints replace it too in files of most programs, and are added to it in files of some. The reading
+    with bones closer to their rest lengths is used.
 
     Args:
+        path: of the file.
         metres_per_unit: length of the file's unit.
         up_axis: the file's axis that points up.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is truncated or is not BVH.
-        NonFiniteData: a value is NaN, infinite, or farther than anybody goes in any unit.
+        FileMissing, FileDamaged: there is no such file, or it is truncated or is not BVH.
+        NonFiniteData: a value is NaN, infinite, or too far in any unit.
         JobInvalid: the axis is unknown.
     """
     to_z_up = rotation_to_z_up(up_axis)
@@ -173,7 +172,7 @@ def _channels(words: list[str]) -> list[str]:
 
 
 def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.ndarray, float]:
-    """Return values (F, channels) and frames per second."""
+    """Return (F, channels) values and frames per second."""
     channels = sum(len(names) for names in skeleton.channels)
     head, _, rest = text.partition("Time:")
     words = head.split()
@@ -252,10 +251,10 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the clip's skeleton at rest in the clip's unit.
+    """Return the clip's skeleton at rest in the clip's unit, with ends of chains as joints.
 
     Raises:
-        MotionInvalid: two of its joints, ends of chains among them, have the same name.
+        MotionInvalid: two joints have the same name.
     """
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
@@ -271,14 +270,7 @@ def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
 
 
 def bvh_motion(clip: BvhClip, skeleton: Skeleton, metres: float, name: str) -> SkeletonMotion:
-    """Return the clip's motion.
-
-    Args:
-        clip: as read.
-        skeleton: from ``bvh_skeleton``.
-        metres: of the clip's unit.
-        name: of the take.
-    """
+    """Return the motion called ``name`` of a clip with its ``bvh_skeleton`` and the metres of its unit."""
     joints, turns = clip.posed()
     ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
     if ends:

@@ -1,4 +1,4 @@
-"""Clips of foreign skeletons: unit and axes by the figure, ends of chains as joints."""
+"""Clips of foreign skeletons, with unit and axes estimated from the figure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.exchange.so3 import matrix_from_quat
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.io.files import read_bytes
+from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.io.motions.bvh import BvhClip, bvh_motion, bvh_skeleton, read_bvh
 from solver_backend.io.recognition.marker_unit import METRES, metres_in
@@ -25,27 +25,21 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _LARGEST = 2_000_000_000
-"""Bytes of the largest file that is read."""
 """Bytes of an MVNX file at most. An hour of a take has about 1.5 GB."""
 
 
-def _segment_table(text: str, left: str, right: str) -> dict[str, tuple[str, str]]:
-    """Return parent and role by segment: middle ones, then those of the first side, then those of the other.
+def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
+    """Return parent and role by segment: middle ones, then those of each side.
 
     Args:
-        text: rows of segment, parent and role, parents first; * stands for the side.
-        left: what a file calls the side that comes first.
-        right: what it calls the other.
+        text: rows of segment, parent and role, parents first, with * for the side.
+        sides: the file's words for the sides, in its order.
     """
     rows = [line.split() for line in text.strip().splitlines()]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
-    for side in (left, right):
+    for side in sides:
         name = f"{side.lower().removesuffix('_')}_"
-        found |= {
-            segment.replace("*", side): (parent.replace("*", side), role.replace("*", name))
-            for segment, parent, role in rows
-            if "*" in segment
-        }
+        found |= {s.replace("*", side): (p.replace("*", side), r.replace("*", name)) for s, p, r in rows if "*" in s}
     return found
 
 
@@ -74,20 +68,14 @@ _XSENS = _segment_table(
 
 
 def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
-    """Read the recorded frames of an MVNX file, and the segment of each role.
-
-    The rest is the file's T-pose: rotations count from it.
+    """Read the recorded frames of an MVNX file relative to its T-pose, and the segment of each role.
 
     Raises:
         FileMissing, FileDamaged: it is not there, is no MVNX, or lacks segments, frames or a T-pose.
         NonFiniteData: a value is no number.
         MotionInvalid: nothing was recorded.
     """
-    where = str(path)
-    try:
-        root = ElementTree.fromstring(read_bytes(path, _LARGEST))
-    except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
-        raise FileDamaged(f"This is not XML: {error}.", where=where) from error
+    where, root = str(path), read_xml(path, _LARGEST, "XML")
     for node in root.iter():
         node.tag = str(node.tag).rpartition("}")[2]
     subject = root.find("subject")
@@ -116,10 +104,18 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     G = matrix_from_quat(quats / size)
     parents = tuple(names.index(_XSENS[name][0]) if _XSENS[name][0] in names else -1 for name in names)
     turns = G[1:] @ np.swapaxes(G[0], -1, -2)
-    return (
-        SkeletonMotion(path.stem, names, parents, places[0], places[1:], turns, _rate(subject, where)),
-        {_XSENS[name][1]: name for name in names},
-    )
+    try:
+        rate = float(subject.get("frameRate", ""))
+    except ValueError:
+        rate = 0.0
+    motion = SkeletonMotion(path.stem, names, parents, places[0], places[1:], turns, _possible(rate, where))
+    return motion, {_XSENS[name][1]: name for name in names}
+
+
+def _possible(rate: float | None, where: str) -> float:
+    if rate is None or not 0 < rate < np.inf:
+        raise FileDamaged("The file states no frame rate.", where=where)
+    return rate
 
 
 def _numbers(frames: list[ElementTree.Element], tag: str, count: int, where: str) -> np.ndarray:
@@ -137,16 +133,6 @@ def _numbers(frames: list[ElementTree.Element], tag: str, count: int, where: str
     if not np.isfinite(rows).all():
         raise NonFiniteData(f"'{tag}' holds NaN or infinite values.", where=where)
     return rows
-
-
-def _rate(subject: ElementTree.Element, where: str) -> float:
-    try:
-        rate = float(subject.get("frameRate", ""))
-    except ValueError:
-        rate = 0.0
-    if not 0 < rate < np.inf:
-        raise FileDamaged("The subject states no frame rate.", where=where)
-    return rate
 
 
 _THEIA = _segment_table(
@@ -169,18 +155,18 @@ _THEIA = _segment_table(
 )
 """Segments of C3D files, as ``read_segments`` names them."""
 _LEAST_SEEN = 0.5
-"""Share of the frames in which a segment is seen, at least."""
+"""Share of the frames that show a segment at least."""
 
 
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read the segments of a C3D file, the segment of each role, and what was found.
+    """Read the segments of a C3D file, the segment of each role, and notes.
 
-    The files keep no rest pose. Segments' axes are alike when a person stands with hanging arms (Z from the far joint
-    to the near one): with all rotations zero the skeleton does. A joint's place in its parent's axes is the median.
+    The files keep no rest pose. Segments' axes are parallel when a person stands with hanging arms (Z from the far
+    joint to the near one), so zero rotations are that pose. A joint's place in its parent's axes is the median.
 
     Raises:
         FileMissing, FileDamaged: see ``read_segments``, or it holds no rotations of segments.
-        MotionInvalid: pelvis or legs are not among them.
+        MotionInvalid: it has no pelvis or legs.
     """
     segments = read_segments(path)
     where = str(path)
@@ -203,9 +189,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
         if parent >= 0:
             local = np.swapaxes(G[:, parent], -1, -2) @ (places[:, j] - places[:, parent])[..., None]
             rest[j] = rest[parent] + np.median(local[..., 0], axis=0)
-    if segments.rate is None or not segments.rate > 0:
-        raise FileDamaged("The file states no frame rate.", where=where)
-    motion = SkeletonMotion(path.stem, names, parents, rest, places, G, segments.rate)
+    motion = SkeletonMotion(path.stem, names, parents, rest, places, G, _possible(segments.rate, where))
     return motion, {_THEIA[name][1]: name for name in names}, found
 
 
@@ -217,6 +201,7 @@ def _near(name: str, names: tuple[str, ...]) -> str:
 
 
 def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return places and rotations with the last known ones in gaps."""
     known = np.isfinite(places).all(-1)
     frames = np.arange(len(places))[:, None]
     last = np.maximum.accumulate(np.where(known, frames, -1), axis=0)
@@ -226,41 +211,41 @@ def _filled(places: np.ndarray, G: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 _UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
-"""Metres of the units that clips come in; CMU's conversions keep its own."""
+"""Metres of the units of clips. CMU's conversions keep its own."""
 _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
-"""Hip to knee to ankle of a usual, the smallest and the tallest person that is taken for one (ANSUR II: 0.70 to 1.0;
-a child of four has 0.45)."""
+"""Hip to knee to ankle of a usual, the smallest and the tallest person (ANSUR II 0.70 to 1.0, a child of four 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
-"""The least that a person's clip has."""
+"""Roles that a person's clip needs."""
 _READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")
 """Files of points without rotations, such as FreeMoCap's tables."""
 _LEAST_SIZE = 1e-6
-"""Of a skeleton at rest in any unit; a person is 0.0017 km tall."""
+"""Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall."""
 _MOST_M = 1e4
-"""Metres from the origin beyond which no take goes."""
+"""Metres from the origin at most."""
 _APART_DEG, _TIMES = 25.0, 3.0
-"""Turn of a joint after the first frame, and its multiple of the largest one in the frames that follow, from which the
-first frame stands apart; CMU's conversions to BVH have 60° and more, no other clip of the benchmark has any."""
+"""Turn of a joint after the first frame, and its multiple of the largest turn in the frames that follow, from which the
+first frame is separate. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
 _FOLLOWING = 12
-"""Frames that the first step is compared with."""
+"""Frames that are compared with the first step."""
 
 
 def read_foreign_bvh(
     path: Path, unit: str = "", up_axis: str = ""
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a BVH clip with whatever unit and axes it has.
+    """Read a BVH clip of any unit and axes.
 
     Args:
-        unit: of length; "" to estimate it from the length of the legs.
-        up_axis: ``x``, ``y`` or ``z``; "" to detect it from the way the trunk points.
+        path: of the file.
+        unit: of length, "" to estimate it from the length of the legs.
+        up_axis: ``x``, ``y`` or ``z``, "" to detect it from the direction of the trunk.
 
     Returns:
-        The motion, its joint by role, and what was detected or is missing.
+        The motion, its joint by role, and diagnostics.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: see ``read_bvh``.
-        MotionInvalid: it is no person's skeleton, or its size is that of none in any unit.
+        MotionInvalid: it is no person's skeleton, or has a person's size in no unit.
         JobInvalid: unit or axis are unknown.
     """
     clip = read_bvh(path, metres_per_unit=1.0, up_axis=up_axis or "y")
@@ -278,18 +263,10 @@ def read_foreign_bvh(
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = ""
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of any supported program: BVH, MVNX, segments of C3D, or a skeleton file from Blender.
-
-    Args:
-        unit: of length; "" for the file's own or, where it states none, an estimate from the length of the legs.
-        up_axis: ``x``, ``y`` or ``z``; "" to detect it.
-
-    Returns:
-        The motion, its joint by role, and what was detected or is missing.
+    """Read a clip of BVH, MVNX, segments of C3D, or a skeleton file from Blender, see ``read_foreign_bvh``.
 
     Raises:
-        MocapError: see ``read_foreign_bvh``, ``read_mvnx``, ``read_c3d_segments`` and ``read_skeleton``, or the format
-            is not read here.
+        MocapError: the reader's own errors, or the format is not read here.
     """
     suffix, where = path.suffix.lower(), str(path)
     if suffix in _THROUGH_BLENDER:
@@ -310,7 +287,8 @@ def read_foreign_clip(
         if suffix in _POINTS:
             hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
         raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
-    skeleton = _rest_skeleton(motion)
+    above = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
+    skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), above)
     if set(_NEEDED) <= roles.keys():
         found += _missing(roles)
     else:
@@ -322,11 +300,6 @@ def read_foreign_clip(
         motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
     motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
     return _checked(motion, where), roles, [*found, *units, *first_frame_apart(motion)]
-
-
-def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:
-    parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
-    return Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
 
 
 def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
@@ -363,7 +336,7 @@ def _missing(roles: dict[str, str]) -> list[Diagnostic]:
 
 
 def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
-    """Return the metres of the clip's unit and a note on it."""
+    """Return the metres of the clip's unit and a note."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     chains = [[index[roles[f"{side}_{part}"]] for part in ("thigh", "shin", "foot")] for side in ("left", "right")]
     leg = np.mean([skeleton.distance(a, b) + skeleton.distance(b, c) for a, b, c in chains])
@@ -377,7 +350,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
 
 
 def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
-    """Return the file's axis along which the trunk points, the mean over all frames; ``y`` unless another is clear."""
+    """Return the file's axis along the mean direction of the trunk, ``y`` unless another is clear."""
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
     a, b = clip.names.index(roles["pelvis"]), clip.names.index(roles[top])
     points = clip.positions()[:, [a, b]]
@@ -389,7 +362,7 @@ def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
-    """Return a warning of a first frame from which a joint turns to the second as it never does right after."""
+    """Return a warning if a joint turns more after the first frame than ever right after."""
     parents = np.array(motion.parents)
     G = motion.turns[:_FOLLOWING]
     if len(G) < _FOLLOWING:

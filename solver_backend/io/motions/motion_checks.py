@@ -1,11 +1,8 @@
-"""What a motion's numbers can be: one table of checks for motions of any reader and for the results of a solve.
-
-What is impossible is refused; what is merely odd is a warning.
-"""
+"""Checks of the numbers of motions from any reader and from a solve: impossible ones are errors, odd ones warnings."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -22,44 +19,40 @@ from solver_backend.io.recognition.range_checks import FRAME_RATES, IMPOSSIBLE_M
 from solver_backend.types import Motion
 
 OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
-"""Beyond the range of a joint and its margin, and the share of the frames that makes it worth a warning: one joint in
-0.1 % of CMU's frames lies beyond, and one of 73 clips, whose skeleton was converted wrongly, has so many of them."""
+"""Degrees beyond the range of a joint and its margin, and the share of the frames that gives a warning. One joint in
+0.1 % of CMU's frames is beyond, and one of 73 clips, with a wrongly converted skeleton, has this share."""
 LARGEST_BETA = 4.0
-"""Standard deviations of people, in which SMPL scales a shape coefficient: 1 person in 16,000 has more."""
+"""Standard deviations of people, the scale of SMPL's shape coefficients. 1 person in 16,000 has more."""
 FASTEST_M_S = 20.0
-"""Of the pelvis; the fastest runners reach 12.5 m/s."""
+"""Speed of the pelvis. The fastest runners reach 12.5 m/s."""
 
 AnyMotion = Motion | AmassClip | BvhClip
 
 
 class _Numbers(NamedTuple):
-    """What a motion of any kind has."""
+    """Common numbers of all kinds of motions."""
 
     fps: float
     places: np.ndarray
     """(F, 3) metres."""
     body_pose: np.ndarray | None
-    """(F, 69) axis-angle of SMPL's joints; None where the body has others, whose ranges are not known."""
+    """(F, 69) axis-angle of SMPL's joints, None for a body with other joints, whose ranges are unknown."""
     betas: np.ndarray
 
 
 def checked_motion(motion: AnyMotion, where: str) -> None:
-    """Make sure that a motion can be.
-
-    Raises:
-        MotionInvalid: its rate or its places cannot be.
-    """
+    """Raise MotionInvalid if the rate or the places of a motion are impossible."""
     numbers = _numbers(motion)
-    for find in _IMPOSSIBLE:
-        for found in find(numbers):
-            words = word(found)
-            raise MotionInvalid(words.what, where=where, hint=words.advice)
+    for found in (*_impossible_rate(numbers), *_impossibly_far(numbers)):
+        words = word(found)
+        raise MotionInvalid(words.what, where=where, hint=words.advice)
 
 
 def check_motion(motion: AnyMotion) -> tuple[Diagnostic, ...]:
-    """Return everything that is odd about a motion."""
+    """Return warnings of everything odd in a motion."""
     numbers = _numbers(motion)
-    return tuple(found for find in _ODD for found in find(numbers))
+    body = _outside_anatomy(numbers)
+    return (*_odd_rate(numbers), *_too_fast(numbers), *odd_shape(numbers.betas), *body)
 
 
 def _numbers(motion: AnyMotion) -> _Numbers:
@@ -96,12 +89,8 @@ def _too_fast(motion: _Numbers) -> Iterator[Diagnostic]:
         yield diagnostic("motion_too_fast", frames=[(a, b + 1) for a, b in runs], size=speed.max())
 
 
-def _odd_shape(motion: _Numbers) -> Iterator[Diagnostic]:
-    yield from odd_shape(motion.betas)
-
-
 def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
-    """Yield that a shape is no person's."""
+    """Yield a warning if a shape is no person's."""
     if betas.size and (worst := float(np.abs(betas).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 
@@ -119,8 +108,3 @@ def _outside_anatomy(motion: _Numbers) -> Iterator[Diagnostic]:
     anywhere = outside[:, joints].any(axis=1)
     names, frames, count = [SMPL_JOINTS[1 + j] for j in joints], true_runs(anywhere), int(anywhere.sum())
     yield diagnostic("pose_outside_anatomy", frames=frames, joints=names, count=count, excess=excess)
-
-
-_Check = Callable[[_Numbers], Iterator[Diagnostic]]
-_IMPOSSIBLE: tuple[_Check, ...] = (_impossible_rate, _impossibly_far)
-_ODD: tuple[_Check, ...] = (_odd_rate, _too_fast, _odd_shape, _outside_anatomy)

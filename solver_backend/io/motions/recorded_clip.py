@@ -16,137 +16,91 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 
 @dataclass(frozen=True)
 class SkeletonMap:
-    """How a recorded skeleton's joints correspond to SMPL's 22 (pelvis and 21 body joints)."""
+    """Correspondence of a recorded skeleton's joints to SMPL's 22 (pelvis and 21 body joints)."""
 
     family: str
     joints: tuple[str, ...]
-    """Recorded joint whose global rotation each of SMPL's joints 0..21 takes."""
+    """Recorded joint with the global rotation of each of SMPL's joints 0..21."""
     tpose_overrides: tuple[tuple[str, tuple[float, float, float]], ...] = ()
     """Rotation vectors (rad) of the T-pose that replace or complete the recorded one."""
     halfway: tuple[tuple[int, int, int], ...] = ()
-    """(joint, parent, child): SMPL joints the recording lacks, which turn halfway between two others."""
-
-    def indices(self, names: list[str]) -> list[int]:
-        """Return the recorded index of each SMPL joint."""
-        return [names.index(joint) for joint in self.joints]
+    """(joint, parent, child): SMPL joints that the recording lacks, which turn halfway between two others."""
 
 
 HIP_SPLAY = 0.3665
-"""rad, by which the legs of the CMU skeletons' zero pose are spread (21 degrees)."""
-
+"""Spread of each leg in the zero pose of the CMU skeletons, 21 degrees in rad."""
 _ZERO_POSE = (
-    ("LeftUpLeg", (0.0, 0.0, -HIP_SPLAY)), ("RightUpLeg", (0.0, 0.0, HIP_SPLAY)), ("Neck", (-0.279, 0.0, 0.0)),
-    ("Neck1", (0.367, 0.0, 0.0)), ("Head", (0.192, 0.0, 0.0)), ("LeftArm", (0.0, 0.0, -0.14)),
+    ("LeftUpLeg", (0.0, 0.0, -HIP_SPLAY)),
+    ("RightUpLeg", (0.0, 0.0, HIP_SPLAY)),
+    ("Neck", (-0.279, 0.0, 0.0)),
+    ("Neck1", (0.367, 0.0, 0.0)),
+    ("Head", (0.192, 0.0, 0.0)),
+    ("LeftArm", (0.0, 0.0, -0.14)),
     ("RightArm", (0.0, 0.0, 0.14)),
-)  # fmt: skip
-"""The T-pose of CMU's skeletons as the other conversions hold it, where a conversion does not."""
-
+)
+"""T-pose of CMU's skeletons in other conversions, for conversions without one."""
+_MAX_POSE = (
+    ("LeftHip", (0.0, 0.0, -HIP_SPLAY)),
+    ("RightHip", (0.0, 0.0, HIP_SPLAY)),
+    ("LeftShoulder", (0.0, 0.0, np.pi / 2)),
+    ("RightShoulder", (0.0, 0.0, -np.pi / 2)),
+)
+_JUMP_POSE = (
+    ("root", (0.0, -np.pi / 2, 0.0)),
+    ("left_shoulder", (np.pi / 2, 0.0, 0.0)),
+    ("right_shoulder", (-np.pi / 2, 0.0, 0.0)),
+)
+"""T-poses of two families, rad."""
+_MAKEHUMAN_POSE = tuple(
+    (side + joint, (0.0, 0.0, 0.0)) for side in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle")
+)
+_CMU = """
+    Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase RightToeBase Neck
+    LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm Left{hand} Right{hand}
+"""
+_EXPMAP = """
+    root lfemur rfemur lowerback ltibia rtibia upperback lfoot rfoot thorax ltoes rtoes lowerneck lclavicle rclavicle
+    head lhumerus rhumerus lradius rradius lhand rhand
+"""
+_MAX = """
+    Hips LeftHip RightHip lowerback LeftKnee RightKnee Chest LeftAnkle RightAnkle Chest2 LeftToe RightToe lowerneck
+    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow lhand rhand
+"""
+_RIGIFY = """
+    DEF-hips DEF-thigh.L DEF-thigh.R DEF-spine.001 DEF-shin.L DEF-shin.R DEF-spine.002 DEF-foot.L DEF-foot.R
+    DEF-spine.003 DEF-toe.L DEF-toe.R DEF-neck DEF-shoulder.L DEF-shoulder.R DEF-head DEF-upper_arm.L DEF-upper_arm.R
+    DEF-forearm.L DEF-forearm.R DEF-hand.L DEF-hand.R
+"""
+_DAZ = """
+    hip lThigh rThigh abdomen lShin rShin abdomen lFoot rFoot chest lFoot rFoot neck lCollar rCollar head lShldr rShldr
+    lForeArm rForeArm lHand rHand
+"""
+_JUMP = """
+    root left_hip right_hip chest left_knee right_knee chest left_ankle right_ankle chest left_ankle right_ankle neck
+    chest chest neck left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist
+"""
+_MAKEHUMAN = """
+    Hips LeftHip RightHip Chest LeftKnee RightKnee CS_BVH LeftAnkle RightAnkle CS_BVH LeftAnkle RightAnkle Neck
+    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist
+"""
 MAPS: tuple[SkeletonMap, ...] = (
-    SkeletonMap(
-        "segments",
-        (
-            "Hips", "LeftUpLeg", "RightUpLeg", "LowerBack", "LeftLeg", "RightLeg", "Spine", "LeftFoot",
-            "RightFoot", "Spine1", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
-            "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftFingerBase", "RightFingerBase",
-        ),
-        _ZERO_POSE,
-    ),
-    SkeletonMap(
-        "mb2",
-        (
-            "Hips", "LeftUpLeg", "RightUpLeg", "LowerBack", "LeftLeg", "RightLeg", "Spine", "LeftFoot",
-            "RightFoot", "Spine1", "LeftToeBase", "RightToeBase", "Neck", "LeftShoulder", "RightShoulder",
-            "Head", "LeftArm", "RightArm", "LeftForeArm", "RightForeArm", "LeftHand", "RightHand",
-        ),
-    ),
-    SkeletonMap(
-        "expmap",
-        (
-            "root", "lfemur", "rfemur", "lowerback", "ltibia", "rtibia", "upperback", "lfoot", "rfoot", "thorax",
-            "ltoes", "rtoes", "lowerneck", "lclavicle", "rclavicle", "head", "lhumerus", "rhumerus", "lradius",
-            "rradius", "lhand", "rhand",
-        ),
-    ),
-    SkeletonMap(
-        "max",
-        (
-            "Hips", "LeftHip", "RightHip", "lowerback", "LeftKnee", "RightKnee", "Chest", "LeftAnkle",
-            "RightAnkle", "Chest2", "LeftToe", "RightToe", "lowerneck", "LeftCollar", "RightCollar", "Head",
-            "LeftShoulder", "RightShoulder", "LeftElbow", "RightElbow", "lhand", "rhand",
-        ),
-        (
-            ("LeftHip", (0.0, 0.0, -HIP_SPLAY)),
-            ("RightHip", (0.0, 0.0, HIP_SPLAY)),
-            ("LeftShoulder", (0.0, 0.0, np.pi / 2)),
-            ("RightShoulder", (0.0, 0.0, -np.pi / 2)),
-        ),
-    ),
-    SkeletonMap(
-        "rigify",
-        (
-            "DEF-hips", "DEF-thigh.L", "DEF-thigh.R", "DEF-spine.001", "DEF-shin.L", "DEF-shin.R", "DEF-spine.002",
-            "DEF-foot.L", "DEF-foot.R", "DEF-spine.003", "DEF-toe.L", "DEF-toe.R", "DEF-neck", "DEF-shoulder.L",
-            "DEF-shoulder.R", "DEF-head", "DEF-upper_arm.L", "DEF-upper_arm.R", "DEF-forearm.L", "DEF-forearm.R",
-            "DEF-hand.L", "DEF-hand.R",
-        ),
-    ),
-    SkeletonMap(
-        "daz",
-        (
-            "hip", "lThigh", "rThigh", "abdomen", "lShin", "rShin", "abdomen", "lFoot", "rFoot", "chest", "lFoot",
-            "rFoot", "neck", "lCollar", "rCollar", "head", "lShldr", "rShldr", "lForeArm", "rForeArm", "lHand",
-            "rHand",
-        ),
-        halfway=((3, 0, 6),),
-    ),
-    SkeletonMap(
-        "jump",
-        (
-            "root", "left_hip", "right_hip", "chest", "left_knee", "right_knee", "chest", "left_ankle",
-            "right_ankle", "chest", "left_ankle", "right_ankle", "neck", "chest", "chest", "neck",
-            "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-        ),
-        (
-            ("root", (0.0, -np.pi / 2, 0.0)), ("left_shoulder", (np.pi / 2, 0.0, 0.0)),
-            ("right_shoulder", (-np.pi / 2, 0.0, 0.0)),
-        ),
-        halfway=((6, 0, 9), (3, 0, 6)),
-    ),
-    SkeletonMap(
-        "makehuman",
-        (
-            "Hips", "LeftHip", "RightHip", "Chest", "LeftKnee", "RightKnee", "CS_BVH", "LeftAnkle", "RightAnkle",
-            "CS_BVH", "LeftAnkle", "RightAnkle", "Neck", "LeftCollar", "RightCollar", "Head", "LeftShoulder",
-            "RightShoulder", "LeftElbow", "RightElbow", "LeftWrist", "RightWrist",
-        ),
-        tuple(
-            (side + joint, (0.0, 0.0, 0.0)) for side in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle")
-        ),
-        halfway=((6, 3, 9),),
-    ),
-)  # fmt: skip
-
-
-def skeleton_map(names: list[str], where: str = "") -> SkeletonMap:
-    """Return the map whose joints are all among ``names``.
-
-    Raises:
-        MotionInvalid: no known family of recordings has these joints.
-    """
-    for candidate in MAPS:
-        if set(candidate.joints) <= set(names):
-            return candidate
-    known = ", ".join(m.family for m in MAPS)
-    raise MotionInvalid(f"The joints belong to no known skeleton (known: {known}).", where=where)
-
-
+    SkeletonMap("segments", tuple(_CMU.format(hand="FingerBase").split()), _ZERO_POSE),
+    SkeletonMap("mb2", tuple(_CMU.format(hand="Hand").split())),
+    SkeletonMap("expmap", tuple(_EXPMAP.split())),
+    SkeletonMap("max", tuple(_MAX.split()), _MAX_POSE),
+    SkeletonMap("rigify", tuple(_RIGIFY.split())),
+    SkeletonMap("daz", tuple(_DAZ.split()), halfway=((3, 0, 6),)),
+    SkeletonMap("jump", tuple(_JUMP.split()), _JUMP_POSE, halfway=((6, 0, 9), (3, 0, 6))),
+    SkeletonMap("makehuman", tuple(_MAKEHUMAN.split()), _MAKEHUMAN_POSE, halfway=((6, 3, 9),)),
+)
+"""Families of recordings, asked in this order."""
 _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
-"""(elbow, wrist); in the T-pose forearms lie along the x axis."""
+"""(elbow, wrist). In the T-pose forearms point along the x axis."""
 
 
 @dataclass(frozen=True)
 class RecordedClip:
-    """A clip as it was recorded; F frames, J joints."""
+    """A recorded clip of F frames and J joints."""
 
     name: str
     joint_names: list[str]
@@ -160,7 +114,7 @@ class RecordedClip:
 
 
 def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
-    """Return a BVH clip, Y up, whose first frame is its T-pose; that frame is left out."""
+    """Return a BVH clip, Y up, without its first frame, which is the T-pose."""
     rotations = clip.rotations.copy()
     rotations[:, 0] = rotation_to_z_up("y").T @ rotations[:, 0]
     rotvec = log_so3(rotations)
@@ -168,36 +122,31 @@ def recorded_from_bvh(clip: BvhClip, name: str) -> RecordedClip:
 
 
 def body_rotations(clip: RecordedClip) -> np.ndarray:
-    """Return the local rotations of SMPL's pelvis and 21 body joints, relative to the T-pose.
+    """Return the (F, 22, 3, 3) local rotations of SMPL's pelvis and 21 body joints, relative to the T-pose.
 
     Each bone's rotation since the T-pose, ``D = G G_tpose^T`` in the world's axes (Y up, facing +Z, left +X, as SMPL's
-    rest pose), carries over whole; local rotations are ``D_parent^T D``. Half of the hand's twist about the forearm is
-    given to the elbow, as the radius turns along its whole length.
-
-    Returns:
-        (F, 22, 3, 3).
+    rest pose), is copied. Local rotations are ``D_parent^T D``. The elbow receives half of the hand's twist about the
+    forearm, because the radius turns along its whole length.
 
     Raises:
         MotionInvalid: the joints belong to no known skeleton.
     """
-    mapping = skeleton_map(clip.joint_names, clip.name)
-    since = _rotations_since_tpose(clip, mapping)
+    mapping = next((candidate for candidate in MAPS if set(candidate.joints) <= set(clip.joint_names)), None)
+    if mapping is None:
+        known = ", ".join(m.family for m in MAPS)
+        raise MotionInvalid(f"The joints belong to no known skeleton (known: {known}).", where=clip.name)
+    tpose = clip.tpose_rotvec.copy()
+    for joint, rotvec in mapping.tpose_overrides:
+        tpose[clip.joint_names.index(joint)] = rotvec
+    index = [clip.joint_names.index(joint) for joint in mapping.joints]
+    now, then = (_global_rotations(r, clip.parents)[:, index] for r in (clip.rotvec, tpose[None]))
+    since = now @ np.swapaxes(then, -1, -2)
     for joint, parent, child in mapping.halfway:
         since[:, joint] = since[:, parent] @ exp_so3(0.5 * log_so3(_relative(since[:, parent], since[:, child])))
     for elbow, wrist in _FOREARMS:
         since[:, elbow] = since[:, elbow] @ _half_twist(_relative(since[:, elbow], since[:, wrist]))
     parents = list(SMPL_PARENTS[1 : 1 + NUM_BODY_JOINTS])
     return np.concatenate((since[:, :1], _relative(since[:, parents], since[:, 1:])), axis=1)
-
-
-def _rotations_since_tpose(clip: RecordedClip, mapping: SkeletonMap) -> np.ndarray:
-    tpose = clip.tpose_rotvec.copy()
-    for joint, rotvec in mapping.tpose_overrides:
-        tpose[clip.joint_names.index(joint)] = rotvec
-    index = mapping.indices(clip.joint_names)
-    now = _global_rotations(clip.rotvec, clip.parents)[:, index]
-    then = _global_rotations(tpose[None], clip.parents)[:, index]
-    return now @ np.swapaxes(then, -1, -2)
 
 
 def _global_rotations(rotvec: np.ndarray, parents: np.ndarray) -> np.ndarray:
