@@ -165,14 +165,14 @@ def test_joint_set_from_config(trial: Path) -> None:
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
     assert diagnostic("joint_set_contradicts", configured="HALPE_26", joint_set="BODY_25B") in found.problems
-    assert any("names HALPE_26, but the keypoints are BODY_25B's." in problem for problem in words(found.problems))
+    assert any("names HALPE_26, but the keypoints match BODY_25B" in problem for problem in words(found.problems))
     assert found.num_frames == 6 and any(
-        note.startswith("Frames 3 to 8 of 20, from Config.toml") for note in words(found.notes)
+        note.startswith("Config.toml asks for frames 3 to 8. The take has 20 frames") for note in words(found.notes)
     )
     (trial / "Config.toml").write_text("[project]\nframe_range = [30, 40]\n")
     found = load_capture(trial)
     assert (
         found.num_frames == 20
-        and diagnostic("frames_configured", result="lacking", severity=Severity.WARNING, first=30, stop=40)
+        and diagnostic("frames_configured", result="lacking", severity=Severity.WARNING, first=30, last=40)
         in found.problems
     )

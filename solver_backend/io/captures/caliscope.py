@@ -1,9 +1,7 @@
-"""Points that caliscope tracked, one row a point, a camera and a moment, with the project's calibration."""
+"""Points that caliscope tracked, a row per point, camera and moment, with the project's calibration."""
 
 from __future__ import annotations
 
-import csv
-import io
 from pathlib import Path
 
 import numpy as np
@@ -12,42 +10,44 @@ from solver_backend.exchange.diagnostics import diagnostic, notes_in, warnings_i
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.reading_settings import calibrated_names
 from solver_backend.io.calibration.search import find_calibration
-from solver_backend.io.files import read_text, read_toml
+from solver_backend.io.detections.search import positive_number
+from solver_backend.io.files import read_toml
 from solver_backend.io.interpretation import interpret_rate
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.joint_sets import choose_joint_set
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_fit import fit_world, scale_world
+from solver_backend.io.text_table import number_table, read_rows
 from solver_backend.types import Capture, JointSet, Keypoints2D
 
 _CAMERA = ("port", "cam_id")
-_COLUMNS = ("sync_index", "point_id", "img_loc_x", "img_loc_y")
+"""Headings of the camera in versions of caliscope."""
+_CONFIG = "config.toml"
 _LEVELS = 5
 """Folders above the file that may be the project's."""
 MEDIAPIPE_POINTS = 33
-"""Points of larger numbers are those of hands and face."""
+"""Points with larger numbers are those of hands and face."""
 DEFAULT_FPS = 30.0
-"""Frames a second that are assumed where no project states them, which is reported as a problem; chosen by hand."""
+"""Frames per second without a project, which is reported as a problem, chosen by hand."""
 LARGEST_TAKE_FRAMES = 1_000_000
-"""Frames of a take at most, over four hours at 60 a second; chosen by hand."""
+"""Frames of a take at most, over four hours at 60 per second, chosen by hand."""
+_LARGEST_NUMBER = 1e9
+"""Largest whole number of a table."""
 
 
 def _file(path: Path) -> Path | None:
-    if path.is_dir():
-        found = [p for p in path.iterdir() if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
-        return found[0] if len(found) == 1 else None
-    return path if path.name.lower().startswith("xy_") and path.suffix.lower() == ".csv" and path.is_file() else None
-
-
-def _recognises(path: Path) -> bool:
-    return _file(path) is not None
+    """Return the table at a path or in a folder."""
+    inside = list(path.iterdir()) if path.is_dir() else [path] if path.is_file() else []
+    found = [p for p in inside if p.name.lower().startswith("xy_") and p.suffix.lower() == ".csv"]
+    return found[0] if len(found) == 1 else None
 
 
 def _read(path: Path, options: ReadOptions) -> Capture:
     """Read the points of one person."""
     source = _file(path) or path
     numbers, xy = _rows(source)
-    project = _project(source)
+    above = list(source.parents)[:_LEVELS]
+    project = next((p for p in above if (p / _CONFIG).is_file() or (p / "camera_array.toml").is_file()), None)
     ports, first = np.unique(numbers[:, 1]), int(numbers[:, 0].min())
     frames = int(numbers[:, 0].max()) - first + 1
     if frames > LARGEST_TAKE_FRAMES:
@@ -55,16 +55,16 @@ def _read(path: Path, options: ReadOptions) -> Capture:
         raise FileDamaged(what, where=str(source))
     names = tuple(f"cam_{port}" for port in ports.tolist())
     body = numbers[:, 2] < MEDIAPIPE_POINTS
-    count = int(numbers[body, 2].max()) + 1 if body.any() else 0
-    if not count:
+    if not body.any():
         raise NoDetections("The table holds no points of a body.", where=str(source))
-    positions = np.full((len(ports), frames, count, 2), np.nan)
+    positions = np.full((len(ports), frames, int(numbers[body, 2].max()) + 1, 2), np.nan)
     at = np.searchsorted(ports, numbers[body, 1]), numbers[body, 0] - first, numbers[body, 2]
     positions[at] = xy[body]
     confidence = np.isfinite(positions).all(-1).astype(float)
     chosen, notes, problems = choose_joint_set(positions, confidence, options.joint_set, None, where=str(source))
-    configured = _stated_rate(project)
-    note = diagnostic("frame_rate_read", source="file", rate=configured or 0.0, file="config.toml")
+    has_config = project is not None and (project / _CONFIG).is_file()
+    configured = positive_number(read_toml(project / _CONFIG).get("fps_recording")) if project and has_config else None
+    note = diagnostic("frame_rate_read", source="file", rate=configured or 0.0, file=_CONFIG)
     fps, rate_note, rate_problems = interpret_rate(options.fps, [(configured, note)], DEFAULT_FPS)
     calibrated = calibrated_names(options.camera)
     folder = project or source.parent
@@ -73,20 +73,15 @@ def _read(path: Path, options: ReadOptions) -> Capture:
     keypoints = Keypoints2D(positions[:, :, columns], confidence[:, :, columns], JointSet(chosen), fps)
     cameras, scaled = scale_world(calibration.cameras, keypoints, options)
     world = fit_world(cameras, keypoints, options, options.up_axis)
+    check = world.check
+    problems = (*calibration.problems, *problems, *rate_problems, *warnings_in(scaled), *world.problems)
     capture = Capture(
         name=source.parent.parent.name if source.parent.name in source.stem else source.stem,
         cameras=world.cameras,
         keypoints=keypoints,
         sources=(str(source), str(calibration.source)),
-        notes=(*calibration.notes, *notes, *rate_note, *notes_in(scaled), *world.notes, *world.check.notes()),
-        problems=(
-            *calibration.problems,
-            *problems,
-            *rate_problems,
-            *warnings_in(scaled),
-            *world.problems,
-            *world.check.problems(),
-        ),
+        notes=(*calibration.notes, *notes, *rate_note, *notes_in(scaled), *world.notes, *check.notes()),
+        problems=(*problems, *check.problems()),
         world_checked=True,
     )
     return bring_capture_to_one_time(capture, options)
@@ -94,45 +89,29 @@ def _read(path: Path, options: ReadOptions) -> Capture:
 
 def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) whole sync_index, camera and point, and (N, 2) px, of the table's rows."""
-    table = csv.reader(io.StringIO(read_text(path)))
-    try:
-        header = [name.strip() for name in next(table, [])]
-    except csv.Error as error:
-        raise FileDamaged(f"The table has no heading ({error}).", where=str(path)) from error
-    camera = next((name for name in _CAMERA if name in header), "port")
-    missing = [name for name in (*_COLUMNS, camera) if name not in header]
-    if missing:
+    header, rows, _ = read_rows(path)
+    camera = next((name for name in _CAMERA if name in header), _CAMERA[0])
+    needed = ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")
+    if missing := [name for name in needed if name not in header]:
         hint = "Export it from caliscope again."
         raise FileDamaged(f"The table lacks {', '.join(missing)}.", where=str(path), hint=hint)
-    order = [header.index(name) for name in ("sync_index", camera, "point_id", "img_loc_x", "img_loc_y")]
-    try:
-        values = np.array([[row[i] or "nan" for i in order] for row in table if row], dtype=np.float64)
-    except (ValueError, IndexError, csv.Error) as error:
-        what = f"A row is cut off or holds something that is not a number ({error})."
-        raise FileDamaged(what, where=str(path)) from error
-    if not len(values):
+    order = [header.index(name) for name in needed]
+    if any(len(row) <= max(order) for row in rows):
+        raise FileDamaged("A row is cut off.", where=str(path))
+    if not rows:
         raise NoDetections("The table holds no points.", where=str(path))
+    values = number_table([[*(row[i] for i in order), "0"] for row in rows], 2, path)
     whole = values[:, :3]
-    if not np.isfinite(whole).all() or (whole != np.round(whole)).any() or (whole < 0).any() or (whole > 1e9).any():
+    counted = np.isfinite(whole).all() and (whole == np.round(whole)).all() and (whole >= 0).all()
+    if not counted or (whole > _LARGEST_NUMBER).any():
         raise FileDamaged("sync_index, camera and point_id must be whole numbers from 0.", where=str(path))
-    return whole.astype(np.int64), values[:, 3:]
+    return whole.astype(np.int64), values[:, 3:5]
 
 
-def _project(source: Path) -> Path | None:
-    above = list(source.parents)[:_LEVELS]
-    return next((p for p in above if (p / "config.toml").is_file() or (p / "camera_array.toml").is_file()), None)
-
-
-def _stated_rate(project: Path | None) -> float | None:
-    if project is None or not (project / "config.toml").is_file():
-        return None
-    stated = read_toml(project / "config.toml").get("fps_recording")
-    if not isinstance(stated, int | float) or isinstance(stated, bool):
-        return None
-    return float(stated) if 0 < stated < 1e5 else None
-
-
-_TAKES = frozenset(
-    {"fps", "joint_set", "unit", "up_axis", "trim", "offset", "by_order", "camera", "stature", "scale", "level"}
+_TAKES = "fps joint_set unit up_axis trim offset by_order camera stature scale level"
+READER = Reader(
+    "caliscope's xy_*.csv, or its folder, in a project with its config.toml",
+    lambda path: _file(path) is not None,
+    _read,
+    frozenset(_TAKES.split()),
 )
-READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read, _TAKES)

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -35,7 +34,9 @@ from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
-"""Frames a second that are assumed where nothing states them, which is reported as a problem; chosen by hand."""
+"""Frames per second if nothing states them, which is reported as a problem, chosen by hand."""
+_RATE_DIFFERS = 0.02
+"""Relative difference from which the rate of the videos contradicts the configured rate."""
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
@@ -43,12 +44,8 @@ _KIND = (
 )
 
 
-def _recognises(path: Path) -> bool:
-    return path.is_dir() and bool(camera_sources(path))
-
-
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read everybody's detections with their calibration, and keep the people apart."""
+    """Read everybody's detections with their calibration, and separate the people."""
     sources = camera_sources(root)
     levels = levels_above(root)
     config = read_config(levels)
@@ -66,10 +63,14 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         )
 
     calibration = find_calibration(
-        root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera),
+        root,
+        tuple(sources),
+        unit=options.unit,
+        up_axis=options.up_axis,
+        names=calibrated_names(options.camera),
         by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
         agreement=lambda cameras: agreement_share(cameras, as_numbered(read(), options)),
-    )  # fmt: skip
+    )
     detections = read()
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
@@ -83,7 +84,6 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     footage = tuple(None if moved else path for path, moved in zip(footage, agreeing.resampled, strict=True))
     kept = options.as_calibrated or options.scale != 1.0
     calibration, to_plausible = in_persons_unit(calibration, detections, keep=kept)
-
     one = len(sources) == 1
 
     def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
@@ -96,41 +96,36 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     world = fit_world(cameras, person.keypoints, options, options.up_axis, calibration.rolls)
     compared = ComparedViews.of(world.cameras, person.keypoints)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
-    length_problems = _length_problems(videos, detections.num_frames) if as_filmed else ()
+    several, filmed = len(people) > 1, any(footage)
+    before, after = (calibration.notes, detections.notes, rate_notes), (notes_in(scaled), world.notes)
+    notes = (*before, in_time.notes, person.notes, *after, world.check.notes())
     problems = (
         calibration.problems,
         detections.problems,
         rate_problems,
         agreeing.problems,
-        length_problems,
+        _length_problems(videos, detections.num_frames) if as_filmed else (),
         in_time.problems,
         report_cuts(take_cuts(detections), detections.num_frames),
         report_order(detections),
         person.problems,
+        warnings_in(scaled),
+        world.problems,
+        world.check.problems(),
+        report_focal_lengths(world.cameras, person.keypoints, compared),
+        report_undistorted(world.cameras, person.keypoints, compared),
     )
     capture = Capture(
         name=root.name,
         cameras=world.cameras,
         keypoints=person.keypoints,
-        footage=footage if any(footage) else (),
-        footage_first=in_time.first_rows if any(footage) else (),
+        footage=footage if filmed else (),
+        footage_first=in_time.first_rows if filmed else (),
         sources=(*listed_paths(tuple(sources.values())), str(calibration.source), *config.sources),
-        people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if len(people) > 1 else (),
-        person=person.name if len(people) > 1 else "",
-        notes=calibration.notes
-        + detections.notes
-        + rate_notes
-        + in_time.notes
-        + person.notes
-        + notes_in(scaled)
-        + world.notes
-        + world.check.notes(),
-        problems=sum(problems, ())
-        + warnings_in(scaled)
-        + world.problems
-        + world.check.problems()
-        + report_focal_lengths(world.cameras, person.keypoints, compared)
-        + report_undistorted(world.cameras, person.keypoints, compared),
+        people=tuple(PersonInViews(p.name, p.keypoints) for p in people) if several else (),
+        person=person.name if several else "",
+        notes=tuple(note for group in notes for note in group),
+        problems=tuple(problem for group in problems for problem in group),
         stature_m=options.stature if one else 0.0,
         floor_from_person=world.from_person,
         world_checked=True,
@@ -146,8 +141,7 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
         return capture
     if first >= stop:
         first, last = config.frame_range
-        lacking: dict[str, Any] = {"result": "lacking", "severity": Severity.WARNING}
-        problem = diagnostic("frames_configured", result="used", **lacking, first=first, last=last)
+        problem = diagnostic("frames_configured", severity=Severity.WARNING, result="lacking", first=first, last=last)
         return replace(capture, problems=(*capture.problems, problem))
     note = diagnostic("frames_configured", result="used", first=first, last=stop - 1, count=capture.num_frames)
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
@@ -157,13 +151,13 @@ def _frame_rate(
     given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     stated = [round(header.fps, 3) for header in videos if header is not None]
-    rates = [rate for rate in stated if rate > 0]  # a forged header may state an hour a frame
+    rates = [rate for rate in stated if rate > 0]  # a forged header may state an hour per frame
     problems: list[Diagnostic] = []
     if len(set(rates)) > 1:
         problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))
     video = float(np.median(rates)) if rates else None
     known = config.fps if given is None else None
-    if known is not None and video is not None and abs(video - known) > 0.02 * known:
+    if known is not None and video is not None and abs(video - known) > _RATE_DIFFERS * known:
         problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
     configured = diagnostic("frame_rate_read", source="file", rate=config.fps or 0.0, file=CONFIG)
     of_videos = diagnostic("frame_rate_read", source="videos", rate=video or 0.0)
@@ -173,10 +167,10 @@ def _frame_rate(
 
 def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple[Diagnostic, ...]:
     lengths = sorted({header.num_frames for header in videos if header is not None})
-    if lengths and lengths != [frames]:
-        return (diagnostic("video_lengths_differ", lengths=lengths, count=frames),)
-    return ()
+    if not lengths or lengths == [frames]:
+        return ()
+    return (diagnostic("video_lengths_differ", lengths=lengths, count=frames),)
 
 
 _TAKES = frozenset(DEFAULTS) - {"subject_prefix", "frames"}
-READER = Reader(_KIND, _recognises, _read, _TAKES)
+READER = Reader(_KIND, lambda path: path.is_dir() and bool(camera_sources(path)), _read, _TAKES)
