@@ -90,26 +90,18 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
     tilt, tilt_sigma = (float(np.degrees(a)) for a in (np.arccos(np.clip(upright.R[2, 2], -1, 1)), upright.tilt_sigma))
     by_camera = np.array([np.nanmedian(e) for e in error])
     everything = float(np.nanmedian(error))
-    words = (
-        *_camera_words(cameras, by_camera, regions, everything, best_by_camera),
-        *_time_words(cameras, epipolar),
-        *_world_words(stature, scale, tilt, tilt_sigma),
-    )
+    words = _camera_words(cameras, by_camera, regions, everything, best_by_camera)
+    words += _time_words(cameras, epipolar)
+    if abs(np.log(scale)) > SCALE_DOUBT:
+        words.append(diagnostic("world_doubted", kind="scale", stature=stature))
+    if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
+        words.append(diagnostic("world_doubted", kind="tilt", angle=tilt))
     what = "calibration warning" if words else "the calibration fits"
-    return CalibrationCheck(
-        verdict=f"{what}: {everything:.1f} px, {best:.1f} px at best",
-        region_px=regions,
-        camera_px=by_camera,
-        best_px=best_by_camera,
-        epipolar_px=epipolar,
-        stature_m=stature,
-        tilt_deg=tilt,
-        tilt_sigma_deg=tilt_sigma,
-        findings=tuple(sentence(item) for item in words),
-        all_px=everything,
-        refined_px=best,
-        diagnostics=words,
-    )
+    fits = {"region_px": regions, "camera_px": by_camera, "best_px": best_by_camera, "epipolar_px": epipolar}
+    fits |= {"stature_m": stature, "tilt_deg": tilt, "tilt_sigma_deg": tilt_sigma}
+    verdict, findings = f"{what}: {everything:.1f} px, {best:.1f} px at best", tuple(map(sentence, words))
+    figures = {"verdict": verdict, "findings": findings, "all_px": everything, "refined_px": best}
+    return CalibrationCheck(**fits, **figures, diagnostics=tuple(words))
 
 
 def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarray:
@@ -176,13 +168,4 @@ def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
             first, last = float(np.median(track[:half])), float(np.median(track[half:]))
             if max(first, last) > DRIFT * min(first, last):
                 words.append(diagnostic("camera_drifts", cameras=[name], first=first, last=last))
-    return words
-
-
-def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[Diagnostic]:
-    words: list[Diagnostic] = []
-    if abs(np.log(scale)) > SCALE_DOUBT:
-        words.append(diagnostic("world_doubted", kind="scale", stature=stature))
-    if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
-        words.append(diagnostic("world_doubted", kind="tilt", angle=tilt))
     return words

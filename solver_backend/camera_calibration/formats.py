@@ -25,17 +25,10 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
     """
     parts = []
     for c, name in enumerate(cameras.names):
-        parts.append(
-            f"[{_key(name)}]\n"
-            f"name = {_text(name)}\n"
-            f"size = {_list(cameras.image_size[c].astype(float))}\n"
-            f"matrix = {_matrix(cameras.K[c])}\n"
-            f"distortions = {_list(coefficients(cameras, c))}\n"
-            f"rotation = {_list(log_so3(cameras.R[c]))}\n"
-            f"translation = {_list(scale * cameras.t[c])}\n"
-            f"fisheye = {str(cameras.models[c] == 'fisheye').lower()}\n"
-            f"{_model(cameras.models[c])}"
-        )
+        values = {"name": _text(name), "size": _list(cameras.image_size[c].astype(float)), **_lens_values(cameras, c)}
+        values |= {"rotation": _list(log_so3(cameras.R[c])), "translation": _list(scale * cameras.t[c])}
+        values |= {"fisheye": str(cameras.models[c] == "fisheye").lower(), **_model(cameras.models[c])}
+        parts.append(_section(_key(name), values))
     error = "" if rmse_px is None else f"error = {rmse_px:.6g}\n"
     program = f"tool = {_text(tool)}\n" if tool else ""
     return "\n".join([*parts, f"[metadata]\nadjusted = false\n{error}{program}"])
@@ -44,22 +37,21 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
 def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
     """Return caliscope's ``camera_array.toml``. Cameras are numbered in their order."""
     parts = []
-    for c in range(len(cameras)):
-        fisheye = "fisheye = true\n" if cameras.models[c] == "fisheye" else _model(cameras.models[c])
-        parts.append(
-            f"[cameras.{c}]\n"
-            f"cam_id = {c}\n"
-            "rotation_count = 0\n"
-            f"error = {0.0 if rmse_px is None else rmse_px:.6g}\n"
-            "ignore = false\n"
-            f"{fisheye}"
-            f"size = [{cameras.image_size[c, 0]}, {cameras.image_size[c, 1]}]\n"
-            f"matrix = {_matrix(cameras.K[c])}\n"
-            f"distortions = {_list(coefficients(cameras, c))}\n"
-            f"translation = {_list(cameras.t[c])}\n"
-            f"rotation = {_matrix(cameras.R[c])}\n"
-        )
+    for c, (width, height) in enumerate(cameras.image_size.tolist()):
+        values = {"cam_id": str(c), "rotation_count": "0", "error": f"{rmse_px or 0.0:.6g}", "ignore": "false"}
+        values |= {"fisheye": "true"} if cameras.models[c] == "fisheye" else _model(cameras.models[c])
+        values |= {"size": f"[{width}, {height}]", **_lens_values(cameras, c)}
+        values |= {"translation": _list(cameras.t[c]), "rotation": _matrix(cameras.R[c])}
+        parts.append(_section(f"cameras.{c}", values))
     return "\n".join(parts)
+
+
+def _section(title: str, values: dict[str, str]) -> str:
+    return f"[{title}]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
+
+
+def _lens_values(cameras: Cameras, c: int) -> dict[str, str]:
+    return {"matrix": _matrix(cameras.K[c]), "distortions": _list(coefficients(cameras, c))}
 
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
@@ -67,8 +59,8 @@ def coefficients(cameras: Cameras, index: int) -> np.ndarray:
     return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
 
 
-def _model(name: str) -> str:
-    return "" if name in ("opencv", "fisheye") else f"distortion_model = {_text(name)}\n"
+def _model(name: str) -> dict[str, str]:
+    return {} if name in ("opencv", "fisheye") else {"distortion_model": _text(name)}
 
 
 def _key(name: str) -> str:

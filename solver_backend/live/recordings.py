@@ -7,11 +7,13 @@ import io
 import json
 import math
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field
+from itertools import count
 from pathlib import Path
-from typing import Any, ClassVar, Generic, ParamSpec, Protocol, Self, final
+from typing import Any, ClassVar, Generic, ParamSpec, Self, final
 
 import numpy as np
 
@@ -36,26 +38,26 @@ from solver_backend.types import Motion
 Item = ParamSpec("Item")
 
 
-class RecordingFormat(Protocol[Item]):
+class RecordingFormat(ABC, Generic[Item]):
     """Conversion of items to bytes, and of a recording to a file."""
 
     pieces: ClassVar[str]
 
     def head(self) -> bytes:
         """Return the bytes before the first item."""
-        ...
+        return b""
 
+    @abstractmethod
     def encode(self, *args: Item.args, **kwargs: Item.kwargs) -> bytes:
         """Return one item's bytes."""
-        ...
 
+    @abstractmethod
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
         """Write a recording to a file and remove it. Return whether it held anything.
 
         Raises:
             FileDamaged: it is not a recording of this format.
         """
-        ...
 
 
 @final
@@ -119,11 +121,11 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
         return None
     if is_held(left):
         raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Choose another.")
-    number = 1
-    while (whole := path.with_name(f"{path.stem}_recovered_{number}{path.suffix}")).exists() or (
-        aside := recording_of(whole)
-    ).exists():
-        number += 1
+    for number in count(1):
+        whole = path.with_name(f"{path.stem}_recovered_{number}{path.suffix}")
+        aside = recording_of(whole)
+        if not whole.exists() and not aside.exists():
+            break
     try:
         os.rename(left, aside)
     except OSError as error:
@@ -148,14 +150,14 @@ def read_rows(
     """Return the head and the (N, width) rows of a recording. A last row that was cut off is skipped.
 
     Raises:
-        FileDamaged: it has another format or version.
+        FileDamaged: it has another format, version or body.
     """
     head, line, content = recording.read_bytes().partition(b"\n")
     if not line:  # ended before the first item was whole
         return {}, np.zeros((0, 0))
     try:
         found = json.loads(head)
-        if found["format"] == form and found["version"] == version:
+        if (found["format"], found["version"], found["body"]) == (form, version, load_body().id):
             size = width(found)
             count = len(content) // (8 * size)
             return found, np.frombuffer(content[: 8 * size * count], "<f8").reshape(count, size)
@@ -183,7 +185,7 @@ _GAP_S = 0.1
 
 
 @dataclass(frozen=True)
-class PointsRecording:
+class PointsRecording(RecordingFormat[[PointFrame]]):
     """Live points. Readers of markers also open the unfinished file, see ``live_recording``."""
 
     pieces: ClassVar[str] = "frames"
@@ -191,10 +193,6 @@ class PointsRecording:
     """Nominal rate, None where none was given."""
     world: Callable[[], np.ndarray | None] = lambda: None
     """Returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known."""
-
-    def head(self) -> bytes:
-        """Return nothing: every block describes itself."""
-        return b""
 
     def encode(self, frame: PointFrame) -> bytes:
         """Return one frame's block."""
@@ -232,7 +230,7 @@ def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iter
 
 
 @dataclass
-class PosesRecording:
+class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
     """Live poses of one sender."""
 
     pieces: ClassVar[str] = "poses"
@@ -259,7 +257,7 @@ class PosesRecording:
 
     def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
         """Write a motion of one rate, see ``RecordingFormat``."""
-        head, rows = read_rows(recording, _POSES, _VERSION, _row_width)
+        head, rows = read_rows(recording, _POSES, _VERSION, lambda _: _ROW)
         if len(rows):
             body = load_body()
             if rows[:, 4 + 3 * FIRST_FINGER :].any():
@@ -272,12 +270,6 @@ class PosesRecording:
             write_motion(path, motion, overwrite=overwrite)
         recording.unlink()
         return len(rows) > 0
-
-
-def _row_width(head: dict[str, Any]) -> int:
-    if head["body"] != load_body().id:
-        raise ValueError("another body")
-    return _ROW
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
@@ -297,19 +289,11 @@ def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray,
     transl = rows[before, 1:4] + share[:, None] * (rows[after, 1:4] - rows[before, 1:4])
     nearest = np.minimum(np.abs(times - rows[before, 0]), np.abs(rows[after, 0] - times))
     joints = forward_kinematics(body, betas, exp_so3(rotvec[:, 0]), exp_so3(rotvec[:, 1:]), transl).joints
-    return Motion(
-        betas=betas,
-        global_orient=rotvec[:, 0],
-        body_pose=rotvec[:, 1:].reshape(len(times), -1),
-        transl=transl,
-        fps=fps,
-        body=body.id,
-        joints=joints,
-        body_layout=body.layout,
-        contacts=standing_feet(body, betas, joints, fps),
-        flags=np.where(nearest > _GAP_S, FLAG_UNSEEN, 0).astype(np.uint8),
-        provenance={"source": source, "method": "live poses"},
-    )
+    vectors = {"global_orient": rotvec[:, 0], "body_pose": rotvec[:, 1:].reshape(len(times), -1), "transl": transl}
+    states = {"contacts": standing_feet(body, betas, joints, fps)}
+    states["flags"] = np.where(nearest > _GAP_S, FLAG_UNSEEN, 0).astype(np.uint8)
+    known = {"body": body.id, "body_layout": body.layout, "provenance": {"source": source, "method": "live poses"}}
+    return Motion(betas=betas, fps=fps, joints=joints, **vectors, **states, **known)
 
 
 def even_times(times: np.ndarray) -> tuple[float, np.ndarray]:
@@ -331,17 +315,13 @@ def rate_of(times: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class FaceRecording:
+class FaceRecording(RecordingFormat[[float, dict[str, float]]]):
     """Channels of a live face.
 
     The table has the column ``time`` in seconds and one per channel. A missing channel keeps its last value.
     """
 
     pieces: ClassVar[str] = "frames"
-
-    def head(self) -> bytes:
-        """Return nothing: every line describes itself."""
-        return b""
 
     def encode(self, time: float, channels: dict[str, float]) -> bytes:
         """Return one frame's line: its seconds, and the value of each channel."""

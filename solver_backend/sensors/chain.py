@@ -9,7 +9,7 @@ import time
 from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from multiprocessing.connection import Connection, wait
 from pathlib import Path
 from typing import Any
@@ -29,18 +29,20 @@ KEPT = 4096
 """Number of recent latencies that are kept."""
 
 
+@dataclass
 class ChainStatistics:
     """Counts of moments in constant memory."""
 
-    def __init__(self) -> None:
-        self.moments, self.points = 0, 0
-        self.frames: Counter[str] = Counter()
-        self.lost: Counter[str] = Counter()
-        """Frames missing from each sensor's count."""
-        self.skipped = 0
-        """Number of complete moments that were skipped for newer ones."""
-        self._latency_ms: deque[float] = deque(maxlen=KEPT)
-        self._first_s, self._last_s = 0.0, 0.0
+    moments: int = 0
+    points: int = 0
+    skipped: int = 0
+    """Number of complete moments that were skipped for newer ones."""
+    frames: Counter[str] = field(default_factory=Counter)
+    lost: Counter[str] = field(default_factory=Counter)
+    """Frames missing from each sensor's count."""
+    _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
+    _first_s: float = 0.0
+    _last_s: float = 0.0
 
     def add(self, latency_s: float, points: int, now: float) -> None:
         """Count a moment."""
@@ -102,9 +104,8 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     run = _SensorRun(task, out)
     try:
-        run.go()
-    except (BrokenPipeError, ConnectionError, EOFError):
-        pass
+        with suppress(BrokenPipeError, ConnectionError, EOFError):
+            run.go()
     finally:
         run.close()
 
@@ -184,10 +185,9 @@ MOST_AHEAD = 8
 """Most waiting frames per sensor if all sensors can wait."""
 READY_S, AHEAD_S = 60.0, 0.05
 """Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
-END_S = 5.0
-"""Time limit for ending a sensor's process, in seconds."""
-END_RECORDING_S = 15.0
-"""Time limit with a recording, whose waiting frames are written first. Blender waits 20 s for all."""
+END_S, END_RECORDING_S = 5.0, 15.0
+"""Time limit for ending a sensor's process in seconds, and with a recording, whose waiting frames are written first.
+Blender waits 20 s for all."""
 
 
 @dataclass(frozen=True)
@@ -214,13 +214,11 @@ class MarkerChain:
         self, tasks: list[SensorTask], fps: float, fusion: FusionSettings = DEFAULT, recording: Recording | None = None
     ) -> None:
         self._tasks, self._fusion, self._recording = tasks, fusion, recording
-        names = tasks[0].cameras.names
+        names, present = tasks[0].cameras.names, {task.device.name for task in tasks}
         self._patient = not any(task.live for task in tasks)
         self._gatherer = Gatherer(names, 1.0 / fps, None if self._patient else WAIT_S)
-        present = {task.device.name for task in tasks}
-        for index, name in enumerate(names):
-            if name not in present:
-                self._gatherer.ended(index)
+        for name in set(names) - present:
+            self._gatherer.ended(names.index(name))
         self._tracks = MarkerTracks(fusion)
         self._number: dict[int, int] = {}
         self._open: dict[Connection, int] = {}
@@ -310,17 +308,25 @@ class MarkerChain:
     def _is_ahead(self, connection: Connection) -> bool:
         if not self._patient or self._ending:
             return False
-        task = self._tasks[self._open[connection]]
-        names = task.cameras.names
-        return task.device.name in names and self._gatherer.waiting(names.index(task.device.name)) >= MOST_AHEAD
+        index = self._index(self._tasks[self._open[connection]].device.name)
+        return index >= 0 and self._gatherer.waiting(index) >= MOST_AHEAD
+
+    def _index(self, name: str) -> int:
+        """Return the index of a sensor in the calibration, -1 if it is not calibrated."""
+        return self.cameras.names.index(name) if name in self.cameras.names else -1
 
     def _take(self, message: tuple[Any, ...], connection: Connection) -> None:
         what, name = message[0], self._tasks[self._open[connection]].device.name
         if what == "ready":
             self._waited_for.discard(connection)
         elif what == "seen":
-            self._count(message[1], name)
-            self._gatherer.push(message[1])
+            seen = message[1]
+            self.statistics.frames[name] += 1
+            before = self._number.get(seen.sensor, seen.number)
+            self._number[seen.sensor] = seen.number
+            if seen.number > before + 1:
+                self.statistics.lost[name] += seen.number - before - 1
+            self._gatherer.push(seen)
         elif what == "like" and self._recording is not None:
             self._recording.add(message[1])
         elif what == "trouble":
@@ -328,22 +334,14 @@ class MarkerChain:
         elif what == "end":
             self.ends[name] = message[1]
 
-    def _count(self, seen: SensorSightings, name: str) -> None:
-        self.statistics.frames[name] += 1
-        before = self._number.get(seen.sensor)
-        self._number[seen.sensor] = seen.number
-        if before is not None and seen.number > before + 1:
-            self.statistics.lost[name] += seen.number - before - 1
-
     def _gone(self, connection: Connection) -> None:
-        task = self._tasks[self._open.pop(connection)]
+        name = self._tasks[self._open.pop(connection)].device.name
         connection.close()
-        if task.device.name in task.cameras.names:
-            self._gatherer.ended(task.cameras.names.index(task.device.name))
-        if task.device.name not in self.ends:
-            self._report("sensor_failed", task.device.name, "its process ended without a message; the others go on")
+        if (index := self._index(name)) >= 0:
+            self._gatherer.ended(index)
+        if name not in self.ends:
+            self._report("sensor_failed", name, "its process ended without a message; the others go on")
 
     def _report(self, kind: str, name: str, message: str) -> None:
-        index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
         found = diagnostic("sensor_failed", cameras=[name], reason=message)
-        self._gatherer.findings.append(Finding(kind, index, float("nan"), found))
+        self._gatherer.findings.append(Finding(kind, self._index(name), float("nan"), found))

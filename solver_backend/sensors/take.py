@@ -13,8 +13,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
-from solver_backend.sensors.acquisition.blobs import DEFAULT as ACQUISITION
-from solver_backend.sensors.acquisition.blobs import AcquisitionSettings, learned_mask
+from solver_backend.sensors.acquisition.blobs import learned_mask
 from solver_backend.sensors.devices.device import NoMarkers, SensorFailed
 from solver_backend.sensors.devices.recorded import SensorFolder
 from solver_backend.sensors.fusion.clusters import DEFAULT as FUSION
@@ -38,7 +37,6 @@ def cloud_of(
     folder: SensorFolder,
     *,
     masks: Mapping[str, np.ndarray] = MappingProxyType({}),
-    acquisition: AcquisitionSettings = ACQUISITION,
     fusion: FusionSettings = FUSION,
     progress: Progress = silent,
 ) -> SensorTake:
@@ -52,7 +50,7 @@ def cloud_of(
         PicturesDiffer: infrared, depth and calibration have different sizes.
         RecordingInvalid: an index cannot be read.
     """
-    finders = [Acquisition(folder.cameras, d.name, masks.get(d.name), acquisition) for d in folder.devices]
+    finders = [Acquisition(folder.cameras, d.name, masks.get(d.name)) for d in folder.devices]
     gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
     tracks, tracked = MarkerTracks(fusion), []
     frames: Counter[str] = Counter()
@@ -98,10 +96,10 @@ def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
     return found
 
 
-def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> dict[str, np.ndarray]:
+def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
     """Return each sensor's mask of constant lights from a recording of the empty scene."""
     return {
-        device.name: learned_mask((frame.infrared for frame in device.frames()), settings)
+        device.name: learned_mask(frame.infrared for frame in device.frames())
         for device in empty.devices
         if device.count()
     }

@@ -89,21 +89,12 @@ def extent(xy: np.ndarray) -> np.ndarray:
 
 def write_detections(path: Path, found: VideoDetections) -> None:
     """Write the detections of a video over earlier ones."""
-    arrays = {
-        "format": np.array(FORMAT),
-        "version": np.array(VERSION),
-        "video": np.array(found.video.name),
-        "video_hash": np.array(found.video_hash),
-        "detector": np.array(found.detector),
-        "joint_set": np.array(found.joint_set.value),
-        "size": np.array(found.size),
-        "times_s": found.times_s,
-        "xy": found.xy.astype(np.float32),
-        "confidence": found.confidence.astype(np.float32),
-        "track": found.track.astype(np.int32),
-    }
-    if found.hands is not None:
-        arrays["hands"] = found.hands.astype(np.float32)
+    facts = {"format": FORMAT, "version": VERSION, "video": found.video.name, "video_hash": found.video_hash}
+    facts |= {"detector": found.detector, "joint_set": found.joint_set.value, "size": found.size}
+    arrays = {key: np.array(value) for key, value in facts.items()}
+    arrays |= {"times_s": found.times_s, "track": found.track.astype(np.int32)}
+    points = {"xy": found.xy, "confidence": found.confidence, "hands": found.hands}
+    arrays |= {key: value.astype(np.float32) for key, value in points.items() if value is not None}
     write_npz(path, arrays, overwrite=True)
 
 

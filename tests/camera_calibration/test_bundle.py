@@ -104,7 +104,7 @@ def test_one_focal_length_stays_one() -> None:
     lens[:, :2] = True
     wrong = replace(cameras, K=cameras.K * np.array([[1.05, 1, 1], [1, 1.05, 1], [1, 1, 1]]))
     sigma = np.full((4, 12), 1.0)
-    found = adjust(wrong, Bodies(STILL, X), seen, Unknowns(np.ones(4, bool), lens, True, sigma), gauge=7)
+    found = adjust(wrong, Bodies(STILL, X), seen, Unknowns(np.ones(4, bool), lens, sigma), gauge=7)
     K = found.cameras.K
     assert np.abs(K[:, 0, 0] - K[:, 1, 1]).max() < 1e-9
     assert np.abs(K[:, 0, 0] / cameras.K[:, 0, 0] - 1).max() < 0.01

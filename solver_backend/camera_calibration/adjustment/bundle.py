@@ -82,10 +82,8 @@ class Unknowns:
 
     poses: Bool[np.ndarray, " cameras"]
     """(C,) cameras whose pose is unknown."""
-    lens: Bool[np.ndarray, "cameras 12"]
-    """(C, 12) unknown numbers of each lens."""
-    one_focal: bool = True
-    """Keep the ratio of fx and fy."""
+    lens: Bool[np.ndarray, "cameras 12"] | None = None
+    """(C, 12) unknown numbers of each lens, None for no number. The ratio of unknown fx and fy stays."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
     """(C, 12) expected deviation of each number from its start. None for no limit."""
     delays: Bool[np.ndarray, " cameras"] | None = None
@@ -347,8 +345,9 @@ def _free_matrix(unknowns: Unknowns) -> tuple[np.ndarray, np.ndarray]:
     """Return the (C P, Q) step of each unknown, and the P of ``CAMERA_PARAMETERS`` that are unknown."""
     C = len(unknowns.poses)
     late = np.zeros(C, bool) if unknowns.delays is None else unknowns.delays
-    free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), unknowns.lens, late[:, None]], axis=1)
-    tied = free[:, 6] & free[:, 7] & unknowns.one_focal
+    lens = np.zeros((C, PARAMETERS), bool) if unknowns.lens is None else unknowns.lens
+    free = np.concatenate([np.tile(unknowns.poses[:, None], (1, 6)), lens, late[:, None]], axis=1)
+    tied = free[:, 6] & free[:, 7]
     columns = np.flatnonzero(free.any(0))
     alone = free.copy()
     alone[tied, 7] = False

@@ -18,7 +18,7 @@ from solver_backend.types.shapes import Float, Int
 KINDS = ("charuco", "checkerboard", "rings")
 DEFAULT_DICTIONARY = "DICT_4X4_100"
 MARKER_SHARE = 0.75
-"""Side of a marker in squares, where it is not given."""
+"""Default side of a marker, in squares."""
 EXAMPLE = "charuco:5x7:35mm, checkerboard:8x5:60mm, rings:4x11:40mm, or a board.toml"
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """Metres in each unit that a board's square may have."""
@@ -27,35 +27,31 @@ _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 @dataclass(frozen=True)
 class Board:
-    """A flat board. Its first point lies at the origin, X to the right, Y down, as one looks at it."""
+    """A flat board. Its first point is the origin, with X to the right and Y down for the viewer."""
 
     kind: str
     columns: int
-    """Squares from left to right. Of rings: rings in a row."""
+    """Squares from left to right, or rings in a row."""
     rows: int
-    """Squares from top to bottom. Of rings: rows, every other one shifted by half a distance."""
+    """Squares from top to bottom, or rows of rings. Every other row of rings is shifted by half a distance."""
     square_m: float
-    """Side of a square. Of rings: distance of two in a row."""
+    """Side of a square, or distance of two rings in a row."""
     marker_m: float = 0.0
     dictionary: str = DEFAULT_DICTIONARY
     """OpenCV's name of the Charuco board's marker dictionary."""
     inverted: bool = False
 
     def __post_init__(self) -> None:
+        square, marker = f"{self.square_m * 1000:g} mm", f"{self.marker_m * 1000:g} mm"
         if self.kind not in KINDS:
-            raise JobInvalid(
-                f"There is no board '{self.kind}'; known are {', '.join(KINDS)}.", hint=f"Write {EXAMPLE}."
-            )
+            message = f"There is no board '{self.kind}'; known are {', '.join(KINDS)}."
+            raise JobInvalid(message, hint=f"Write {EXAMPLE}.")
         if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
             raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
-            raise JobInvalid(
-                f"A square of {self.square_m * 1000:g} mm is impossible; the side of one square is 1 mm to 2 m."
-            )
+            raise JobInvalid(f"A square of {square} is impossible; the side of one square is 1 mm to 2 m.")
         if self.kind == "charuco" and not 0.3 * self.square_m <= self.marker_m < self.square_m:
-            raise JobInvalid(
-                f"A marker of {self.marker_m * 1000:g} mm does not fit a square of {self.square_m * 1000:g} mm."
-            )
+            raise JobInvalid(f"A marker of {marker} does not fit a square of {square}.")
 
     @property
     def points(self) -> Float[np.ndarray, "points 3"]:
@@ -70,7 +66,7 @@ class Board:
 
     @property
     def ends_differ(self) -> bool:
-        """Return whether the board half turned looks different, so that several cameras agree which end is which."""
+        """True if the board looks different when half turned, so that several cameras agree on its ends."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
     @property
@@ -86,13 +82,10 @@ class Board:
 
 
 def board_named(text: str) -> Board:
-    """Return the board of a word such as ``charuco:5x7:35mm`` or of a TOML file.
+    """Return the board of a word such as ``charuco:5x7:35mm``, or of a TOML file.
 
-    Fields after the kind, in any order: columns x rows, the square's side, then the marker's side, a dictionary's name,
-    ``inverted``.
-
-    Raises:
-        JobInvalid: a field is unknown or missing, or the board is impossible.
+    The fields after the kind may have any order: columns x rows, the square's side and then the marker's, a
+    dictionary's name, and ``inverted``. Raise ``JobInvalid`` if one is unknown, missing or impossible.
     """
     if text.lower().endswith(".toml"):
         return _from_table(read_toml(Path(text)), text)
@@ -130,23 +123,18 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise JobInvalid(
-            f"The file does not describe a whole board ({error}).", where=where, hint=f"Write {EXAMPLE}."
-        ) from error
+        message = f"The file does not describe a whole board ({error})."
+        raise JobInvalid(message, where=where, hint=f"Write {EXAMPLE}.") from error
 
 
 def board_toml(board: Board) -> str:
     """Return the board as the text of a TOML file, which ``board_named`` reads."""
-    lines = [
-        "[board]",
-        f'kind = "{board.kind}"',
-        f"columns = {board.columns}",
-        f"rows = {board.rows}",
-        f"square_mm = {board.square_m * 1000:.6g}",
-    ]
+    values = {"kind": f'"{board.kind}"', "columns": board.columns, "rows": board.rows}
+    values["square_mm"] = f"{board.square_m * 1000:.6g}"
     if board.kind == "charuco":
-        lines += [f"marker_mm = {board.marker_m * 1000:.6g}", f'dictionary = "{board.dictionary}"']
-    return "\n".join([*lines, f"inverted = {str(board.inverted).lower()}", ""])
+        values |= {"marker_mm": f"{board.marker_m * 1000:.6g}", "dictionary": f'"{board.dictionary}"'}
+    values["inverted"] = str(board.inverted).lower()
+    return "[board]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
 
 
 FEWEST_POINTS = 6
@@ -185,13 +173,12 @@ class BoardDetector:
         picture = 255 - grey if self.board.inverted else grey
         found, mirrored = self._points(picture), False
         if found is None and self.board.kind == "charuco":
-            width = grey.shape[1]
-            found = self._points(np.ascontiguousarray(picture[:, ::-1]))
-            if found is not None:
-                mirrored, found = True, (found[0], np.array([width - 1.0, 0.0]) + found[1] * [-1.0, 1.0])
+            found, mirrored = self._points(np.ascontiguousarray(picture[:, ::-1])), True
         if found is None:
             return None
         ids, px = found
+        if mirrored:
+            px = np.array([grey.shape[1] - 1.0, 0.0]) + px * [-1.0, 1.0]
         spacing = _spacing(self.board, ids, px)
         if spacing < SMALLEST_SPACING_PX:
             return None
@@ -209,14 +196,11 @@ class BoardDetector:
                 return None
             if ids is not None and len(ids) >= FEWEST_POINTS:
                 self._charucos.insert(0, self._charucos.pop(i))
-                order = np.argsort(ids.ravel())
-                return ids.ravel()[order], self._charuco_corners(picture, ids.ravel(), corners.reshape(-1, 2))[order]
+                ids, order, board = ids.ravel(), np.argsort(ids.ravel()), self.board
+                corners, reach = corners.reshape(-1, 2), (board.square_m - board.marker_m) / board.square_m
+                window = int(np.clip(0.4 * reach * _spacing(board, ids, corners), 2, 12))
+                return ids[order], _refined(self._cv2, picture, corners - 0.5, window)[order]
         return None
-
-    def _charuco_corners(self, picture: np.ndarray, ids: np.ndarray, corners: np.ndarray) -> np.ndarray:
-        reach = self.board.square_m - self.board.marker_m
-        window = int(np.clip(0.4 * reach / self.board.square_m * _spacing(self.board, ids, corners), 2, 12))
-        return _refined(self._cv2, picture, corners - 0.5, window)
 
     def _checkerboard(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         cv2, size = self._cv2, (self.board.columns - 1, self.board.rows - 1)
@@ -246,11 +230,7 @@ class BoardDetector:
 
 
 def charuco_boards(board: Board) -> list[Any]:
-    """Return OpenCV's boards of today and of before version 4.6, which differ for even rows.
-
-    Raises:
-        JobInvalid: the dictionary has no such name or too few markers.
-    """
+    """Return OpenCV's boards of today and of before version 4.6, which differ for even rows."""
     cv2 = opencv()
     number = getattr(cv2.aruco, board.dictionary, None)
     if number is None:
@@ -268,14 +248,14 @@ def charuco_boards(board: Board) -> list[Any]:
 
 
 def _refined(cv2: Any, picture: np.ndarray, px: np.ndarray, window: int) -> np.ndarray:
-    """Return corners (n, 2) to fractions of a pixel, by the grey values within ``window`` px."""
+    """Refine corners (n, 2) by the grey values within ``window`` px."""
     until = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_MAX_ITER, 60, 1e-3)
     start = np.ascontiguousarray(px, dtype=np.float32).reshape(-1, 1, 2)
     return cv2.cornerSubPix(picture, start, (window, window), (-1, -1), until).reshape(-1, 2).astype(np.float64)
 
 
 def _spacing(board: Board, ids: np.ndarray, px: np.ndarray) -> float:
-    """Return the median distance in px of points that are neighbours on the board."""
+    """Return the median distance of neighbouring points in px."""
     points = board.points[ids, :2]
     apart = np.linalg.norm(points[:, None] - points[None], axis=-1)
     near = (apart > 0) & (apart < 1.01 * board.square_m)

@@ -19,7 +19,6 @@ from solver_backend.camera_calibration.adjustment.lens import (
     PARAMETERS,
     Lens,
     build_cameras,
-    lens_of,
 )
 from solver_backend.camera_calibration.boards.board import Board, BoardDetector, BoardSighting, point_velocities
 from solver_backend.camera_calibration.extrinsics.two_views import (
@@ -109,7 +108,7 @@ def calibrate_from_board(
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
     late = np.arange(len(names)) > 0 if fps is not None else None
-    fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool), delays=late)
+    fixed = Unknowns(np.ones(len(names), bool), delays=late)
     found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0)
     error = np.linalg.norm(found.error, axis=-1)
     kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
@@ -123,16 +122,14 @@ def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
 
     A free focal length must differ by more than 3 % and five standard deviations, and reduce the error by a quarter.
     """
-    names, stated = solved.adjusted.cameras.names, solved.adjusted.cameras
-    lenses = [lens_of(stated, c) for c in range(len(names))]
-    unknowns = replace(lens_unknowns(stated, lenses), lens_sigma=None)
-    lens = np.zeros_like(unknowns.lens)
+    adjusted, names = solved.adjusted, solved.adjusted.cameras.names
+    stated = adjusted.cameras
+    lens = np.zeros((len(names), PARAMETERS), bool)
     lens[:, list(FOCAL)] = True
-    late = solved.adjusted.delays != 0
-    adjusted, free_focal = solved.adjusted, Unknowns(unknowns.poses, lens, delays=late)
+    free_focal = Unknowns(np.ones(len(names), bool), lens, delays=adjusted.delays != 0)
     options = {"delays": adjusted.delays, "robust_scale": 8.0, "tolerance": 1e-4, "steps": 25}
     free = adjust(stated, adjusted.bodies, solved.seen, free_focal, **options)
-    if free.rmse_px > (1.0 - ZOOM_GAIN) * solved.adjusted.rmse_px:
+    if free.rmse_px > (1.0 - ZOOM_GAIN) * adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
     focal = [cameras.K[:, 0, 0] for cameras in (stated, free.cameras)]
@@ -155,7 +152,7 @@ def lens_unknowns(cameras: Cameras, lenses: Sequence[Lens]) -> Unknowns:
         if not len(used):
             lens[c, [4 + i for i in LENS_MODELS["radial2"].fitted]] = True
     sigma = np.tile(np.array([0.03] * 2 + [0.03] * 2 + [0.3] * 8), (len(cameras), 1))
-    return Unknowns(np.ones(len(cameras), bool), lens, True, sigma)
+    return Unknowns(np.ones(len(cameras), bool), lens, sigma)
 
 
 def poses_seen(board: Board, seen: Mapping[int, BoardSighting], lens: Lens) -> dict[int, Pose]:
@@ -241,12 +238,9 @@ def widen_by_halves(
         return replace(found, findings=(*found.findings, short))
     apart, turned = _difference(*halves)
     note = diagnostic("halves_differ", result="size", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
-    return replace(
-        found,
-        centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
-        turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma,
-        notes=(*found.notes, note),
-    )
+    centre, turn = (_ratio(apart, found.centre_sigma_m), _ratio(turned, found.turn_sigma))
+    sigmas = {"centre_sigma_m": centre * found.centre_sigma_m, "turn_sigma": turn * found.turn_sigma}
+    return replace(found, notes=(*found.notes, note), **sigmas)
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
@@ -430,22 +424,20 @@ def calibrate_by_board(
     findings = _mirrored(names, seen)
     ordered = [lenses[n][0] for n in names]
     progress("All cameras at once", 0, 1)
-    moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.extrinsic.values())
-    solved = calibrate_from_board(
-        names, ordered, board, seen, free_lenses=options.refine_lenses, fps=options.fps if moving else None
-    )
+    moving = all(path.suffix.lower() in VIDEOS for path in footage.extrinsic.values())
+    timing = {"free_lenses": options.refine_lenses, "fps": options.fps if moving else None}
+    solved = calibrate_from_board(names, ordered, board, seen, **timing)
     progress("Halves of the footage", 0, 1)
     found = widen_by_halves(result_of("board", solved.adjusted), ordered, board, seen)
     R, t, note = _world(solved, options.origin_frame)
     measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
-    advice = [item for lens in measured.values() for item in lens.advice]
+    doubts = (*_doubts(names, found, solved), *zoom_doubts(solved), *found.findings)
+    advice = (item for lens in measured.values() for item in lens.advice)
     figures: dict[str, Any] = {"count": len(solved.moments), "left_out": solved.left_out}
-    return replace(
-        moved_world(found, R, t),
-        findings=(*findings, *_doubts(names, found, solved), *zoom_doubts(solved), *found.findings, *advice),
-        notes=(note, *found.notes, diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)),
-        lenses={n: _facts(lens) for n, lens in measured.items()},
-    )
+    evidence = diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)
+    facts = {n: _facts(lens) for n, lens in measured.items()}
+    words = {"findings": (*findings, *doubts, *advice), "notes": (note, *found.notes, evidence), "lenses": facts}
+    return replace(moved_world(found, R, t), **words)
 
 
 def _lenses(
@@ -479,13 +471,10 @@ def _lenses(
 
 
 def _facts(lens: CameraLens) -> dict[str, object]:
-    return {
-        "model": lens.choice.fit.model.name,
-        "held_out_px": lens.choice.held_out,
-        "pictures": len(lens.frames),
-        "focal_sigma_px": lens.choice.fit.focal_sigma_px,
-        "advice": [sentence(item) for item in lens.advice],
-    }
+    fit = lens.choice.fit
+    facts: dict[str, object] = {"model": fit.model.name, "held_out_px": lens.choice.held_out}
+    facts |= {"pictures": len(lens.frames), "focal_sigma_px": fit.focal_sigma_px}
+    return facts | {"advice": [sentence(item) for item in lens.advice]}
 
 
 def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:
@@ -505,8 +494,8 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
     words: list[Diagnostic] = []
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
-            size = found.camera_rmse_px[c]
-            words.append(diagnostic("camera_off", reference="board", unit="px", cameras=[name], size=size))
+            figures = {"reference": "board", "unit": "px", "size": found.camera_rmse_px[c]}
+            words.append(diagnostic("camera_off", cameras=[name], **figures))
         if abs(found.delays_s[c]) > 0.005:
             way = "later" if found.delays_s[c] > 0 else "earlier"
             late_ms = abs(found.delays_s[c]) * 1000

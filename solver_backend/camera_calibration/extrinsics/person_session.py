@@ -155,7 +155,8 @@ class _FlatViews:
             if good.sum() < FEWEST_COMMON // 2:
                 continue
             R, t = pose_from_essential(E, a[good], b[good])
-            angle = _median_angle(a[good], b[good], R)
+            u, v = (x / np.linalg.norm(x, axis=1, keepdims=True) for x in (_rays(a[good]), _rays(b[good]) @ R))
+            angle = float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
             score = float(good.sum()) * min(angle, np.pi - angle, 1.0)
             if best is None or score > best[0]:
                 best = score, (i, j), R, t
@@ -176,9 +177,7 @@ class _FlatViews:
         use = common[c]
         name = self.lenses.names[c]
         if use.sum() < FEWEST_COMMON // 2:
-            message = (
-                f"The camera sees {int(use.sum())} keypoints that others see too; {FEWEST_COMMON // 2} are needed."
-            )
+            message = f"The camera sees {int(use.sum())} keypoints of the others; {FEWEST_COMMON // 2} are needed."
             hint = "Film the person where this camera and two others see them."
             raise CalibrationInvalid(message, where=f"camera {name}", hint=hint)
         R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
@@ -207,7 +206,7 @@ class _FlatViews:
             lens[:, list(FOCAL)] = True
             lens_sigma = np.full((len(which), PARAMETERS), 1.0)
             lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
-        unknowns = Unknowns(np.ones(len(which), bool), lens, True, lens_sigma)
+        unknowns = Unknowns(np.ones(len(which), bool), lens, lens_sigma)
         options = {"robust_scale": 2.5, "gauge": 7, "tolerance": 1e-6, "steps": 40}
         return adjust(cameras, bodies, sightings, unknowns, watch=watch, **options), used
 
@@ -236,11 +235,8 @@ def sample_person(keypoints: Keypoints2D, most: int) -> tuple[np.ndarray, np.nda
     return frames, np.where((confidence >= LEAST_CONFIDENCE)[..., None], xy, np.nan), confidence
 
 
-def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
-    """Return the median angle between the rays of both cameras in radians."""
-    rays = [np.concatenate([x, np.ones_like(x[:, :1])], axis=1) for x in (a, b)]
-    u, v = (r / np.linalg.norm(r, axis=1, keepdims=True) for r in (rays[0], rays[1] @ R))
-    return float(np.median(np.arccos(np.clip((u * v).sum(-1), -1.0, 1.0))))
+def _rays(xy: np.ndarray) -> np.ndarray:
+    return np.concatenate([xy, np.ones_like(xy[:, :1])], axis=1)
 
 
 def _sigma(found: Adjusted) -> float:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import BodySightings, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens, build_cameras, planar_pose
+from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras, planar_pose
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     point_bodies,
@@ -99,7 +99,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     xy, known = click_tables(cameras, clicks)
     sigma = np.full(xy.shape[:2], CLICK_SIGMA_PX)
     bodies, seen, used = point_bodies(cameras, xy, sigma, known, PLACE_SIGMA_M)
-    unknowns = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool))
+    unknowns = Unknowns(np.ones(len(names), bool))
     found = adjust(cameras, bodies, seen, unknowns, robust_scale=3.0, gauge=0)
     points, count = _points_of(clicks), int(np.isfinite(known).all(-1).sum())
     far = _far_clicks(found.error, seen, names, [points[i] for i in used])

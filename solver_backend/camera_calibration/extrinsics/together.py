@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Held, Unknowns, adjust
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
+from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting
 from solver_backend.camera_calibration.extrinsics.board_session import board_world, placed_boards, poses_seen
 from solver_backend.camera_calibration.extrinsics.person_session import (
@@ -150,7 +150,9 @@ def calibrate_together(
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
         raise CalibrationInvalid(f"Nothing was seen by {names}.", hint="Film a board or a person in front of it too.")
-    unknowns = _unknowns(start, sources, hold_m)
+    late = np.arange(len(start)) > 0 if any(e.seen.velocity is not None for e in sources) else None
+    held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
+    unknowns = Unknowns(np.ones(len(start), bool), delays=late, held=held)
     alone = [_by_camera(_adjusted(start, [e], unknowns), [e])[0] for e in sources] if len(sources) > 1 else []
     first = _adjusted(start, sources, unknowns)
     sigmas = _measured(first, sources)
@@ -160,12 +162,9 @@ def calibrate_together(
     ]
     found = _adjusted(first.cameras, weighed, unknowns)
     errors = _measured(found, sources)
-    words = [
-        word
-        for e, before, after in zip(sources, alone, _by_camera(found, sources), strict=False)
-        for word in _contradictions(e.name, start.names, before, after)
-    ]
-    notes = []
+    words, notes = list[Diagnostic](), list[Diagnostic]()
+    for e, before, after in zip(sources, alone, _by_camera(found, sources), strict=False):
+        words += _contradictions(e.name, start.names, before, after)
     for e, s in zip(sources, errors, strict=True):
         figures = {"source": e.name, "count": len(e.seen.px), "size": s * float(np.median(e.seen.sigma))}
         notes.append(diagnostic("calibration_evidence", evidence="source", **figures))
@@ -173,18 +172,10 @@ def calibrate_together(
     result, where = _in_world(result, found, start, sources, hold_m is not None, origin_frame)
     if hold_m is not None:
         moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
-        words += [
-            diagnostic("camera_off", reference="held", unit="mm", cameras=[name], size=1000 * far)
-            for name, far in zip(start.names, moved, strict=True)
-            if far > _ROBUST * hold_m
-        ]
+        for c in map(int, np.flatnonzero(moved > _ROBUST * hold_m)):
+            figures = {"reference": "held", "unit": "mm", "size": 1000 * moved[c]}
+            words.append(diagnostic("camera_off", cameras=[start.names[c]], **figures))
     return replace(result, findings=tuple(words), notes=(*notes, where))
-
-
-def _unknowns(start: Cameras, sources: Sequence[Evidence], hold_m: float | None) -> Unknowns:
-    late = np.arange(len(start)) > 0 if any(e.seen.velocity is not None for e in sources) else None
-    held = None if hold_m is None else Held(start, hold_m / HELD_REACH_M, hold_m)
-    return Unknowns(np.ones(len(start), bool), np.zeros((len(start), PARAMETERS), bool), delays=late, held=held)
 
 
 def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns) -> Adjusted:
@@ -195,8 +186,7 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
 
 
 def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
-    counts = [len(e.bodies.t) for e in sources]
-    firsts = np.cumsum([0, *counts[:-1]])
+    firsts = np.cumsum([0, *(len(e.bodies.t) for e in sources[:-1])])
     known = velocity = None
     if any(e.bodies.known is not None for e in sources):
         places = [np.full_like(e.bodies.t, np.nan) if e.bodies.known is None else e.bodies.known for e in sources]
@@ -214,11 +204,11 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
     """Return the factor of each source's errors to its stated deviations, by Rayleigh's median."""
     parts = np.split(found.error, np.cumsum([len(e.seen.px) for e in sources])[:-1])
-    factors = [
-        FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
-        for error, e in zip(parts, sources, strict=True)
-    ]
-    return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for s, e in zip(factors, sources, strict=True)]
+    found_sigmas = []
+    for error, e in zip(parts, sources, strict=True):
+        factor = FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
+        found_sigmas.append(max(factor, LEAST_SIGMA_PX / float(e.seen.sigma.min())))
+    return found_sigmas
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:

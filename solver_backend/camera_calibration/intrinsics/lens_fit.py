@@ -80,7 +80,7 @@ def fitted_lens(
     free[0, [4 + i for i in model.fitted]] = True
     sigma = np.full((1, PARAMETERS), 1.0)  # weak, so that richer models do not fold where nothing is seen
     sigma[0, list(CENTRE)], sigma[0, 4:] = 0.1, 2.0
-    found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, True, sigma), steps)
+    found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
     return LensFit(lens_of(found.cameras, 0), model, found.rmse_px, view_errors(found, views), focal_sigma, found)
@@ -88,8 +88,7 @@ def fitted_lens(
 
 def held_out_rmse(board: Board, views: Sequence[BoardSighting], lens: Lens) -> float:
     """Return the root mean squared error in px of pictures with a given lens and free board poses."""
-    nothing = np.zeros((1, PARAMETERS), dtype=bool)
-    return _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), nothing), 30).rmse_px
+    return _adjusted(board, views, lens, Unknowns(np.zeros(1, bool)), 30).rmse_px
 
 
 def view_errors(found: Adjusted, views: Sequence[BoardSighting]) -> Float[np.ndarray, " views"]:

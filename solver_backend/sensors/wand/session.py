@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.adjustment.bundle import (
     Unknowns,
     adjust,
 )
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, build_cameras
+from solver_backend.camera_calibration.adjustment.lens import build_cameras
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     Pose,
@@ -100,7 +100,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     sigma = np.full(len(camera), SIGMA_PX)
     seen = BodySightings(camera, moment, task.lights[light], moments.px[pick], sigma, velocity)
     others = np.arange(len(task.cameras)) > 0
-    unknowns = Unknowns(others, np.zeros((len(others), PARAMETERS), bool), delays=others if task.find_delays else None)
+    unknowns = Unknowns(others, delays=others if task.find_delays else None)
     options = {"steps": STEPS, "tolerance": TOLERANCE, "gauge": 0 if rigid else 1}
     return adjust(task.cameras, Bodies(R, t), seen, unknowns, delays=task.delays, **options), used
 

@@ -76,17 +76,10 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
             hands.append(at_times(of_hands, relative[c], when))
     notes, problems = _timing(found, clocks, wanted, fps)
     stacked = np.stack(xy)
-    seen = np.isfinite(stacked).all(-1)
-    joined = Detections(
-        tuple(item.name for item in found),
-        stacked.astype(np.float32),
-        np.where(seen, np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32),
-        sets.pop(),
-        np.stack(hands).astype(np.float32) if with_hands else None,
-        notes=notes,
-        problems=problems,
-    )
-    return joined, fps
+    sure = np.where(np.isfinite(stacked).all(-1), np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32)
+    both = np.stack(hands).astype(np.float32) if with_hands else None
+    names, words = tuple(item.name for item in found), {"notes": notes, "problems": problems}
+    return Detections(names, stacked.astype(np.float32), sure, sets.pop(), both, **words), fps
 
 
 def assembled(
@@ -109,27 +102,20 @@ def assembled(
     """
     detections, fps = everybody(found, clocks)
     footage = tuple(Path(item.video).absolute() for item in found)
-    sources = tuple(str(item) for item in footage)
+    sources, detector = tuple(str(item) for item in footage), found[0].detector
     if calibration is None:
         if len(found) < 2:
             hint = "Add another camera's video, or `from-videos VIDEO`."
             raise TooFewViews("One video alone does not make a capture.", where=name, hint=hint)
-        return Capture(
-            name,
-            None,
-            _main_person(detections, fps),
-            footage=footage,
-            sources=sources,
-            notes=(*detections.notes, diagnostic("person_chosen", basis="most_seen")),
-            problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
-            detector=found[0].detector,
-        )
+        notes = (*detections.notes, diagnostic("person_chosen", basis="most_seen"))
+        problems = (*detections.problems, diagnostic("cameras_not_calibrated"))
+        made_of = {"footage": footage, "sources": sources, "detector": detector}
+        return Capture(name, None, _main_person(detections, fps), notes=notes, problems=problems, **made_of)
     cameras, size_notes = in_video_pixels(calibration, found)
 
     def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
-        if len(cameras) == 1:
-            return select_in_one_view(detections, fps)
-        return select_people(cameras, detections, fps, progress)
+        one_view = len(cameras) == 1
+        return select_in_one_view(detections, fps) if one_view else select_people(cameras, detections, fps, progress)
 
     cameras, people, scaled = find_people(cameras, select, world)
     person = people[0]
@@ -149,7 +135,7 @@ def assembled(
         stature_m=one.stature_m,
         floor_from_person=one.floor_from_person or fitted.from_person,
         focal_sigma=one.focal_sigma,
-        detector=found[0].detector,
+        detector=detector,
         world_checked=True,
     )
 

@@ -267,24 +267,16 @@ def _detected(process: DetectorProcess, wanted: _Wanted, pictures: Iterator) -> 
         times.append(picture.time_s)
         bodies.append(found["keypoints"])
         hands.append(found.get("hands"))
-    joint_set = joint_set_of(process.about)
+    joint_set, info, times_s = joint_set_of(process.about), wanted.info, np.array(times)
     columns = joint_set.num_keypoints
-    times_s = np.array(times)
-    place, track = tracked([body[:, :columns] for body in bodies], times_s)
-    keypoints = _placed([body[:, :columns] for body in bodies], place, (columns, 3))
+    bodies = [body[:, :columns] for body in bodies]
+    place, track = tracked(bodies, times_s)
+    keypoints = _placed(bodies, place, (columns, 3))
     confidence = np.clip(np.nan_to_num(keypoints[..., 2]), 0.0, 1.0)
     missing = ~np.isfinite(keypoints).all(-1) | (confidence <= 0)
-    result = VideoDetections(
-        video=wanted.info.path,
-        video_hash=wanted.digest,
-        detector=process.about["name"],
-        joint_set=joint_set,
-        size=wanted.info.size,
-        times_s=times_s,
-        xy=np.where(missing[..., None], np.nan, keypoints[..., :2]),
-        confidence=np.where(missing, 0.0, confidence),
-        track=track,
-    )
+    xy, confidence = np.where(missing[..., None], np.nan, keypoints[..., :2]), np.where(missing, 0.0, confidence)
+    about = (info.path, wanted.digest, process.about["name"], joint_set, info.size)
+    result = VideoDetections(*about, times_s, xy, confidence, track)
     seen = [hand for hand in hands if hand is not None]
     if not seen or len(seen) < len(times):
         return result

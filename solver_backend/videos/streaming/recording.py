@@ -16,7 +16,15 @@ from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.frames import ViewMoment
-from solver_backend.live.recordings import Recorder, even_times, pack_head, pack_row, poses_at, read_rows
+from solver_backend.live.recordings import (
+    Recorder,
+    RecordingFormat,
+    even_times,
+    pack_head,
+    pack_row,
+    poses_at,
+    read_rows,
+)
 from solver_backend.live.views_session import ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.clocks import at_times
@@ -27,7 +35,7 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 
 
 @dataclass(frozen=True)
-class ViewsRecording:
+class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
     """Moments of live cameras, from the first on. Becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
 
     The first file is a capture of the keypoints at one rate. The second holds the live poses at the same frames, for a
@@ -102,8 +110,6 @@ def motion_of(capture: Path) -> Path:
 
 
 def _widths(head: dict[str, Any]) -> tuple[int, ...]:
-    if head["body"] != load_body().id:
-        raise ValueError("another body")
     C, K = len(head["names"]), JointSet(head["joint_set"]).num_keypoints
     return 1, C, 9 * C, 3 * C, 3 + _TURNS, NUM_BETAS, 2 * C * K, C * K
 
