@@ -222,7 +222,7 @@ def write_calibration(
     """Write cameras (metres, Z up) to a file, or a folder for COLMAP, and return the format's name.
 
     Args:
-        kind: one of ``FORMATS``, by default that of the file name.
+        kind: one of ``FORMATS``, by default from the file name.
 
     Raises:
         CommandLineInvalid: the format is unknown.

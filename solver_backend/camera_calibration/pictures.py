@@ -38,7 +38,7 @@ def grey_frames(path: Path, step: int = 1) -> Iterator[tuple[int, np.ndarray]]:
     """Yield the numbers of frames from 0, and their grey pictures (H, W) uint8.
 
     Args:
-        step: step between the frames. Videos are read through, because seeking is not exact.
+        step: step between the frames. Videos are decoded completely, because seeking is not exact.
 
     Raises:
         FileMissing: there is nothing at the path.

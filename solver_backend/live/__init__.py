@@ -1,1 +1,1 @@
-"""From points to poses while they come: network, tracks and a fit that starts from the frame before."""
+"""Estimate poses from live points."""

@@ -1,6 +1,6 @@
 """Receive faces that a phone sends: packets of Live Link Face (Epic Games) and iFacialMocap.
 
-Live Link Face sends one datagram per frame, big-endian. It holds the version 6 (uint8), the device's and the subject's
+Live Link Face sends one datagram per frame, big-endian. It has the version 6 (uint8), the device's and the subject's
 names (each with its length as int32), the frame number (int32), its fraction (float32), the rate as numerator and
 denominator (int32 each), the number of values (uint8) and the values (float32). These are 52 blend shapes in the order
 of Unreal's ``EARFaceBlendShape``, and 9 angles of head and eyes. A frame without a face ends before the values.

@@ -65,7 +65,7 @@ class ViewMoment:
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
-    """Yield the frames of a take at its own rate, or as fast as they are read."""
+    """Yield the frames of a take at the recorded rate, or without waiting."""
     start, number = time.perf_counter(), 0
     while True:
         for frame in cloud.positions:
@@ -156,8 +156,8 @@ class KeepUp:
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Yield the frames of a stream in order, each read in a thread as soon as it arrives. Raise what reading raises.
 
-    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. So the lines of a file,
-    which arrive all at once, are late only if they are behind their own clock.
+    A frame is due when it arrives or when its sender's clock reaches it, whichever is later. So the lines of a file
+    arrive early and are late only by their own clock.
     """
     waiting: Queue[PointFrame | BaseException | None] = Queue(_MOST_WAITING)
     gone = Event()

@@ -45,7 +45,7 @@ class Assembly(Protocol[Frame]):
 def listen(
     address: VmcAddress, assembly: Assembly[Frame], ask: Ask = lambda _: None
 ) -> Generator[Frame | EventLine, None, None]:
-    """Yield frames and events as they arrive. Wait while another program uses the port, and ask while nothing comes.
+    """Yield frames and events as they arrive. Wait while another program uses the port. Ask for packets in silence.
 
     Raises:
         CommandLineInvalid: this machine does not have the address.
@@ -149,7 +149,7 @@ class OneSender:
         self._meet(None)
 
     def _meet(self, sender: Any) -> None:
-        """Forget the packets of the former sender. The time of frames goes on."""
+        """Forget the packets of the former sender, but not the time of frames."""
         self._sender = sender
         self._packets: list[bytes] = []
         self._clock: float | None = None

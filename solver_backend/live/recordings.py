@@ -114,18 +114,16 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
     """Finish the recording of a killed run. Return the new file, None if there was nothing.
 
     Raises:
-        OutputNotWritable: another process is recording, or the disk is full. The recording is kept.
+        OutputNotWritable: another process is recording, or the disk is full. The recording is not deleted.
     """
     left = recording_of(path)
     if not left.exists():
         return None
     if is_held(left):
         raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Choose another.")
-    for number in count(1):
-        whole = path.with_name(f"{path.stem}_recovered_{number}{path.suffix}")
-        aside = recording_of(whole)
-        if not whole.exists() and not aside.exists():
-            break
+    names = (path.with_name(f"{path.stem}_recovered_{number}{path.suffix}") for number in count(1))
+    whole = next(name for name in names if not name.exists() and not recording_of(name).exists())
+    aside = recording_of(whole)
     try:
         os.rename(left, aside)
     except OSError as error:
@@ -181,7 +179,7 @@ _NEIGHBOURS = 4.0
 _SILENCE_S, _CUT_TO_S = 10.0, 1.0
 """A longer silence is not part of a take and is cut to the second value."""
 _GAP_S = 0.1
-"""Frames farther than this from a received pose were interpolated."""
+"""Frames with a larger distance from a received pose were interpolated."""
 
 
 @dataclass(frozen=True)
@@ -190,7 +188,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
 
     pieces: ClassVar[str] = "frames"
     fps: float | None = None
-    """Nominal rate, None where none was given."""
+    """Nominal rate, or None."""
     world: Callable[[], np.ndarray | None] = lambda: None
     """Returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known."""
 

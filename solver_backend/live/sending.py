@@ -18,7 +18,7 @@ from solver_backend.live.frames import LATE_S
 from solver_backend.types import Motion
 
 Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
-"""Returns the layout and the (J, 3) rest joints of the body as they are known by now."""
+"""Returns the layout and the currently known (J, 3) rest joints of the body."""
 
 
 class PoseSender:
@@ -86,7 +86,7 @@ def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) 
 
     Args:
         paced: play at the motion's rate and skip frames that are more than ``LATE_S`` late.
-        repeat: play again and again. The time goes on.
+        repeat: play again and again with increasing time.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
     start, number = time.perf_counter(), 0

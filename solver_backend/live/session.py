@@ -33,7 +33,7 @@ _HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in 
 
 
 def unit_of(points: np.ndarray) -> str | None:
-    """Return the unit in which (N, 3) points have the size of a person, or None."""
+    """Return the unit that gives (N, 3) points the size of a person, or None."""
     centre = np.median(points, axis=0)
     reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
     return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
@@ -81,7 +81,7 @@ class PointTracks:
         self.__init__()
 
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
-        """Return the (N, 54) evidence of a frame's points, including that of their tracks.
+        """Return the (N, 54) evidence of a frame's points and their tracks together.
 
         Args:
             points: (N, 3) metres.

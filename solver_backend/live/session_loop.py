@@ -171,7 +171,7 @@ def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
 
 
 KEPT = 16384
-"""Number of recent latencies that are kept."""
+"""Number of recent latencies in the statistics."""
 RATE_S = 1.0
 """Time window of the rate, in seconds."""
 

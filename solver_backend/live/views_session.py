@@ -72,7 +72,7 @@ WORLD_MOMENTS = 12
 BAD_M = 0.12
 """Largest median distance of keypoints from the body in a good pose, in metres. Detectors differ by 3 cm."""
 STARTS_WITH = 0.8
-"""Least share of common keypoints on which two views agree at the start. Later the pose decides."""
+"""Least share of common keypoints with two agreeing views at the start. Later the pose decides."""
 _TRIAL_MOMENTS = 6
 """Number of trial moments that run every part once."""
 SAME_PERSON = 0.5
@@ -106,7 +106,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         self._may_start_anew = True
         self._sides = ExchangedSides(joint_set.keypoints)
         self.sides_put_back = 0
-        """Number of limb pairs whose exchanged sides were corrected."""
+        """Number of limb pairs with corrected sides."""
         self.chosen: tuple[np.ndarray, np.ndarray] | None = None
         """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
 
@@ -186,7 +186,7 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         return _split(seen)
 
     def _agreement(self, seen: np.ndarray) -> int:
-        """Count the (C, K, 3) keypoints on which two views agree."""
+        """Count the (C, K, 3) keypoints with two agreeing views."""
         return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:

@@ -26,7 +26,7 @@ from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTrack
 from solver_backend.types import Cameras
 
 KEPT = 4096
-"""Number of recent latencies that are kept."""
+"""Number of recent latencies in the statistics."""
 
 
 @dataclass
@@ -186,7 +186,7 @@ MOST_AHEAD = 8
 READY_S, AHEAD_S = 60.0, 0.05
 """Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0
-"""Time limit for ending a sensor's process in seconds, and with a recording, whose waiting frames are written first.
+"""Time limit for ending a sensor's process in seconds, and with a recording, which is completed first.
 Blender waits 20 s for all."""
 
 

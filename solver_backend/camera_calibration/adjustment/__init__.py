@@ -1,1 +1,1 @@
-"""Lenses, poses, boards and points by least squares, on NumPy alone."""
+"""Adjust lenses, poses, boards and points by least squares, with NumPy alone."""

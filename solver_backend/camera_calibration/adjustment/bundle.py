@@ -81,13 +81,13 @@ class Unknowns:
     """Unknowns in addition to the bodies."""
 
     poses: Bool[np.ndarray, " cameras"]
-    """(C,) cameras whose pose is unknown."""
+    """(C,) cameras with an unknown pose."""
     lens: Bool[np.ndarray, "cameras 12"] | None = None
-    """(C, 12) unknown numbers of each lens, None for no number. The ratio of unknown fx and fy stays."""
+    """(C, 12) unknown numbers of each lens, None for no number. The ratio of fx and fy is constant."""
     lens_sigma: Float[np.ndarray, "cameras 12"] | None = None
     """(C, 12) expected deviation of each number from its start. None for no limit."""
     delays: Bool[np.ndarray, " cameras"] | None = None
-    """(C,) cameras whose delay is unknown. None for no camera."""
+    """(C,) cameras with an unknown delay. None for no camera."""
     held: Held | None = None
     """Expected poses. A camera that is far from its own is released (Cauchy)."""
 

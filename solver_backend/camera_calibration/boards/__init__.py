@@ -1,1 +1,1 @@
-"""Calibration boards: what is on them, a page to print, and finding them in pictures."""
+"""Describe, print and find calibration boards."""

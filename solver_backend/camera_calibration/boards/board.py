@@ -283,7 +283,7 @@ def _first_square_is_light(picture: np.ndarray, px: np.ndarray, size: tuple[int,
 def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: float) -> Float[np.ndarray, "points 2"]:
     """Return (n, 2) px/s of the points seen at a frame: central differences, one-sided where one neighbour is missing.
 
-    A point without neighbours moves like the median of the others. NaN where no frame beside saw the board.
+    A point without neighbours moves like the median of the others. NaN where no neighbouring frame has the board.
 
     Args:
         sightings: of one camera, by the frame's number.

@@ -118,7 +118,7 @@ def calibrate_from_board(
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
-    """Report each camera whose lens was calibrated at another zoom or mode.
+    """Report each camera with a lens of another zoom or mode.
 
     A free focal length must differ by more than 3 % and five standard deviations, and reduce the error by a quarter.
     """
@@ -198,7 +198,7 @@ def placed_boards(
 def board_world(
     bodies: Bodies, moments: Sequence[int], origin: int, first: int = 0
 ) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
-    """Return the rotation and translation into the world of the board that lies on the floor at a frame, and a note.
+    """Return the rotation and translation into the world of the board on the floor at a frame, and a note.
 
     Args:
         first: index of the body of the first moment.
@@ -221,7 +221,7 @@ def widen_by_halves(
 
     The errors of the corners of one picture are correlated (lens model, flatness, print), so the covariance of
     independent corners is too small. A half has twice the variance of the whole, and the difference of two halves twice
-    that again, so ``σ = |difference| / 2``. The ratio to the covariance is taken over all cameras. Lenses stay fixed.
+    that again, so ``σ = |difference| / 2``. All cameras have one ratio to the covariance. Lenses stay fixed.
 
     Args:
         seen: sightings of each camera by the frame's number.
@@ -349,7 +349,7 @@ class BoardOptions:
     fps: float | None = None
     """Frames per second of the videos for the poses, needed to estimate delays."""
     origin_frame: int | None = None
-    """Frame at which the board lies on the floor and defines origin and axes of the world."""
+    """Frame with the board on the floor, which defines origin and axes of the world."""
     refine_lenses: bool = False
     """Adjust lenses together with the poses."""
 

@@ -49,7 +49,7 @@ class Evidence:
     bodies: Bodies
     seen: BodySightings
     alike: float = 1.0
-    """Number of sightings with correlated errors, by which their weight is reduced."""
+    """Number of sightings with correlated errors, which reduces their weight."""
     metric: bool = False
     """The source determines the scale."""
     moments: tuple[int, ...] = ()
@@ -112,7 +112,7 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
 
 
 HELD_REACH_M = 3.0
-"""Distance at which the expected rotation of a held camera moves a point by the deviation of its centre, in metres."""
+"""Distance of a point that a held camera's expected rotation moves by the deviation of its centre, in metres."""
 CONTRADICTION = 2.0
 """A camera contradicts the other sources if its error in one source grows by this factor in a common adjustment."""
 LEAST_CONTRADICTION_PX = 3.0
@@ -133,7 +133,7 @@ def calibrate_together(
     """Return cameras that fit all sources at once, with the covariance of all.
 
     The first adjustment uses the expected noise of the sources, the second one the noise of their residuals. The world
-    is that of known places, or of the board at ``origin_frame``, or of the start.
+    comes from known places, the board at ``origin_frame``, or the start.
 
     Args:
         start: C cameras near the solution, in the world of known places if there are any.
@@ -212,7 +212,7 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
-    """Report the cameras whose (C,) errors in a source grew most in the common adjustment."""
+    """Report the cameras with the largest growth of (C,) errors in the common adjustment."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     found = []

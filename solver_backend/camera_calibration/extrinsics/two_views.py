@@ -19,7 +19,7 @@ from solver_backend.types.shapes import Bool, Float
 HYPOTHESES = 400
 """Number of samples of eight points."""
 COMPARED_POINTS = 600
-"""Most points on which the samples are compared."""
+"""Most points to compare the samples."""
 _REFINEMENTS = 6
 """Most rounds of reweighting. Chosen by hand."""
 
@@ -38,7 +38,7 @@ def essential_matrix(
     Args:
         first: (n, 2) normalised coordinates, n at least 8.
         second: (n, 2) the same points in the other picture.
-        scale: normalised distance at which a point loses its weight.
+        scale: normalised distance of a point that loses its weight.
 
     Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
     Zisserman 2004, eq. 11.9 (Sampson's distance).
@@ -126,7 +126,7 @@ def intersected(
 def point_bodies(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None, known_sigma: float = 0.002
 ) -> tuple[Bodies, BodySightings, np.ndarray]:
-    """Return single points that two cameras see or whose places are known, their sightings and their indices.
+    """Return single points that two cameras see or that have known places, their sightings and their indices.
 
     Args:
         xy: (C, P, 2) px, NaN where not seen.
@@ -152,7 +152,7 @@ def _rows(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def _essential(F: np.ndarray, spread: float) -> np.ndarray:
-    """Return the (m, 3, 3) essential matrices nearest to those of coordinates divided by ``spread``."""
+    """Return the (m, 3, 3) nearest essential matrices of coordinates divided by ``spread``."""
     scale = np.diag([1.0 / spread, 1.0 / spread, 1.0])
     U, _, Vt = np.linalg.svd(scale @ F @ scale)
     return U @ (np.array([1.0, 1.0, 0.0])[:, None] * Vt)
@@ -179,7 +179,7 @@ def resected_pose(
     Args:
         points: (n, 3) world, n at least 6, not in one plane.
         xy: (n, 2) normalised coordinates.
-        scale: normalised distance at which a point loses its weight.
+        scale: normalised distance of a point that loses its weight.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
     """

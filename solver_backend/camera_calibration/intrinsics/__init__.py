@@ -1,1 +1,1 @@
-"""Lenses: focal length, centre and distortion of one camera from pictures of a board."""
+"""Estimate focal length, centre and distortion of a camera from pictures of a board."""

@@ -190,7 +190,7 @@ GUESSED_SIGMA = 0.15
 EQUIVALENT_SIGMA = 0.08
 """Standard deviation of a 35 mm equivalent, as a share. It belongs to the whole sensor, and a video shows a part."""
 FILM_DIAGONAL_MM = 43.27
-"""Diagonal of 36 x 24 mm, by which equivalents are defined (CIPA DCG-001)."""
+"""Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001)."""
 PLAUSIBLE_SHARE = (0.2, 20.0)
 """Focal lengths of a fisheye and a telescope in longer sides of the picture."""
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
@@ -212,7 +212,7 @@ class FocalLength:
 
 
 def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
-    """Return the given focal length, or that of the file, or a guess.
+    """Return the given focal length, the one in the file, or a guess.
 
     Args:
         given: such as ``EXAMPLE``, or an empty text.
@@ -250,9 +250,9 @@ def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
 
 
 def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model under which all cameras together predict best. None if one of them lacks it.
+    """Return the distortion model with the best prediction for all cameras together. None if one of them lacks it.
 
-    The evidence of a camera is ``-n log σ`` for n pictures whose corners its best model predicts to σ px, if errors are
+    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n pictures to σ px and errors are
     normally distributed.
 
     Args:

@@ -59,13 +59,13 @@ def fitted_lens(
 ) -> LensFit:
     """Fit focal lengths, centre, the model's coefficients and the boards' poses to pictures of a board.
 
-    The ratio of fx and fy stays that of the start.
+    The ratio of fx and fy does not change.
 
     Args:
         start: lens to start from. By default it is found from the homographies.
 
     Raises:
-        CalibrationInvalid: there are fewer than three pictures, or all of them show the board alike.
+        CalibrationInvalid: there are fewer than three pictures, or all of them show the same pose.
 
     Reference: Zhang 2000, "A flexible new technique for camera calibration", sec. 3.
     """
@@ -138,7 +138,7 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
 
 
 FOLDS = 4
-"""Number of parts of the pictures. Each one is held out once."""
+"""Number of parts of the pictures, for cross-validation."""
 GAIN = 0.03
 """A richer model must predict better by this share."""
 
@@ -218,7 +218,7 @@ MOST_VIEWS = 40
 BLUR_SHARE = 0.4
 """A picture less sharp than this share of the camera's 80 % quantile is skipped."""
 CELLS = (8, 6)
-"""Cells of the picture, across and down, in which corners are counted."""
+"""Cells of the picture, across and down, for counting corners."""
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:

@@ -1,1 +1,1 @@
-"""From one frame of infrared and depth to markers in space, each with a covariance. NumPy alone."""
+"""Locate markers with covariances in one frame of infrared and depth, with NumPy alone."""

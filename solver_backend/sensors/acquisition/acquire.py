@@ -109,7 +109,7 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
-    """Return the (N,) mask of blobs without saturated pixels where most have them: slivers, whose ring is not theirs.
+    """Return the (N,) mask of blobs without saturated pixels where most have them: slivers with a foreign ring.
 
     If most markers do not saturate, their depths are in the blobs themselves. ``saturated`` is (P,).
     """
@@ -261,7 +261,7 @@ def split_merged(
 
     A disc of radius R has the variance ``R²/4`` along any axis, and two at the distance s have ``R²/4 + s²/4`` along
     the line between them. A blob with more than ``merged`` times a disc's variance is split into as many parts as its
-    area holds, and into more until all parts are round. Parts start at the pixels that are farthest apart (Gonzalez
+    area allows, and into more until all parts are round. Parts start at the pixels that are farthest apart (Gonzalez
     1985), and k-means moves them (Lloyd 1982).
 
     Args:

@@ -15,7 +15,7 @@ class AcquisitionSettings:
     marker_radius_m: float = 0.007
     """Radius of a marker."""
     full: float | None = None
-    """Counts at which infrared saturates. None for the largest value of the picture's type."""
+    """Saturated counts of infrared. None for the largest value of the picture's type."""
 
     background_quantile: float = 0.99
     """Quantile of the picture that is its background, because markers cover less than the rest."""
@@ -26,7 +26,7 @@ class AcquisitionSettings:
     most_threshold: float = 0.6
     """Upper limit, because retro-reflections saturate."""
     sample_step: int = 8
-    """Step of rows and columns from which the background is estimated."""
+    """Step of rows and columns to estimate the background."""
     mask_contrast: float = 0.5
     """In an empty scene, pixels above this share of the threshold are a lamp or another sensor."""
     mask_grow_px: int = 3
@@ -46,7 +46,7 @@ class AcquisitionSettings:
     least_ring: int = 4
     """Fewest depths in a ring that give a marker's depth."""
     mad_limit: float = 3.0
-    """Depths farther from the ring's median than this times their spread are skipped (Leys et al. 2013)."""
+    """Depths beyond this multiple of their spread from the ring's median are skipped (Leys et al. 2013)."""
     mad_floor_m: float = 0.003
     """Least spread of a ring, so that quantised depths are not outliers."""
     two_depths_m: float = 0.010
@@ -54,7 +54,7 @@ class AcquisitionSettings:
     most_spread_m: float = 0.020
     """Largest spread of a ring with a depth. Otherwise the marker is a ray."""
     behind_m: float = 0.030
-    """Depths farther behind the rest belong to another surface: three deviations of a pixel at 3 m."""
+    """Depths with a larger distance behind the rest belong to another surface: three deviations of a pixel at 3 m."""
     most_behind: float = 0.1
     """With a larger share behind it, the depth is an occluder's and the marker is a ray."""
     surface_radii: float = 2.0 / 3.0
@@ -65,7 +65,7 @@ class AcquisitionSettings:
     halo_px: float = 1.5
     """Excess radius of a blob from blur and saturation in pixels, until it is measured on round blobs."""
     round: float = 1.35
-    """A blob is round if its variance along its axis exceeds that of a disc of its area by less than this factor."""
+    """A blob is round if its variance along its axis exceeds a disc of its area by less than this factor."""
     round_kept: int = 256
     """Number of recent round blobs of known depth that give the halo."""
     merged: float = 1.6
@@ -221,7 +221,7 @@ def shapes_of(blobs: Blobs) -> Shapes:
 
 
 def full_counts(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) -> float:
-    """Return the counts at which a picture saturates."""
+    """Return the saturated counts of a picture."""
     return float(settings.full if settings.full is not None else np.iinfo(infrared.dtype).max)
 
 

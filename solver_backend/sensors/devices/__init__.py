@@ -1,1 +1,1 @@
-"""Sensors behind one interface: recorded folders, the studio's renderings, devices that are plugged in."""
+"""Sensors behind one interface: recordings, renderings of the studio, and connected devices."""

@@ -314,7 +314,7 @@ class RecordedSensor(OpenedDevice):
     sensor: SensorFiles
     kind: str
     start: float | None = None
-    """Host time of the recording's time 0. None to yield frames as fast as they are taken."""
+    """Host time of the recording's time 0. None to yield frames without waiting."""
     repeat: bool = False
     zero: float = 0.0
     """Device time that counts as 0."""

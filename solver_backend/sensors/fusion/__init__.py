@@ -1,1 +1,1 @@
-"""From what each sensor saw to one cloud: which sightings are one marker, which points go on, which are ghosts."""
+"""Fuse the sightings of all sensors into one cloud, follow its points, and reject ghosts."""

@@ -31,7 +31,7 @@ class FusionSettings:
     reach_m: float = 0.05
     """Largest distance of two sightings of one marker, however uncertain they are."""
     closest_m: float = 0.028
-    """Smallest distance of two markers. Of two closer points, only the more certain one is kept."""
+    """Smallest distance of two markers. Of two closer points, only the more certain one remains."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
     """Range of the intersection of two rays from either sensor, in metres."""
     least_angle: float = 0.17

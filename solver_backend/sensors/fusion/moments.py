@@ -96,7 +96,7 @@ class Gatherer:
         return seen
 
     def waiting(self, index: int) -> int:
-        """Return the number of frames of a sensor that wait for the others."""
+        """Return how many frames of a sensor wait for the others."""
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
@@ -149,7 +149,7 @@ class TrackedPoints:
 
     time: float
     points: np.ndarray
-    """(N, 3) world metres, as measured in this frame."""
+    """(N, 3) world metres, measured in this frame."""
     covariance: np.ndarray
     """(N, 3, 3) m²."""
     track: np.ndarray
@@ -281,7 +281,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
 
 
 def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
-    """Return the column of each of ``count`` tracks: the first one whose last track has ended."""
+    """Return the column of each of ``count`` tracks: the first one without a current track."""
     first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
     np.minimum.at(first, track, rows)
     np.maximum.at(last, track, rows)

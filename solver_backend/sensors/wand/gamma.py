@@ -191,7 +191,7 @@ MOST_MOMENTS = 300
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     """Return the points of each moment from the tables of a folder, in metres of the cameras' world.
 
-    A cloud holds the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these
+    A cloud has the points of one sensor with depth, or all intersections of the rays of two cameras. Most of these
     are false, and the Γ's edges select the true ones.
 
     Raises:

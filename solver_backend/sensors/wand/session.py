@@ -54,10 +54,10 @@ from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, p
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 SIGMA_PX = 0.3
-"""Standard deviation of a light's or a marker's pixel position, from which robust scales are set."""
+"""Standard deviation of a light's or a marker's pixel position. It sets the robust scales."""
 STEPS, TOLERANCE = 60, 1e-6
 HELD_OUT_BLOCKS = 10
-"""Number of time ranges of a recording. Every fifth of them is held out."""
+"""Number of time ranges of a recording. Every fifth one is not fitted."""
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ def held_out_errors(
 
 
 RATE_HZ = 120.0
-"""Rate at which speeds are compared, per second."""
+"""Rate of the compared speeds, per second."""
 PIECE_S, FLOOR_S = 6.0, 0.004
 """Length of the compared pieces, and shift of a speed's peak by perspective, in seconds."""
 CLIP_SIGMAS = 3.0

@@ -31,7 +31,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker. Frames in which a sensor sees several are crowded.
+    """Return the views of one marker. Frames with several markers are crowded.
 
     Args:
         folder: recording with the sensors' lenses. Their poses are not used.
@@ -114,7 +114,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens: the given one, or that of a calibration file next to the table.
+    """Return a sensor's lens: the given one, or the one in a calibration file next to the table.
 
     Raises:
         CalibrationMissing: there is neither.

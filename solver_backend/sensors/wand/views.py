@@ -22,7 +22,7 @@ class WandAmbiguous(MocapError):
 
 
 class WandInvalid(MocapError):
-    """The wand's lengths do not distinguish its lights, or differ from what was seen."""
+    """The wand's lengths do not distinguish its lights, or differ from the pictures."""
 
 
 class TimesInvalid(MocapError):
@@ -88,10 +88,10 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Return the view without the rows whose times do not increase.
+    """Return the view without rows of decreasing time.
 
     Raises:
-        TimesInvalid: too many rows are lost, none is left, or they span more than a day.
+        TimesInvalid: too many rows are lost, or they span more than a day.
     """
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
@@ -167,7 +167,7 @@ def distances(lights: Float[np.ndarray, "*batch 3 axes"]) -> Float[np.ndarray, "
 def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) -> tuple[np.ndarray, np.ndarray]:
     """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of sure frames.
 
-    The middle light lies between the others. The end of the shorter part is nearer to it, unless perspective reverses
+    The middle light is between the others. The end of the shorter part is nearer to it, unless perspective reverses
     this where the wand points at the camera.
 
     Args:
@@ -224,7 +224,7 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
 EXACT_SHARE = 0.01
 """A moment is equal to a frame if it is nearer than this share of the interval."""
 LONGEST_GAP = 1.5
-"""Longest interval, in usual ones, in which values are interpolated."""
+"""Longest interval with interpolated values, in usual intervals."""
 
 
 def values_and_velocities(
@@ -301,7 +301,7 @@ class Coverage:
     pictures: np.ndarray = field(init=False)
     """(C, ROWS, COLUMNS) sightings."""
     volume: dict[tuple[int, int, int], int] = field(init=False, default_factory=dict)
-    """Number of moments per cell in which the wand was located."""
+    """Number of located moments of the wand per cell."""
 
     def __post_init__(self) -> None:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
@@ -330,7 +330,7 @@ class Coverage:
 
     @property
     def volume_m3(self) -> float:
-        """Volume of the cells in which the wand was located."""
+        """Volume of the cells with the wand."""
         return len(self.volume) * CELL_M**3
 
     def next_place(self) -> str:

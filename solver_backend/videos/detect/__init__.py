@@ -1,1 +1,1 @@
-"""Keypoints of everybody in every picture of a video, by whichever detector the user has."""
+"""Detect the keypoints of all people in videos with any detector."""

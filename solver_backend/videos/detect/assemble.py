@@ -46,7 +46,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
 
     Raises:
         KeypointCountMismatch: the detectors have different joint sets.
-        NoDetections: nobody was found in any video, or the videos have no common moment.
+        NoDetections: no video shows a person, or the videos have no common moment.
     """
     sets = {item.joint_set for item in found}
     if len(sets) > 1:
@@ -78,8 +78,8 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     stacked = np.stack(xy)
     sure = np.where(np.isfinite(stacked).all(-1), np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32)
     both = np.stack(hands).astype(np.float32) if with_hands else None
-    names, words = tuple(item.name for item in found), {"notes": notes, "problems": problems}
-    return Detections(names, stacked.astype(np.float32), sure, sets.pop(), both, **words), fps
+    names, xy = tuple(item.name for item in found), stacked.astype(np.float32)
+    return Detections(names, xy, sure, sets.pop(), both, notes=notes, problems=problems), fps
 
 
 def assembled(
@@ -94,7 +94,7 @@ def assembled(
 ) -> Capture:
     """Return the capture of a take.
 
-    With cameras it shows the person on whom most views agree. Otherwise it shows the most visible person of each view.
+    With cameras it shows the person with the most agreeing views. Otherwise it shows the most visible person per view.
 
     Args:
         calibration: of the cameras in the same order, or None.
@@ -193,7 +193,7 @@ def in_video_pixels(
     """Return the cameras in the pixels of the videos, and notes on scaling.
 
     Raises:
-        CalibrationMismatch: a video's pictures have another shape than those of its calibration.
+        CalibrationMismatch: a video's pictures have another shape than in its calibration.
     """
     cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):

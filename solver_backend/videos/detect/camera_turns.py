@@ -21,7 +21,7 @@ from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.video_detections import VideoDetections
 
 WIDTH_PX = 640
-"""Width at which pictures are processed. A feature is located to a twentieth of such a pixel."""
+"""Width of the processed pictures. A feature is located to a twentieth of such a pixel."""
 FEATURES, FEWEST = 400, 40
 """Number of tracked features, and the fewest. Below half of the first, new features are detected."""
 MARGIN = 0.25
@@ -59,7 +59,7 @@ class CameraTurns:
 def steadied(
     found: tuple[VideoDetections, ...], calibration: Calibration, progress: Progress = silent
 ) -> tuple[tuple[VideoDetections, ...], list[Diagnostic]]:
-    """Return the detections of a single video as if its camera stood still. Several videos are not changed."""
+    """Return the detections of a single video for a still camera. Several videos are not changed."""
     if len(found) != 1:
         return found, []
     only, (cameras, _) = found[0], in_video_pixels(calibration, found)
@@ -102,7 +102,7 @@ def camera_turns(
 ) -> CameraTurns | None:
     """Estimate how the camera was turned. Return None if too little background is visible.
 
-    Features are tracked from picture to picture (Lucas and Kanade 1981) until few are left. The turn since their first
+    Features are tracked from picture to picture (Lucas and Kanade 1981) until few remain. The turn since their first
     picture is ``min_ω Σ ρ(|d_i - exp(ω) d_i0|)`` over their rays d, and turns are chained.
     """
     cv2 = opencv()
@@ -143,7 +143,7 @@ def _features(cv2: Any, grey: np.ndarray, mask: np.ndarray) -> np.ndarray:
 
 
 def _followed(cv2: Any, before: np.ndarray, now: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the tracked points, and the mask of those that are found forwards and backwards."""
+    """Return the tracked points, and the mask of points found forwards and backwards."""
     window = {"winSize": (15, 15), "maxLevel": 3}
     onward, there, _ = cv2.calcOpticalFlowPyrLK(before, now, points[:, None], None, **window)
     back, again, _ = cv2.calcOpticalFlowPyrLK(now, before, onward, None, **window)

@@ -165,14 +165,14 @@ def detect_videos(
     cameras: Sequence[str] = (),
     pictures_fps: float = PICTURES_FPS,
 ) -> list[VideoDetections]:
-    """Return the detections of each video. Videos that this detector has done before are kept.
+    """Return the detections of each video. Videos that this detector has done before are skipped.
 
     Each video has its own detector process. Its detections are stored in ``folder`` at once, under a name made of the
     video's name, the hash of its bytes and the detector.
 
     Args:
         jobs: number of processes at a time, 0 for one per core.
-        cameras: names of the cameras, by default those of the videos.
+        cameras: names of the cameras, by default the names of the videos.
 
     Raises:
         SameVideoTwice: two videos have the same bytes.

@@ -26,7 +26,7 @@ from solver_backend.types import JointSet
 
 
 class DetectorMissing(MocapError):
-    """No detector is installed, or the Python or model that was named has none."""
+    """No detector is installed, or the given Python or model has none."""
 
 
 class DetectorOutputsUnknown(MocapError):
@@ -42,7 +42,7 @@ _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
 READY_S, ANSWER_S = 300.0, 60.0
 """Time limits to start a detector and to detect a picture, in seconds. Large models on slow machines take 10 s."""
 _LOG_BYTES = 1 << 16
-"""Number of bytes at the end of a detector's log that are read."""
+"""Number of bytes read at the end of a detector's log."""
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
 """Arrays of an answer about a body or a hand with their shapes. None is any length."""
@@ -183,7 +183,7 @@ def chosen_detector(
     Args:
         name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
             LiteRT.
-        python: interpreter to run it in. By default that of MediaPipe's environment, or our own for a model.
+        python: interpreter to run it in. By default MediaPipe's environment, or our own for a model.
         hands: also find hands if the detector can.
         worker: a user's own program that replaces the detector (see ``pose_workers.serve``).
 

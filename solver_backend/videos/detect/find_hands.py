@@ -128,7 +128,7 @@ SIGMA = 0.06
 """Standard deviation of a point for the agreement of views, as a share of the hand's length in the picture."""
 RIGHT, LEAST_TRUST = 0.5, 0.1
 """A hand that looks less like a right one gets a proportionally lower confidence, down to the second value, because a
-back that is taken for a palm gives the points of other fingers. Chosen on Pose2Sim's balancing videos, where it stops
+back mistaken for a palm gives the points of other fingers. Chosen on Pose2Sim's balancing videos, where it stops
 fingers from crossing. Of hands below 0.1 that face a view, two thirds are the wrong way round."""
 
 
@@ -155,7 +155,7 @@ Look = Callable[[np.ndarray], HandInCrop]
 
 @dataclass(frozen=True)
 class Arms:
-    """Elbows and wrists over F frames, or of one frame without that axis. The left side comes first."""
+    """Elbows and wrists over F frames, or of one frame without that axis. The left side is first."""
 
     places: np.ndarray
     """(F, 2, 2, 3) metres of elbow and wrist of each side, NaN where no views agree."""
@@ -431,7 +431,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
-    """Return the (C, 2) mask of views that search each hand: those that had it before, and the others in turn.
+    """Return the (C, 2) mask of views that search each hand: all that had it before, and the others in turn.
 
     ``before`` are the (C, 2, 21, 3) hands of the last frame. Without them all views search, and None is returned.
     """
@@ -443,7 +443,7 @@ def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | No
 
 
 def seen_by(capture: Capture, least: int) -> dict[str, float]:
-    """Return the share of frames, in per cent, in which at least this many views show a hand, by side."""
+    """Return the percentage of frames with a hand in at least this many views, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
     return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}

@@ -1,1 +1,1 @@
-"""Videos as pictures with their true times, as sound, and as previews."""
+"""Read the pictures, times and sound of videos, and write previews."""

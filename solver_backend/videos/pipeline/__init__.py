@@ -1,1 +1,1 @@
-"""Take a folder of videos to solved motions, and keep what was made before."""
+"""Solve motions from a folder of videos, and keep earlier results."""

@@ -76,7 +76,7 @@ def _entries(folder: Path) -> list[Path]:
 
 
 class NoVideos(MocapError):
-    """A folder holds no take."""
+    """A folder has no take."""
 
 
 VIDEO_FOLDERS = (

@@ -174,11 +174,11 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
 
 
 LOOKED_AT = 240
-"""Number of first pictures from which one is shown, so that a long video is not read to its middle."""
+"""One of this many first pictures is shown, so that a long video is not read to its middle."""
 SHOWN_S = 12.0
 """Length of the clocks' curves in seconds."""
 _LEFT, _TOP, _RIGHT = 40, 30, 190
-"""Margins of the clocks' curves in pixels. The right one holds the names of the cameras."""
+"""Margins of the clocks' curves in pixels. The right one has the names of the cameras."""
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13
 _WEDGE = 90.0
 """Length of a camera's field of view in the plan in pixels."""

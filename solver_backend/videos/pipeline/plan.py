@@ -71,7 +71,7 @@ def planned(found: FoundFolder, out: Path) -> list[TakePlan]:
 
 
 def described(found: FoundFolder, plans: list[TakePlan], detector: str, sync: str, until: str) -> list[str]:
-    """Return the plan as lines for a person."""
+    """Return the plan as lines of text."""
     lines = [f"{found.root}: {len(plans)} take{'s' * (len(plans) > 1)}"]
     for footage in found.footage:
         lines.append(f"  board footage  {footage.kind} of {len(footage.cameras)} cameras in {footage.folder.name}")
@@ -143,7 +143,7 @@ class Records:
                 self._keys = {str(k): str(v) for k, v in kept.items()} if isinstance(kept, dict) else {}
 
     def is_made(self, output: Path, made_of: Any) -> bool:
-        """Return whether an output exists and was made from these JSON values."""
+        """Return whether an output of these JSON values exists."""
         return output.is_file() and self._keys.get(output.name) == key_of(made_of)
 
     def is_ours(self, output: Path) -> bool:

@@ -1,1 +1,1 @@
-"""Cameras while they film: pictures as they come, detected, brought together as moments, and recorded."""
+"""Detect and record live cameras."""

@@ -65,7 +65,7 @@ _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"),
 
 
 class Webcam:
-    """A camera by its number. Pictures have the times at which they arrive."""
+    """A camera by its number. Pictures have their times of arrival."""
 
     def __init__(self, name: str, index: int) -> None:
         self.name, self.index = name, index
@@ -219,7 +219,7 @@ class LiveView:
         threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
 
     def ask(self, moment: int, picture: LivePicture) -> None:
-        """Request the detection of a picture. The caller holds the condition."""
+        """Request the detection of a picture. The caller owns the condition."""
         self.busy, self.used, self._asked = True, moment, (moment, picture)
         self.changed.notify_all()
 
@@ -393,7 +393,7 @@ class LiveMoments:
                 self._changed.wait(_LOOK_S)
 
     def moments(self) -> Iterator[ViewMoment | EventLine]:
-        """Yield moments, and events about cameras, until fewer than two are left.
+        """Yield moments, and events about cameras, until fewer than two remain.
 
         While a moment is fitted, the next one is detected.
         """

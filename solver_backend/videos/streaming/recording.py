@@ -38,8 +38,8 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
     """Moments of live cameras, from the first on. Becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
 
-    The first file is a capture of the keypoints at one rate. The second holds the live poses at the same frames, for a
-    solve to start from. Every row holds the cameras' poses as they were known, because the world may become known late.
+    The first file is a capture of the keypoints at one rate. The second has the live poses at the same frames, for a
+    solve to start from. Every row has the cameras' poses at that time, because the world may become known late.
     """
 
     pieces: ClassVar[str] = "moments"
@@ -57,7 +57,7 @@ class ViewsRecording(RecordingFormat[[ViewMoment, FrameLine | None]]):
         return pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
     def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
-        """Return the row of a moment and of the line that was made of it, None where there is no line."""
+        """Return the row of a moment and its line, which may be None."""
         session = self.session
         assert session is not None
         cameras, count = session.cameras, session.joint_set.num_keypoints

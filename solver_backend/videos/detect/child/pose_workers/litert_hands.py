@@ -1,4 +1,4 @@
-"""MediaPipe's hand landmark model run by Google's LiteRT: 21 points of the hand in a crop that somebody else placed."""
+"""MediaPipe's hand landmark model run by Google's LiteRT: 21 points of the hand in a given crop."""
 
 from __future__ import annotations
 

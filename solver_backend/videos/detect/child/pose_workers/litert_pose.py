@@ -1,6 +1,6 @@
 """Run MediaPipe's pose models with Google's LiteRT: 33 keypoints per person (Bazarevsky et al. 2020, BlazePose).
 
-The person detector looks at the whole picture if somebody is missing. The landmark model looks at one person's square,
+The person detector looks at the whole picture if a person is missing. The landmark model looks at one person's square,
 and two of its points place the square in the next picture.
 """
 
@@ -22,7 +22,7 @@ _GRIDS = ((28, 2), (14, 2), (7, 6))
 """Cells per side of each grid of anchors, and anchors per cell."""
 NUM_ANCHORS = sum(cells * cells * anchors for cells, anchors in _GRIDS)
 NUM_NUMBERS = 12
-"""Numbers of a box: middle, size, and four points, of which the first two are the hips and the top of the circle."""
+"""Numbers of a box: middle, size, and four points. The first two are the hips and the top of the circle."""
 _LIKELY = 0.5
 """Least score of an anchor that shows a person."""
 _SAME_BOX = 0.3
@@ -70,7 +70,7 @@ def whole_picture(rgb: np.ndarray) -> PersonBox:
 
 
 def aligned(hips: np.ndarray, top: np.ndarray, side: int) -> PersonBox:
-    """Return the square around the hips whose up direction leads to the top of the circle around the body, (2,) px."""
+    """Return the square around the hips with its up direction to the top of the circle around the body, (2,) px."""
     along = top - hips
     radius = float(np.hypot(*along))
     up = along / radius if radius > 1e-6 else np.array([0.0, -1.0])

@@ -70,7 +70,7 @@ LEAST_SCORE = 0.3
 LARGEST_OVERLAP = 0.65
 """Largest overlap (intersection over union) of two people's boxes."""
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
-"""Mean and deviation of ImageNet's pictures (RGB, 0 to 255), with which RTMPose is trained."""
+"""Mean and deviation of ImageNet's pictures (RGB, 0 to 255), the training data of RTMPose."""
 
 
 class Model:
@@ -125,7 +125,7 @@ class RtmPose(Model):
         return x[2] % given[3] == 0 and x[2] // given[3] == y[2] / given[2]
 
     def people(self, rgb: np.ndarray) -> np.ndarray:
-        """Return the people in the last boxes, or in the whole picture if there is nobody."""
+        """Return the people in the last boxes, or in the whole picture without people."""
         whole = np.array([0.0, 0.0, rgb.shape[1], rgb.shape[0]])
         found = [self._in_box(rgb, box) for box in self.boxes]
         if not any(_is_somebody(person) for person in found):
@@ -243,7 +243,7 @@ class MoveNet(Model):
 
 
 KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)
-"""Kinds in the order in which they are tried."""
+"""Kinds in the order of trial."""
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:

@@ -39,7 +39,7 @@ class PoseDetector(Protocol):
 
 
 def serve(make: Callable[[dict[str, Any]], PoseDetector]) -> int:
-    """Answer until the input ends. Output of libraries goes to standard error."""
+    """Answer until the input ends. Libraries print to standard error."""
     pictures, answers = sys.stdin.buffer, os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     try:
