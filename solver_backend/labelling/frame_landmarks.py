@@ -34,7 +34,6 @@ def read_frames(
     """Read frames of a take, some at a time.
 
     Args:
-        positions: (F, N, 3) metres, Z up.
         seen: (F, N) bool: there is a point.
         frames: numbers of the frames to read.
     """

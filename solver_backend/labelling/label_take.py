@@ -72,7 +72,6 @@ def voted(
 
     Args:
         together: (C, C) chains that are seen at one time.
-        bound: labels assigned by the user, by chain.
     """
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     seconds = votes.count * between
@@ -127,7 +126,6 @@ def with_head_forward(
     The distances of a head that is wider than long fit as well when it is turned by a quarter.
 
     Args:
-        positions: (F, N, 3) metres, NaN where missing.
         labels: (C,) label of each chain, negative where it has none.
         bound: labels assigned by the user, by chain; a head with one of these is left.
     """
@@ -227,8 +225,6 @@ def body_evidence(
     """Return (C, 54) mean log likelihoods of each chain's labels by the body, 0 where it is not used.
 
     Args:
-        positions: (F, N, 3) metres, NaN where missing.
-        labels: (C,) label of each chain.
         trusted: (C,) bool: the body is laid over these.
         fit: of a body, from its start.
     """

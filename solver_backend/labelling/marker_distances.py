@@ -118,10 +118,6 @@ def distance_evidence(
     ``sum_j log t(m_ij / s | mu_ab, sigma_ab) + log t(c_ij | ...)``, s the person's size over the table's, the sum
     tempered to ``READINGS`` partners. Where both counterparts on the body's other side are named, half of the first
     density is that about *their* distance in this take. A ghost has a place of other layouts, or any on the body.
-
-    Args:
-        labels: (C,) label of each chain.
-        trusted: (C,) bool.
     """
     chains = len(labels)
     partners = np.flatnonzero(trusted & (labels >= 0) & (labels < GHOST))

@@ -50,12 +50,7 @@ def calibrated_hand(
     fps: float,
     settings: SolveSettings,
 ) -> MarkerHand:
-    """Return a hand of known size, with its markers' offsets calibrated between the solves.
-
-    Args:
-        positions: (F, L, 3) metres of the hand's markers, NaN where missing.
-        path: the body's wrist.
-    """
+    """Return a hand of known size, with its markers' offsets calibrated between the solves."""
     layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
@@ -176,12 +171,7 @@ def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> H
 def worn_hand(
     measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
 ) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
-    """Return a hand of a body from its markers, with attached ones that have no place, and diagnostics.
-
-    Args:
-        side: 0 left, 1 right.
-        path: the body's wrist.
-    """
+    """Return a hand of a body from its markers, with attached ones that have no place, and diagnostics."""
     markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
     hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
     if side not in measured.extra:

@@ -63,7 +63,6 @@ def hand_size(
     deviation follows from the agreement of the bones, and from the subtracted variance.
 
     Args:
-        points: (F, 21, 3) metres, NaN where a point is not located.
         spread: (F, 21) m², trace of the covariance by which points scatter about their hand.
     """
     one, other = _MEASURED.T

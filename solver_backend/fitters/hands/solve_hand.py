@@ -75,12 +75,7 @@ FARTHEST_M = 0.08
 def initial_keys(
     skeleton: HandSkeleton, wrist: WristPath, points: np.ndarray, layout: KeyframeLayout, prior: HandPrior
 ) -> Float[np.ndarray, "keys d"]:
-    """Return (K, D) keys: means in time of the turns and angles that located points show, else the relaxed hand.
-
-    Args:
-        wrist: the body's.
-        points: (F, 21, 3) metres, NaN where a point is not located.
-    """
+    """Return (K, D) keys: means in time of the turns and angles that located points show, else the relaxed hand."""
     frames = np.arange(len(points))
     spacing = max(1.0, float(np.diff(layout.key_times).mean()))
     near = np.exp(-0.5 * ((layout.key_times[:, None] - frames) / (0.5 * spacing)) ** 2)

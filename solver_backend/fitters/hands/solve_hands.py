@@ -67,10 +67,7 @@ def follow_hand(
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
 
     Args:
-        betas: (10,) shape.
-        side: 0 left, 1 right.
         turn: (F, 3) rotation vectors of the wrist in the world.
-        shift: (F, 3) metres.
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
@@ -176,10 +173,7 @@ def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarr
     """Return the poses with an arm that follows its hand in n frames.
 
     Args:
-        side: 0 left, 1 right.
-        frames: (n,) numbers of the frames.
         turn: (n, 3) rotation vectors of the wrist against the body's.
-        shift: (n, 3) metres.
     """
     subject, poses = solved.subject, solved.frames
     moved = follow_hand(subject.body, to_numpy(subject.betas), poses.select(frames), side, turn, shift)

@@ -143,7 +143,6 @@ def named_extras(
     """Return a take under the person's labels. Unnamed points get the name of the marker at their place.
 
     Args:
-        cloud: labelled by the network.
         person: from a calibration on this body, with markers attached to bones.
         kept: names that the user assigned, which stay though the person has no such marker.
 

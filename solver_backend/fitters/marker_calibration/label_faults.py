@@ -73,8 +73,6 @@ def clean_labels(
     missing may simply be the other's.
 
     Args:
-        points: (F, M, 3) metres, NaN where missing.
-        expected: (F, M, 3) approximate markers on the body.
         around: (M, n) neighbours of each.
         tested: (M,) bool: labels that may be wrong.
     """
@@ -207,7 +205,6 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its ankle.
 
     Args:
-        points: (F, L, 3) metres, NaN where missing.
         landmarks: the L places.
 
     Raises:
@@ -434,10 +431,6 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
 
     ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with the places y shifted by what the body is
     off around each marker.
-
-    Args:
-        points: (S, M, 3) metres, NaN where missing.
-        expected: (S, M, 3) markers on the body.
     """
     around = neighbours_of(points)
     shifted = expected + shared_error(points - expected, around)

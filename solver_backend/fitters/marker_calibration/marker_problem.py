@@ -112,7 +112,6 @@ def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray)
     bone that its landmark moves with most.
 
     Args:
-        found: the calibration from several takes.
         points: (F, M, 3) metres of the takes in turn, NaN where missing.
         takes: (F,) take of each frame.
     """

@@ -171,7 +171,6 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets
     ``LARGEST d + SLACK_M``.
 
     Args:
-        points: (F, L, 3) metres, NaN where missing.
         landmarks: the L places.
         body: of average shape.
         offsets: (L, 3) metres of the markers from their places in the rest frame: those on a bone are at its joint.

@@ -110,8 +110,6 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
 
     Args:
-        measured: (F, M, 3) metres, NaN where missing.
-        solved: (F, M, 3) markers on the body.
         bones: (F, M, 3, 3) mixed rotations of each marker's bones.
     """
     found, missing = measured.copy(), ~np.isfinite(measured).all(-1)

@@ -41,10 +41,6 @@ def measure_views(
 ) -> Measurements:
     """Return the measurements of a capture's views, after faults of single views were repaired.
 
-    Args:
-        estimate_sync: see ``check_capture``.
-        sync: see ``check_capture``.
-
     Raises:
         TooFewViews, NoDetections: nothing can be triangulated.
         NotSynchronised: see ``check_capture``.

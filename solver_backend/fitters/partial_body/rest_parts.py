@@ -89,8 +89,6 @@ def resting_shares(
     between informed frames with its third power up to ``BETWEEN``.
 
     Args:
-        offsets: (L, 3) of the landmarks in the rest frame, metres.
-        located: (F, L) bool.
         seen: (F,) bool: enough is located to place the body. Between such frames shares lie on straight lines.
         pinned: frames with pinned poses, which informs every part.
     """

@@ -167,10 +167,6 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     A joint is measured where a landmark is near it, and where it lies between such joints: between any two where one of
     ``CORE`` is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm
     without a trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
-
-    Args:
-        offsets: (L, 3) of the landmarks in the rest frame, metres.
-        located: (F, L) bool.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():

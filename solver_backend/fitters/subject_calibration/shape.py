@@ -56,9 +56,7 @@ def fit_shape(
 
     Args:
         subject: start of shape and offsets.
-        start: poses of the sample.
         scales: of Geman-McClure's penalty, falling.
-        settings: of each scale.
     """
     state, layout = _ShapeState(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)

@@ -36,10 +36,8 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
     measured once teach nothing.
 
     Args:
-        frames: poses of the sample.
         term: data of all frames.
         scale: detections beyond this many standard deviations are excluded.
-        sample: frame numbers of the sample.
     """
     return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
 
