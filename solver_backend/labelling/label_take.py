@@ -16,7 +16,7 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.exclusive_labels import labels_of_stretches
 from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
-from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
+from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
@@ -308,17 +308,8 @@ class LabelledTake:
     """(T,) label of each tracklet, as above."""
     stretch_confidence: np.ndarray
     """(T,) probability of that label."""
-    frames: np.ndarray
-    """(K,) frames that the network read."""
-    landmarks: np.ndarray
-    """(K, 77, 3) metres, the network's markers and joints."""
-    covariance: np.ndarray
-    """(K, 77, 3, 3) m²."""
-
-    @property
-    def joints(self) -> np.ndarray:
-        """(K, 24, 3) metres."""
-        return self.landmarks[:, -len(JOINTS) :]
+    votes: Votes
+    """The network's reading that the labels are from."""
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
         """Return the take with one column per marker, in the superset's order, and then the unnamed points.
@@ -381,7 +372,7 @@ def label_take(
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
     confidence = np.where(stretch >= 0, sure[stretch], np.nan)
-    return LabelledTake(by_point, confidence, tracklets, labels, sure, votes.frames, votes.landmarks, votes.covariance)
+    return LabelledTake(by_point, confidence, tracklets, labels, sure, votes)
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:

@@ -39,11 +39,6 @@ class TakeShape:
     variance: np.ndarray
     """(M, M) m², of the distances and of their changes between takes."""
 
-    def columns(self, chosen: np.ndarray) -> TakeShape:
-        """Return some of the markers, in this order."""
-        pairs = np.ix_(chosen, chosen)
-        return TakeShape(self.points[:, chosen], self.distance[pairs], self.variance[pairs])
-
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
     """Return the shape of (F, M, 3) points; markers that few frames show are missing."""

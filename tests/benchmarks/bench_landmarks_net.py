@@ -106,7 +106,7 @@ def ior(network: PointNetwork) -> list[Metric]:
 
 def _one_frame(bare: UnlabelledTake, labelled: LabelledTake, network: PointNetwork) -> float:
     """Return the share of points, in percent, of which the network says rightly what they are, frame by frame."""
-    points, truth = bare.cloud.positions[labelled.frames], bare.truth[labelled.frames]
+    points, truth = bare.cloud.positions[labelled.votes.frames], bare.truth[labelled.votes.frames]
     seen = np.isfinite(points).all(-1)
     told = [
         network(np.where(there[..., None], part, 0.0), there).scores.argmax(-1)
@@ -121,7 +121,7 @@ def _joints_mm(cloud: MarkerCloud, bare: UnlabelledTake, labelled: LabelledTake)
     by the network."""
     own, _ = in_the_superset(cloud)
     own, found = (solve(Capture("take", markers=c)).motion.joints for c in (own, labelled.cloud(bare.cloud)))
-    return _mean_mm(found - own), _mean_mm(labelled.joints - own[labelled.frames])
+    return _mean_mm(found - own), _mean_mm(labelled.votes.landmarks[:, GHOST:] - own[labelled.votes.frames])
 
 
 def _mean_mm(apart: np.ndarray) -> float:

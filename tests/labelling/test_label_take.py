@@ -18,7 +18,7 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.frame_landmarks import MOST_POINTS
-from solver_backend.labelling.label_take import LabelledTake, _frames_to_read, label_take
+from solver_backend.labelling.label_take import LabelledTake, Votes, _frames_to_read, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.labelling.tracklets import tracklets_of
@@ -128,10 +128,9 @@ def test_points_without_a_place_keep_the_names_that_somebody_gave_them():
     points = np.arange(18.0).reshape(2, 3, 3)
     source = MarkerCloud(points, 30.0, ("P7", "P8", "*3"))
     labels = np.array([[MARKERS.index("C7"), GHOST, -1]] * 2)
-    take = LabelledTake(
-        labels, np.ones((2, 3)), tracklets_of(points, 30.0), labels[0], np.ones(3), np.arange(2),
-        np.zeros((2, 77, 3)), np.zeros((2, 77, 3, 3)),
-    )  # fmt: skip
+    nothing = np.zeros((3, 54))
+    votes = Votes(np.arange(2), np.zeros((2, 77, 3)), np.zeros((2, 77, 3, 3)), nothing, nothing, np.zeros(3))
+    take = LabelledTake(labels, np.ones((2, 3)), tracklets_of(points, 30.0), labels[0], np.ones(3), votes)
     assert take.cloud(source).labels == ("C7", "P8", "*2")
     assert take.cloud(MarkerCloud(points, 30.0)).labels == ("C7", "*1", "*2")
 
@@ -261,4 +260,4 @@ def test_frames_read_in_smaller_parts_say_the_same(demo, labelled, monkeypatch):
     monkeypatch.setattr("solver_backend.labelling.frame_landmarks._PAIRS", 3 * demo.positions.shape[1] ** 2)
     parts = label_take(bare, load_network(), fit_average_person)
     assert np.array_equal(labelled.labels, parts.labels)
-    assert np.allclose(labelled.landmarks, parts.landmarks, atol=1e-4)
+    assert np.allclose(labelled.votes.landmarks, parts.votes.landmarks, atol=1e-4)

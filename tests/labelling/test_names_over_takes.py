@@ -12,7 +12,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.labelling.names_over_takes import exchange_gains, names_over_takes, shape_of
+from solver_backend.labelling.names_over_takes import TakeShape, exchange_gains, names_over_takes, shape_of
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 
@@ -105,7 +105,9 @@ def test_an_exchange_gains_where_one_take_has_the_names_the_other_way_round(take
     pair = np.array([[LABELS.index("LFSH"), LABELS.index("LBSH")]])
     order = np.arange(len(LABELS))
     order[pair[0]] = pair[0, ::-1]
-    straight, crossed = (float(exchange_gains(one, take, pair)[0]) for take in (other, other.columns(order)))
+    pairs = np.ix_(order, order)
+    turned = TakeShape(other.points[:, order], other.distance[pairs], other.variance[pairs])
+    straight, crossed = (float(exchange_gains(one, take, pair)[0]) for take in (other, turned))
     assert straight < -3.0 and crossed > 3.0
 
 
