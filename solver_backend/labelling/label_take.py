@@ -14,10 +14,15 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.exclusive_labels import labels_of_stretches
-from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
-from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.labelling.point_network import (
+    FEWEST_POINTS,
+    PointNetwork,
+    read_frames,
+    require_at_most,
+    require_points,
+)
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 

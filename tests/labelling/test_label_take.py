@@ -17,10 +17,9 @@ from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.user_labels_file import read_user_labels
-from solver_backend.labelling.frame_landmarks import MOST_POINTS
 from solver_backend.labelling.label_take import LabelledTake, Votes, _frames_to_read, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
-from solver_backend.labelling.point_network import load_network
+from solver_backend.labelling.point_network import MOST_POINTS, load_network
 from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.synthesis.embedded.demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
@@ -257,7 +256,7 @@ def test_more_points_than_can_be_compared_are_named(demo):
 @pytest.mark.slow
 def test_frames_read_in_smaller_parts_say_the_same(demo, labelled, monkeypatch):
     bare = MarkerCloud(demo.positions, demo.fps)
-    monkeypatch.setattr("solver_backend.labelling.frame_landmarks._PAIRS", 3 * demo.positions.shape[1] ** 2)
+    monkeypatch.setattr("solver_backend.labelling.point_network._PAIRS", 3 * demo.positions.shape[1] ** 2)
     parts = label_take(bare, load_network(), fit_average_person)
     assert np.array_equal(labelled.labels, parts.labels)
     assert np.allclose(labelled.votes.landmarks, parts.votes.landmarks, atol=1e-4)

@@ -202,9 +202,8 @@ def measure_network_landmarks(
         NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
     """
     # Its tables are read as these are imported: other methods do without.
-    from solver_backend.labelling.frame_landmarks import frame_landmarks
     from solver_backend.labelling.outputs import MARKERS
-    from solver_backend.labelling.point_network import load_network
+    from solver_backend.labelling.point_network import frame_landmarks, load_network
 
     network, markers = load_network(), marker_landmarks(body, MARKERS)
     landmarks = Landmarks.joined((markers, keypoint_landmarks(body, JointSet.SMPL_24))) if joints else markers

@@ -15,9 +15,8 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.markers import measure_network_landmarks
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.prepare import prepare
-from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.outputs import JOINTS, LANDMARKS, MARKERS
-from solver_backend.labelling.point_network import load_network
+from solver_backend.labelling.point_network import frame_landmarks, load_network
 from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture, record_markers
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
