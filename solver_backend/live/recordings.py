@@ -25,7 +25,7 @@ from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWri
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.outputs import check_output, is_held, lock, write_text
 from solver_backend.exchange.so3 import quat_from_rotvec, rotvec_from_quat, sign_continuous
-from solver_backend.fitters.motion_import.shape_from_lengths import standing_feet
+from solver_backend.fitters.motion_import.import_motion import standing_feet
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.files import open_appended

@@ -20,7 +20,7 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.humanoid import BONE_OF, JOINT_OF, Humanoid, t_pose, turned
 from solver_backend.exchange.vmc.osc import BONE, ROOT, TIME, OscMessage, PacketInvalid, decode_packet
-from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
+from solver_backend.fitters.motion_import.import_motion import shape_from_lengths
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
 from solver_backend.live.sending import pose_values

@@ -16,8 +16,8 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.fitters.motion_import import pose_fit
+from solver_backend.fitters.motion_import.import_motion import shape_from_lengths
 from solver_backend.fitters.motion_import.pose_fit import Measured, measure
-from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from tests.conftest import recordings_folder
 

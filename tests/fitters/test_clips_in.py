@@ -14,8 +14,7 @@ from solver_backend.body.body import Body, load_body
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.exchange.skeleton_file import SkeletonFile, read_skeleton, write_skeleton
-from solver_backend.fitters.motion_import.import_motion import import_motion
-from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
+from solver_backend.fitters.motion_import.import_motion import import_motion, shape_from_lengths
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.motion_file import read_motion
 from tests.support.bvh_texts import KnownMotion, known_motion, write_bvh
