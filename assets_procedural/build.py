@@ -20,10 +20,10 @@ from assets_procedural.mesh.charts import MATERIAL_NAMES, PART_FACING, build_tex
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
 from assets_procedural.population.shape import build_shape_space
 from assets_procedural.population.statistics import load_statistics
+from assets_procedural.primitives import load_primitives
 from assets_procedural.skeleton.correctives import fit_correctives
 from assets_procedural.skeleton.joints import fit_regressor, load_joints
 from assets_procedural.skeleton.skinning import heat_weights
-from assets_procedural.surface.primitives import load_primitives
 from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"

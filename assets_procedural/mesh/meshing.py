@@ -12,7 +12,7 @@ from skimage.measure import marching_cubes
 
 from assets_procedural.arrays import edges_of, face_normals, half_edges
 from assets_procedural.mesh.remeshing import on_grid, relax, remesh
-from assets_procedural.surface.primitives import Primitives
+from assets_procedural.primitives import Primitives
 from solver_backend.exchange.errors import BodyInvalid
 
 _LOW, _HIGH = np.array([0.0, -0.03, -0.20]), np.array([0.92, 1.75, 0.28])

@@ -18,7 +18,7 @@ from scipy.spatial import ConvexHull
 
 from assets_procedural.arrays import Array, edges_of
 from assets_procedural.layout import JOINT
-from assets_procedural.surface.primitives import NUMBERS
+from assets_procedural.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
 

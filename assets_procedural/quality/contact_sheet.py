@@ -13,10 +13,10 @@ from scipy.spatial.transform import Rotation
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE
 from assets_procedural.layout import JOINT, PARENTS
+from assets_procedural.primitives import NUMBERS
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
-from assets_procedural.surface.primitives import NUMBERS
 
 Degrees = dict[str, tuple[float, float, float]]
 _POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))

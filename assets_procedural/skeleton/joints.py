@@ -10,7 +10,7 @@ from scipy.optimize import nnls
 
 from assets_procedural.arrays import Array
 from assets_procedural.layout import CHILDREN, JOINT, MIRROR_JOINT
-from assets_procedural.surface.primitives import NUMBERS
+from assets_procedural.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.types import SMPL_JOINTS
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial import KDTree
 
-from assets_procedural.surface.primitives import NUMBERS, Primitives
+from assets_procedural.primitives import NUMBERS, Primitives
 from solver_backend.exchange.outputs import atomic_output
 from training.body.reference import Reference, load_reference, sample_density, signed_distance
 

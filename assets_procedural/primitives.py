@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from solver_backend.exchange.errors import FileDamaged
 
-NUMBERS = Path(__file__).parents[1] / "numbers"
+NUMBERS = Path(__file__).parent / "numbers"
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 _FLOOR = 1e-9

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from assets_procedural.surface.primitives import Primitives, load_primitives
+from assets_procedural.primitives import Primitives, load_primitives
 from solver_backend.exchange.errors import FileDamaged
 
 

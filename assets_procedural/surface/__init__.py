@@ -1,1 +1,0 @@
-"""The implicit surface: Gaussians of the left half body and their mirror images."""
