@@ -97,12 +97,13 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
         return demo(args)
     if args.verb == "detectors":
         return call([sys.executable, "-m", "supply.detectors"])
+    if args.verb == "build":  # needs the standard library alone
+        return call([sys.executable, "build_addon.py"])
     set_up()
     made = {
         "test": ["-m", "supply.checks", "test", *rest],
         "lint": ["-m", "supply.checks", "lint", *(["--fix"] if getattr(args, "fix", False) else [])],
         "bench": ["-m", "tests.benchmarks", *rest],
-        "build": ["build_addon.py"],
     }
     if args.verb in made:
         return call([str(PYTHON), *made[args.verb]])
