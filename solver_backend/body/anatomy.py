@@ -36,7 +36,6 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost
     """Return where a ray that starts inside the rest mesh first leaves it.
 
     Args:
-        body: the body model.
         origin: (3,) start, rest frame, metres.
         direction: (3,) any length.
         outermost: take where it leaves the mesh for good; a head may have a hollow mouth and nostrils.

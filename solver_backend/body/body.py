@@ -31,7 +31,6 @@ class Body:
     """
 
     id: str
-    """Name written to Motion files."""
     v_template: Float[np.ndarray, "vertices 3"]
     """(V, 3) metres."""
     shapedirs: Float[np.ndarray, "vertices 3 10"]
@@ -43,7 +42,6 @@ class Body:
     weights: Float[np.ndarray, "vertices joints"]
     """(V, J), rows sum to 1."""
     layout: BodyLayout
-    """Its joints."""
     faces: Int[np.ndarray, "triangles 3"]
     """(T, 3) vertex indices."""
     hands_mean: Float[np.ndarray, "hand_joints 3"] | None = None
@@ -162,7 +160,6 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
 def _layout(
     body_id: str, parents: tuple[int, ...], names: np.ndarray | None, groups: np.ndarray | None, where: str
 ) -> BodyLayout:
-    """Return the layout of a file: its own, or that of the SMPL family with as many joints."""
     try:
         if names is not None:
             own = tuple(str(name) for name in np.ravel(names))
@@ -180,7 +177,6 @@ def _layout(
 
 
 def _numbers(name: str, value: Any, where: str) -> np.ndarray:
-    """Return an array of a body file as float64, or refuse it by name."""
     value = np.asarray(value)
     if value.ndim == 0 or value.dtype.kind not in "fiub":
         raise BodyInvalid(f"{name} holds {value.dtype} of shape {value.shape}; numbers are expected.", where=where)

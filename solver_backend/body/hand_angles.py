@@ -67,7 +67,6 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
     Args:
         angles: (n, A) radians.
-        side: 0 left, 1 right.
     """
     turns = np.zeros((len(angles), 5, 3, 3))
     turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
@@ -84,7 +83,6 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
     Args:
         points: (n, 21, 3) of ``HAND_POINTS``; NaN where missing.
-        side: 0 left, 1 right.
     """
     frames = palm_frames(points, side)
     bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
@@ -99,11 +97,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 
 
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
-    """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``.
-
-    Args:
-        known: (n, A) which angles are.
-    """
+    """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
     for angle in range(NUM_ANGLES):
         informed[:, FINGER_OF[angle], JOINT_OF[angle]] |= known[:, angle]
@@ -115,7 +109,6 @@ def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[n
 
     Args:
         turns: (n, 5, 3, 3, 3) in the frame of the segment before.
-        side: 0 left, 1 right.
     """
     x, sign = turns[..., 0], side_sign(side)
     found = np.stack([

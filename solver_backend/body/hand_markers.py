@@ -24,7 +24,6 @@ class HandMarkers:
     """Markers of one hand."""
 
     labels: tuple[str, ...]
-    """L labels of these."""
     sites: HandSites
     """Where they sit on a hand of common shape."""
 
@@ -58,11 +57,7 @@ LEAST = 3
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
-    """Return the columns of the markers of hands by side and place; a side with fewer than ``LEAST`` has none.
-
-    Args:
-        labels: of all markers; of two with the same place the first counts.
-    """
+    """Return the columns of the markers of hands by side and place; a side with fewer than ``LEAST`` has none."""
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
     for column, label in enumerate(labels):
         if (place := hand_place(label)) is not None:
@@ -77,12 +72,7 @@ def hand_labels(labels: Sequence[str]) -> dict[str, str]:
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
-    """Return the markers of a hand among some labels, in their order; labels of no hand are left out.
-
-    Args:
-        skeleton: of the hand.
-        labels: as a recording has them.
-    """
+    """Return the markers of a hand among some labels, in their order; labels of no hand are left out."""
     known = tuple(label for label in labels if label in PLACES)
     finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
     finger, segment = finger.astype(int), segment.astype(int)

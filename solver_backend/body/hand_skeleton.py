@@ -127,8 +127,6 @@ class HandSkeleton:
         """Return (F, L, 3, A): ``R (axis × (point - joint))`` of the angles between the palm and the point's segment.
 
         Args:
-            posed: F poses.
-            sites: L points.
             points: (F, L, 3) metres, where they are in the hand's frame.
             turn: (F, 3, 3) R, from the hand's frame to the one that is wanted.
         """

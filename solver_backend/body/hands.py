@@ -77,7 +77,6 @@ def with_hand_size(body: Body, size: float) -> Body:
     """Return the body with larger or smaller hands: ``v + (size - 1) d``, see ``hand_size_directions``.
 
     Args:
-        body: from ``with_fingers``.
         size: of the hands, relative to what the body's shape gives them.
 
     Raises:
@@ -142,7 +141,6 @@ def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> Han
     Args:
         body: of the layout ``SMPL_HANDS``.
         betas: (10,).
-        side: 0 left, 1 right.
     """
     return HandSkeleton.of_points(hand_points(body, side, betas), side)
 
@@ -182,7 +180,6 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
 
     Args:
         body: of the layout ``SMPL_HANDS``.
-        side: 0 left, 1 right.
         betas: (10,) shape; the mean's if None.
     """
     rows, tips = _joints(side), tip_vertices(body)[side]
@@ -207,6 +204,5 @@ def tip_vertices(body: Body) -> Int[np.ndarray, "2 5"]:
 
 
 def _joints(side: int) -> np.ndarray:
-    """Return the joints of the wrist and of the fingers in the order of ``FINGERS``."""
     first = FIRST_FINGER + JOINTS_OF_A_HAND * side
     return np.array([SMPL_HANDS.joints.index(f"{SIDES[side]}_wrist"), *(first + np.array(COLUMNS).ravel())])

@@ -100,7 +100,6 @@ def _place(label: str, vocabulary: str) -> str | None:
 
 @cache
 def _tables(vocabulary: str) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the place by each word of the midline, and by each sided word."""
     midline, sided = (
         {word: place for several, place in words[vocabulary].items() for word in several.split()}
         for words in (_WORDS, _SIDED)

@@ -96,7 +96,6 @@ def joint_landmarks(body: Body, layout: BodyLayout) -> Landmarks:
 
 
 def _sided_rules(midline: dict[str, Rule], left: dict[str, Rule]) -> dict[str, tuple[str, Rule]]:
-    """Return side and rule of every keypoint name."""
     rules: dict[str, tuple[str, Rule]] = {name: ("", rule) for name, rule in midline.items()}
     for part, rule in left.items():
         for side in ("left", "right"):

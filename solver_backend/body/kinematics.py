@@ -34,7 +34,6 @@ def forward_kinematics(
     Derivatives of joints are those of the landmarks ``keypoint_landmarks(body, JointSet.SMPL_24)``.
 
     Args:
-        body: the body model.
         betas: (10,) shape.
         global_orient: (F, 3, 3) rotation body to world; it turns about the pelvis joint.
         local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or all J - 1.

@@ -133,7 +133,6 @@ class LabelWords:
     alone: dict[str, str]
     """Words that mean another where they are all that is named: a front alone is a forehead."""
     sides: Sides
-    """Words and letters for sides."""
     phrases: dict[tuple[str, ...], tuple[str, ...]]
     """Places by the sorted words that name them, a sided place without its side; several where they may name either."""
 
@@ -141,7 +140,6 @@ class LabelWords:
         """Return the side, empty where none is named, and the words of a label; no words where some are not known.
 
         Args:
-            label: without its prefix.
             letters: the side that each single letter stands for.
         """
         for pattern in _TOKENS:

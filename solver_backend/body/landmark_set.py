@@ -15,7 +15,6 @@ class Landmarks:
     """L named points: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with the bones b they hang on."""
 
     names: tuple[str, ...]
-    """One name a landmark."""
     weights: Float[np.ndarray, "landmarks joints"]
     """(L, J) share of each bone, rows sum to 1."""
     anchors: Float[np.ndarray, "landmarks joints 3"]
@@ -36,7 +35,6 @@ class Landmarks:
         """Return landmarks from P skinned points.
 
         Args:
-            names: L names.
             rest: (P, 3) rest positions of the mean shape, metres.
             shapedirs: (P, 3, 10) metres per unit of shape.
             weights: (P, J) skinning weights, rows sum to 1.

@@ -79,9 +79,6 @@ def rotation_jacobian(
     moves the rest point by ``D_k vec([d]x R_k)``.
 
     Args:
-        body: the body model.
-        landmarks: L landmarks.
-        skeleton: the posed tree.
         points: (F, L, 3) the posed landmarks.
         local: (F, n, 3, 3) local rotations of joints 1..n.
         levers: (L, J, 3) of the shape, see ``landmarks``.
@@ -217,7 +214,6 @@ class PosedLandmarks:
     by_offsets: Float[Array, "frames landmarks 3 3"] | None
     """(F, L, 3, 3) by an offset of each landmark in its rest frame."""
     skeleton: PosedSkeleton
-    """The posed tree."""
 
 
 def pose_landmarks(
@@ -236,14 +232,11 @@ def pose_landmarks(
     """Pose landmarks and differentiate them; the derivative by ``transl`` is the identity.
 
     Args:
-        body: the body model.
-        landmarks: L landmarks.
         betas: (10,) shape.
         global_orient: (F, 3, 3).
         local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.
         transl: (F, 3) metres.
         offsets: (L, 3) metres in the rest frame, added to each landmark (detector bias, marker placement).
-        jacobian: also return the derivatives.
         by_shape: among them those by the shape.
         num_rotations: rotations to differentiate by, root and the first joints; None: those that a solve turns.
     """
@@ -287,7 +280,6 @@ def _constant_levers(body: Body, weights: np.ndarray, anchors: np.ndarray, joint
     """Return ``h_lc = a_lc - w_lc J_c + sum_{j child of c} s_lj (J_j - J_c)``, s the share at or below a joint.
 
     Args:
-        body: for its tree.
         weights: (L, J).
         anchors: (L, J, ...) with the trailing shape of one joint.
         joints: (J, ...) rest joints, or their derivative by the shape.
@@ -309,7 +301,6 @@ def _rest_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
 
 @lru_cache(maxsize=64)
 def _shape_levers(body: Body, landmarks: Landmarks) -> np.ndarray:
-    """Return the (L, J, 3, 10) derivative of the levers by the shape."""
     return _constant_levers(body, landmarks.weights, landmarks.shapedirs, body.joints_shapedirs)
 
 

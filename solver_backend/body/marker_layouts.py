@@ -151,7 +151,6 @@ def _both_sides(names: list[str]) -> frozenset[str]:
 
 
 def _aliases(values: dict[str, Any]) -> Iterator[tuple[str, str]]:
-    """Yield every place with each of its other names, by side."""
     for place, names in values["aliases"].items():
         for name in names:
             if place in values["midline"]:

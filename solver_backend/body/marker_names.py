@@ -27,11 +27,6 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
     """Return the place of each label of which one alone is left: no other label names it, and others are on its limb.
 
     ``LateralEpicondyleL`` is the elbow's where arms have markers and legs have none, or where the knee has its own.
-
-    Args:
-        ambiguous: places by label.
-        known: places that other labels name.
-        file: of the layouts.
     """
     limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
@@ -117,8 +112,6 @@ def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelCont
     """Return how a recording's labels are to be read.
 
     Args:
-        labels: of the points that somebody named.
-        file: of the layouts.
         least: labels that a prefix or suffix must make known before it is taken for one.
     """
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
@@ -216,7 +209,6 @@ class MarkerNames:
     known: dict[str, str]
     """Place on the body by the label that names it."""
     unknown: tuple[str, ...]
-    """Labels that no layout knows."""
     virtual: tuple[str, ...]
     """Labels of computed points (joint centres, axes of segments), and those left out by hand."""
     doubled: tuple[str, ...]
@@ -244,7 +236,6 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
     Labels of a skeleton's joint centres are that together, see ``joint_centre_places``.
 
     Args:
-        labels: of the recording.
         own: the user's place by label, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
             may share), or empty where a label is to be left out.
     """
@@ -330,7 +321,6 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
     is there, labels of a limb state a side, or markers of the limb are on both sides of the trunk's middle.
 
     Args:
-        cloud: with labels.
         own: the user's places by label, which go first.
     """
     labels = [label for label in cloud.labels or () if not is_unnamed(label)]

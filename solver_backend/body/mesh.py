@@ -27,7 +27,6 @@ def pose_mesh(
     ``x = v_template + S betas + P flatten(R_j - I)`` (Loper et al. 2015, eqs. 2, 6, 8, 9).
 
     Args:
-        body: the body model.
         betas: (10,) shape.
         root: (F, 3, 3) rotation body to world about the pelvis joint.
         local: (F, n, 3, 3) rotations of joints 1..n: those that a solve turns, or more.

@@ -34,7 +34,6 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
     """Return the joints of hands and fingers by role (``left_hand``, ``left_index_1``) of a skeleton of hands alone.
 
     Args:
-        motion: of the skeleton.
         side: ``left`` or ``right`` of a single hand whose names do not show it.
     """
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
@@ -54,7 +53,6 @@ def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -
     """Return (F, 21, 3) of ``HAND_POINTS``, NaN of fingers that the skeleton lacks; None where it has no such hand.
 
     Args:
-        motion: of the skeleton.
         roles: its joint by role.
         side: 0 left, 1 right.
     """
@@ -83,9 +81,7 @@ def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) ->
     """Return whether a hand's fingers turn from their rest at any time.
 
     Args:
-        motion: of the skeleton.
         roles: its joint by role.
-        side: 0 left, 1 right.
     """
     name = SIDES[side]
     fingers = [f"{name}_{finger}_{k + 1}" for finger in FINGERS for k in range(_BONES)]

@@ -21,7 +21,6 @@ class PoseLayout:
     """
 
     num_joints: int
-    """Joints after the root that turn."""
 
     @property
     def dof(self) -> int:

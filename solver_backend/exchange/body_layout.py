@@ -24,7 +24,6 @@ class JointLimit:
     low_deg: tuple[float, float, float]
     """Least angle about x, y and z in degrees."""
     high_deg: tuple[float, float, float]
-    """Greatest angle."""
 
     @property
     def mirrored(self) -> JointLimit:
@@ -192,12 +191,7 @@ class BodyLayout:
             )  # fmt: skip
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:
-        """Return the layout of a body that lacks these joints and what hangs on them.
-
-        Args:
-            joints: names.
-            name: of the new layout.
-        """
+        """Return the layout of a body that lacks these joints and what hangs on them."""
         lost = {j for j, joint in enumerate(self.joints) if joint in joints}
         for j, parent in enumerate(self.parents):
             lost |= {j} if parent in lost else set()

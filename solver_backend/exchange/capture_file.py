@@ -28,7 +28,6 @@ class CameraFile:
     """One calibrated camera: ``x_cam = R @ x_world + t`` in OpenCV's axes, pixel (0, 0) is a pixel's centre."""
 
     name: str
-    """Name of the camera."""
     K: np.ndarray
     """(3, 3) intrinsic matrix in pixels."""
     R: np.ndarray
@@ -52,7 +51,6 @@ class CaptureFile:
     """What was recorded; C cameras, F frames, K keypoints."""
 
     name: str
-    """Name of the recording."""
     cameras: tuple[CameraFile, ...]
     """The calibrated cameras, in the order of the views."""
     fps: float
@@ -62,7 +60,6 @@ class CaptureFile:
     confidence: np.ndarray | None = None
     """(C, F, K) in 0..1, 0 where unseen."""
     joint_set: str = ""
-    """Name of the set of keypoints."""
     markers: np.ndarray | None = None
     """(F, M, 3) optical markers in world metres, NaN where unseen."""
     marker_labels: tuple[str, ...] = ()

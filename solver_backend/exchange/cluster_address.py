@@ -15,7 +15,6 @@ from .json_file import read_json_file
 CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
 """Files in the folder of ``--tls``, by the ending of the variable of the environment that passes each to Dask."""
 _PREFIX = "DASK_DISTRIBUTED__COMM__"
-_LOCAL = ("localhost", "")
 
 
 def require_safe(address: str) -> None:
@@ -35,32 +34,28 @@ def require_safe(address: str) -> None:
     protocol, _, rest = found.rpartition("://")
     if protocol in ("tls", "inproc") or _is_loopback(rest.rpartition(":")[0] if ":" in rest else rest):
         return
-    raise SchedulerUnsafe(
-        f"The scheduler {found or address} is on another host and not encrypted.", where=address,
-        hint="Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER (see the docs).",
-    )  # fmt: skip
+    hint = "Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER (see the docs)."
+    what = f"The scheduler {found or address} is on another host and not encrypted."
+    raise SchedulerUnsafe(what, where=address, hint=hint)
 
 
 def require_certificates(address: str, known: object) -> None:
     """Make sure that there are certificates for a scheduler that speaks TLS.
 
     Args:
-        address: of the scheduler.
         known: Dask's setting ``distributed.comm.tls.ca-file``, which ``use_certificates`` or the user's own makes.
 
     Raises:
         SchedulerUnsafe: there are none.
     """
     if address.startswith("tls://") and not known:
-        raise SchedulerUnsafe(
-            f"The scheduler {address} speaks TLS, and no certificates are given.", where=address,
-            hint="Give the folder of its certificates: --tls FOLDER.",
-        )  # fmt: skip
+        what = f"The scheduler {address} speaks TLS, and no certificates are given."
+        raise SchedulerUnsafe(what, where=address, hint="Give the folder of its certificates: --tls FOLDER.")
 
 
 def _is_loopback(host: str) -> bool:
     try:
-        return host in _LOCAL or ipaddress.ip_address(host.strip("[]")).is_loopback
+        return host in ("localhost", "") or ipaddress.ip_address(host.strip("[]")).is_loopback
     except ValueError:
         return False
 

@@ -26,8 +26,10 @@ MEDIAPIPE = "mediapipe"
 """The default."""
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
-        "MediaPipe", "One person, 33 keypoints; the Python that has it is named in the preferences", "mediapipe_pose",
-        own_environment=True,
-    ),
-}  # fmt: skip
+        "MediaPipe",
+        "One person, 33 keypoints; the Python that has it is named in the preferences",
+        "mediapipe_pose",
+        True,
+    )
+}
 """By the name that is typed, in small letters."""

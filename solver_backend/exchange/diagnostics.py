@@ -1,12 +1,8 @@
-"""Diagnostics: what was found, one value from reader to report, with the words of ``diagnostics.json``.
-
-The table has one row per code, by group: severity, text, cause, remedy and the words of parameters with named values.
-"""
+"""Diagnostics: findings as values from reader to report, with the texts of ``diagnostics.json`` by group and code."""
 
 from __future__ import annotations
 
 import math
-import string
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
@@ -23,6 +19,7 @@ Frames = tuple[tuple[int, int], ...]
 _TABLE = Path(__file__).with_name("diagnostics.json")
 _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
+_LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
 """Names or frame ranges that a sentence lists; the rest is counted."""
 MOST_DOUBTS = 3
@@ -53,12 +50,7 @@ class Remedy(StrEnum):
     """The motion was interpolated."""
 
 
-_DONE = {
-    Remedy.REPORTED: "",
-    Remedy.REPAIRED: ": corrected",
-    Remedy.EXCLUDED: ": not used there",
-    Remedy.BRIDGED: ": interpolated",
-}
+_DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used there", "bridged": ": interpolated"}
 
 
 @dataclass(frozen=True)
@@ -79,12 +71,6 @@ class DiagnosticEntry:
     """In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all"."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Text of each named value of a parameter, which may hold parameters itself."""
-
-    def list_parameters(self, values: Mapping[str, Any]) -> set[str]:
-        """Return the parameters that the texts need; of a parameter with words, those of the given value."""
-        texts = [self.text, self.remedy]
-        texts += [words[str(values[name])] for name, words in self.words.items() if str(values.get(name)) in words]
-        return {name for text in texts for _, name, _, _ in string.Formatter().parse(text) if name}
 
 
 @cache
@@ -118,25 +104,19 @@ class Where:
     """What a diagnostic concerns; fields are empty if it is none in particular."""
 
     file: str = ""
-    """Path or name of a file."""
     frames: Frames = ()
     """Frame ranges."""
     cameras: tuple[str, ...] = ()
     """Names of cameras; the first is at fault if others are named for comparison."""
     markers: tuple[str, ...] = ()
-    """Labels of markers."""
     joints: tuple[str, ...] = ()
-    """Names of joints or keypoints."""
     person: str = ""
-    """Name of a person."""
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values of the fields that are not empty."""
-        found = {item.name: getattr(self, item.name) for item in fields(self)}
-        plain: dict[str, object] = {
-            key: value if isinstance(value, str) else list(value) for key, value in found.items() if value
-        }
-        return {**plain, "frames": [list(run) for run in self.frames]} if self.frames else plain
+        found = {item.name: getattr(self, item.name) for item in fields(self)} | {"frames": map(list, self.frames)}
+        plain = {key: value if isinstance(value, str) else list(value) for key, value in found.items()}
+        return {key: value for key, value in plain.items() if value}
 
 
 class DiagnosticValues(TypedDict):
@@ -156,53 +136,37 @@ class Diagnostic:
     code: str
     """Its row in the table; a file of another version may have a code that the table lacks."""
     severity: Severity
-    """How grave it is."""
     where: Where = Where()
-    """What it concerns."""
     values: Mapping[str, Any] = field(default_factory=dict)
     """Parameters of the table's texts: plain JSON values."""
     remedy: Remedy = Remedy.REPORTED
-    """What was done."""
 
     def as_dict(self) -> DiagnosticValues:
         """Return plain JSON values, which ``read_diagnostics`` reads back."""
-        return {
-            "code": self.code,
-            "severity": self.severity.value,
-            "where": self.where.as_dict(),
-            "values": dict(self.values),
-            "remedy": self.remedy.value,
-        }
+        where, values = self.where.as_dict(), dict(self.values)
+        severity, remedy = self.severity.value, self.remedy.value
+        return {"code": self.code, "severity": severity, "where": where, "values": values, "remedy": remedy}
 
 
 class Words(NamedTuple):
     """A diagnostic for people."""
 
     what: str
-    """What was found, and where."""
     advice: str
     """What to do; empty if there is nothing to do."""
 
 
+# fmt: off
 def diagnostic(
-    code: str,
-    *,
-    severity: Severity | None = None,
-    remedy: Remedy = Remedy.REPORTED,
-    file: str = "",
-    frames: Iterable[tuple[int, int]] = (),
-    cameras: Sequence[str] = (),
-    markers: Sequence[str] = (),
-    joints: Sequence[str] = (),
-    person: str = "",
-    **values: Any,
+    code: str, *, severity: Severity | None = None, remedy: Remedy = Remedy.REPORTED, file: str = "",
+    frames: Iterable[tuple[int, int]] = (), cameras: Sequence[str] = (), markers: Sequence[str] = (),
+    joints: Sequence[str] = (), person: str = "", **values: Any,
 ) -> Diagnostic:
+    # fmt: on
     """Return a diagnostic of the table.
 
     Args:
-        code: key of ``load_table``.
         severity: the table's if None.
-        remedy: what was done.
         file, frames, cameras, markers, joints, person: see ``Where``.
         values: parameters of the table's texts; numbers are kept to six digits.
 
@@ -252,21 +216,18 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
     """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it; others are left out."""
     items = values if isinstance(values, list | tuple) else ()
-    return tuple(found for item in items if isinstance(item, Mapping) and (found := _read(item)))
+    return tuple(_read(item) for item in items if isinstance(item, Mapping) and isinstance(item.get("code"), str))
 
 
-def _read(item: Mapping[str, Any]) -> Diagnostic | None:
-    code, where, values = item.get("code"), item.get("where"), item.get("values")
-    if not isinstance(code, str):
-        return None
-    severities = {level.value: level for level in Severity}
-    remedies = {remedy.value: remedy for remedy in Remedy}
+def _read(item: Mapping[str, Any]) -> Diagnostic:
+    where, values = (given if isinstance(given := item.get(key), Mapping) else {} for key in ("where", "values"))
+    severity, remedy = item.get("severity"), item.get("remedy")
     return Diagnostic(
-        code,
-        severities.get(str(item.get("severity")), Severity.WARNING),
-        _read_where(where if isinstance(where, Mapping) else {}),
-        {str(key): _kept(value) for key, value in values.items()} if isinstance(values, Mapping) else {},
-        remedies.get(str(item.get("remedy")), Remedy.REPORTED),
+        item["code"],
+        Severity(severity) if severity in list(Severity) else Severity.WARNING,
+        _read_where(where),
+        {str(key): _kept(value) for key, value in values.items()},
+        Remedy(remedy) if remedy in list(Remedy) else Remedy.REPORTED,
     )
 
 
@@ -280,37 +241,26 @@ def _kept(value: Any) -> Any:
 
 
 def _read_where(values: Mapping[str, Any]) -> Where:
-    names = {key: _texts(values.get(key)) for key in ("cameras", "markers", "joints")}
-    file, person = (str(values.get(key) or "") for key in ("file", "person"))
-    return Where(file, _runs(values.get("frames")), person=person, **names)
-
-
-def _texts(value: Any) -> tuple[str, ...]:
-    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list) else ()
-
-
-def _runs(value: Any) -> Frames:
-    runs = value if isinstance(value, list) else []
-    pairs = [run for run in runs if isinstance(run, list) and len(run) == 2]
-    return tuple((a, b) for a, b in pairs if type(a) is int and type(b) is int and a <= b)
+    lists = {key: given if isinstance(given := values.get(key), list) else [] for key in _LISTS}
+    pairs = [run for run in lists.pop("frames") if isinstance(run, list) and len(run) == 2]
+    frames = tuple((a, b) for a, b in pairs if type(a) is int and type(b) is int and a <= b)
+    names = {key: tuple(item for item in items if isinstance(item, str)) for key, items in lists.items()}
+    return Where(str(values.get("file") or ""), frames, person=str(values.get("person") or ""), **names)
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
     """Return a diagnostic in words; a code that the table lacks is shown by name.
 
     Args:
-        found: of any origin.
         fps: frames per second, to state how long frame ranges are; 0 omits that.
     """
-    entry = load_table().get(found.code)
+    where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
     try:
-        if entry is None:
-            raise KeyError(found.code)
+        entry = load_table()[found.code]
         values = _fields(found, entry)
         what, advice = entry.text.format(**values), entry.remedy.format(**values)
     except (KeyError, ValueError, TypeError):  # a file of another version, or one that was edited
-        return Words(plain(_stop(_by_name(found, fps))), "")
-    where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
+        return Words(plain(_stop(f"{_by_name(found)}{where}")), "")
     return Words(plain(_stop(f"{what}{where}{_DONE[found.remedy]}")), plain(advice))
 
 
@@ -322,9 +272,10 @@ def sentence(found: Diagnostic, fps: float = 0.0) -> str:
 def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
     """Return frame ranges as text, the longest ones in full."""
     longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
-    listed = [f"frame {a}" if a == b else f"frames {a}-{b}{_seconds(b - a + 1, fps)}" for a, b in longest]
+    lengths = [f" ({(b - a + 1) / fps:.2f} s)" if fps > 0 else "" for a, b in longest]
+    texts = [f"frame {a}" if a == b else f"frames {a}-{b}{s}" for (a, b), s in zip(longest, lengths, strict=True)]
     more = f" and {len(runs) - len(longest)} shorter ones" if len(runs) > len(longest) else ""
-    return ", ".join(listed) + more
+    return ", ".join(texts) + more
 
 
 def listed(names: Iterable[str]) -> str:
@@ -334,16 +285,11 @@ def listed(names: Iterable[str]) -> str:
     return (", ".join(names[:LONGEST_LIST]) or "none") + more
 
 
-def _seconds(frames: int, fps: float) -> str:
-    return f" ({frames / fps:.2f} s)" if fps > 0 else ""
-
-
 def _stop(text: str) -> str:
     return text if text.endswith((".", "?", "!")) else f"{text}."
 
 
 def _fields(found: Diagnostic, entry: DiagnosticEntry) -> dict[str, Any]:
-    """Return the parameters of a row's texts."""
     where = found.where
     names: dict[str, Any] = {"file": where.file, "person": where.person}
     for one, several in (("camera", where.cameras), ("marker", where.markers), ("joint", where.joints)):
@@ -360,21 +306,14 @@ def _listed_value(value: Any) -> Any:
     return listed(map(str, value)) if isinstance(value, list) else value
 
 
-def _by_name(found: Diagnostic, fps: float) -> str:
-    """Return a diagnostic by its code, with what it concerns and its values."""
+def _by_name(found: Diagnostic) -> str:
     where = [*found.where.cameras, *found.where.markers, *found.where.joints, found.where.person, found.where.file]
     parts = [name for name in where if name] + [f"{key} {value}" for key, value in found.values.items()]
-    frames = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
-    return f"{found.code}{f' ({listed(parts)})' if parts else ''}{frames}"
+    return f"{found.code} ({listed(parts)})" if parts else found.code
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning, and a last one: "OK", or "Look at" the cameras, markers, joints and frames.
-
-    Args:
-        found: everything that was found.
-        fps: frames per second, 0 if unknown.
-    """
+    """Return a line per warning, and a last one: "OK", or "Look at" the cameras, markers, joints and frames."""
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
     return [*lines, f"Look at {_places(warnings)}." if warnings else "OK"]
@@ -388,9 +327,9 @@ def _places(warnings: Sequence[Diagnostic]) -> str:
         parts += [f"{kind[:-1] if len(names) == 1 else kind} {listed(names)}"] if names else []
     runs = _unite(run for item in warnings if not item.where.cameras for run in item.where.frames)
     parts += [frames_text(runs)] if runs else []
-    general = sum(not (w.where.cameras or w.where.markers or w.where.joints or w.where.frames) for w in warnings)
-    count = "1 warning" if general == 1 else f"{general} warnings"
-    return "; ".join([*parts, *([f"the whole take ({count} above)"] if general else [])])
+    if general := sum(not any(getattr(item.where, kind) for kind in _LISTS) for item in warnings):
+        parts.append(f"the whole take ({general} warning{'' if general == 1 else 's'} above)")
+    return "; ".join(parts)
 
 
 def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -419,9 +358,7 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
     """Return what was found, with accepted errors as warnings.
 
     Args:
-        found: everything that was found about a result.
         accepted: codes of ``list_refusals``.
-        where: the capture, for the message.
 
     Raises:
         ResultRefused: an error is not accepted; the message has every one, the hint what to do.

@@ -240,7 +240,6 @@ def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
     Args:
         bad_input: what 3 stands for.
         failed: what 4 stands for.
-        more: lines below the table.
     """
     return f"""\
 exit codes:

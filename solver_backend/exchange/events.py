@@ -1,4 +1,4 @@
-"""What a line of the progress protocol must look like before anybody acts on it."""
+"""Checks of the lines of the progress protocol, before a program acts on them."""
 
 from __future__ import annotations
 
@@ -6,135 +6,97 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-_Test = Callable[[Any], bool]
+Form = str | list[Any] | dict[str, Any]
+"""A key of ``_KINDS``, a list of one form for all items, or forms by key. The value of a key with ? may be null. The
+key * stands for all keys."""
 
 
-def _text(value: Any) -> bool:
-    return isinstance(value, str)
-
-
-def _whole(value: Any) -> bool:
-    return isinstance(value, int) and not isinstance(value, bool) and abs(value) < 2**31
-
-
-def _number(value: Any) -> bool:
+def _is_number(value: Any) -> bool:
     if isinstance(value, int):
         return not isinstance(value, bool) and abs(value) < 2**63  # a larger one may be none that a float holds
     return isinstance(value, float) and math.isfinite(value)
 
 
-def _texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(item, str) for item in value)
-
-
-def _diagnostics(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(item, dict)
-        and all(_text(item.get(key)) for key in ("code", "severity"))
-        and all(isinstance(item.get(key, {}), dict) for key in ("where", "values"))
-        for item in value
-    )
-
-
-def _or_none(test: _Test) -> _Test:
-    return lambda value: value is None or test(value)
-
-
-def _cameras(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(item, dict) and _text(item.get("name")) and _or_none(_number)(item.get("seen_percent"))
-        for item in value
-    )
-
-
-_EVENTS: dict[str, dict[str, _Test]] = {
-    "progress": {"stage": _text, "done": _whole, "total": _whole, "eta_s": _or_none(_number)},
-    "error": {"code": _text, "message": _text, "where": _text, "hint": _text},
+_KINDS: dict[str, Callable[[Any], bool]] = {
+    "text": lambda value: isinstance(value, str),
+    "whole": lambda value: _is_number(value) and isinstance(value, int) and abs(value) < 2**31,
+    "number": _is_number,
+    "object": lambda value: isinstance(value, dict),
+}
+_DIAGNOSTICS = [{"code": "text", "severity": "text", "where": "object", "values": "object"}]
+# fmt: off
+_CAPTURE = {
+    "capture": "text", "name": "text", "frames": "whole", "fps": "number", "joint_set?": "text", "markers?": "whole",
+    "cameras": [{"name": "text", "seen_percent?": "number"}],
+    "people": [{"name": "text", "frames": "whole", "views": "number"}],
+    "person": "text", "notes": ["text"], "problems": ["text"], "diagnostics": _DIAGNOSTICS,
+}
+_SOLVED = {
+    "motion": "text", "report?": "text", "diagnostics": _DIAGNOSTICS, "frames": "whole",
+    "reprojection_median_px?": "number", "unsure_frames": "whole", "unseen_frames": "whole",
+}
+_CHANGE = {"name": "text", "before_px?": "number", "after_px?": "number", "moved_mm?": "number",
+           "turned_degrees?": "number"}
+_EVENTS: dict[str, dict[str, Form]] = {
+    "progress": {"stage": "text", "done": "whole", "total": "whole", "eta_s?": "number"},
+    "error": {"code": "text", "message": "text", "where": "text", "hint": "text"},
     "result": {},
 }
-
-
-def _people(value: Any) -> bool:
-    return isinstance(value, list) and all(
-        isinstance(item, dict) and _text(item.get("name")) and _whole(item.get("frames")) and _number(item.get("views"))
-        for item in value
-    )
-
-
-_CAPTURE: dict[str, _Test] = {
-    "capture": _text, "name": _text, "frames": _whole, "fps": _number, "joint_set": _or_none(_text),
-    "markers": _or_none(_whole), "cameras": _cameras, "people": _people, "person": _text,
-    "notes": _texts, "problems": _texts, "diagnostics": _diagnostics,
-}  # fmt: skip
-_SOLVED: dict[str, _Test] = {
-    "motion": _text, "report": _or_none(_text), "diagnostics": _diagnostics, "frames": _whole,
-    "reprojection_median_px": _or_none(_number), "unsure_frames": _whole, "unseen_frames": _whole,
-}  # fmt: skip
-_RESULTS: dict[str, dict[str, _Test]] = {"convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED}
-"""What the results of the verbs hold that somebody acts on."""
-
-
-def _each(tests: dict[str, _Test]) -> _Test:
-    def holds(value: Any) -> bool:
-        return isinstance(value, list) and all(
-            isinstance(item, dict) and all(test(item.get(key)) for key, test in tests.items()) for item in value
-        )
-
-    return holds
-
-
-_REFINED: dict[str, _Test] = {
-    "name": _text, "before_px": _or_none(_number), "after_px": _or_none(_number), "moved_mm": _or_none(_number),
-    "turned_degrees": _or_none(_number),
-}  # fmt: skip
-_RESULTS["refine-cameras"] = {**_CAPTURE, "refined": _each(_REFINED)}
-
-
-def _takes_of_videos(value: Any) -> bool:
-    """Return whether takes state where their results are and, those that were read, what was recognised."""
-    return isinstance(value, dict) and all(
-        isinstance(item, dict)
-        and _text(item.get("folder"))
-        and _text(item.get("source"))
-        and (item.get("read") is None or all(test(item["read"].get(key)) for key, test in _CAPTURE.items()))
-        for item in value.values()
-    )
-
-
-_RESULTS["check-cameras"] = {
-    "verdict": _text, "findings": _texts, "problems": _or_none(_texts), "stature_m": _number, "tilt_deg": _number,
-    "tilt_sigma_deg": _number, "diagnostics": _diagnostics, "capture_diagnostics": _or_none(_diagnostics),
-}  # fmt: skip
-_RESULTS["fit-cameras"] = {
-    "calibration": _text, "format": _text, "cameras": _texts, "residual_px": _or_none(_number),
-    "stature_m": _or_none(_number), "diagnostics": _diagnostics,
-}  # fmt: skip
-_RESULTS["from-videos"] = {"takes": _takes_of_videos}
-_SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
-    "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),
-    "solve": (
-        "takes",
-        {"takes": _each({**_SOLVED, "name": _text}), "failed": _each({"name": _text, "message": _text})},
-    ),
+_RESULTS: dict[str, dict[str, Form]] = {
+    "convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED,
+    "refine-cameras": {**_CAPTURE, "refined": [_CHANGE]},
+    "check-cameras": {
+        "verdict": "text", "findings": ["text"], "problems?": ["text"], "stature_m": "number", "tilt_deg": "number",
+        "tilt_sigma_deg": "number", "diagnostics": _DIAGNOSTICS, "capture_diagnostics?": _DIAGNOSTICS,
+    },
+    "fit-cameras": {
+        "calibration": "text", "format": "text", "cameras": ["text"], "residual_px?": "number", "stature_m?": "number",
+        "diagnostics": _DIAGNOSTICS,
+    },
+    "from-videos": {"takes": {"*": {"folder": "text", "source": "text", "read?": _CAPTURE}}},
 }
-"""The key that marks a result of several captures or takes, and what such a result holds."""
+"""Keys of the results of verbs that a program acts on."""
+_SEVERAL: dict[str, dict[str, Form]] = {
+    "convert": {"captures": [{**_CAPTURE, "source": "text"}]},
+    "solve": {"takes": [{**_SOLVED, "name": "text"}], "failed": [{"name": "text", "message": "text"}]},
+}
+"""The same of results of several captures or takes, which have the first of these keys."""
+# fmt: on
 
 
-def _tests_of(event: Mapping[str, Any], verb: str) -> dict[str, _Test]:
-    key, several = _SEVERAL.get(verb, ("", {}))
-    return several if key and key in event else _RESULTS.get(verb, {})
+def _fits(form: Form, value: Any) -> bool:
+    if isinstance(form, str):
+        return _KINDS[form](value)
+    if isinstance(form, list):
+        return isinstance(value, list) and all(_fits(form[0], item) for item in value)
+    if "*" in form:
+        return isinstance(value, dict) and all(_fits(form["*"], item) for item in value.values())
+    return isinstance(value, dict) and not _misfits(form, value)
+
+
+def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
+    wrong = []
+    for key, inner in form.items():
+        name = key.rstrip("?")
+        item = value.get(name, {} if inner == "object" else None)
+        if not _fits(inner, item) and (item is not None or name == key):
+            wrong.append(name)
+    return wrong
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence on an event that is not as the protocol has it, "" where it is.
+    """Return a sentence on an event that does not follow the protocol, "" if it does.
 
     Args:
         event: a line of the solver's, as an object that has the key ``event``.
-        verb: verb of the run.
+        verb: the verb that was run.
     """
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"
-    tests = _EVENTS[kind] | (_tests_of(event, verb) if kind == "result" else {})
-    wrong = [key for key, test in tests.items() if not test(event.get(key))]
+    form = _EVENTS[kind]
+    if kind == "result":
+        several = _SEVERAL.get(verb, {})
+        form = several if next(iter(several), "") in event else _RESULTS.get(verb, {})
+    wrong = _misfits(form, event)
     return f"a {kind} event lacks {', '.join(wrong)} as it should be" if wrong else ""

@@ -43,9 +43,6 @@ def with_finger_joints(
     SMPL-X's jaw and eyes rest: what they carry, the head does.
 
     Args:
-        layout: of the skinning given.
-        skinning: of the body.
-        body_id: of the body.
         hands: arrays of ``HANDS_FILE``, where it is needed.
 
     Raises:

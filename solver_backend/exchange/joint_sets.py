@@ -44,7 +44,7 @@ class JointSet(StrEnum):
     chest; of COCO's whole body detectors also write the first 23 alone: body and feet."""
 
     def __new__(cls, name: str, keypoints: tuple[str, ...] = (), written: tuple[int, ...] = ()) -> Self:
-        """Make a member that is its name and carries its columns."""
+        """Make a member that is its name and has its columns."""
         member = str.__new__(cls, name)
         member._value_ = name
         member.keypoints = keypoints
@@ -120,11 +120,7 @@ class JointSet(StrEnum):
         return len(self.keypoints)
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
-        """Return for each column the column of the same point on the other side; columns behind the set's stay.
-
-        Args:
-            count: of all columns, if there are more than the set's.
-        """
+        """Return for each column the column of the same point on the other side; columns behind the set's stay."""
         names = self.keypoints
 
         def swap(name: str) -> str:

@@ -29,9 +29,8 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
     except (OSError, UnicodeDecodeError) as error:
         raise FileDamaged(f"The file cannot be read as text: {error}.", where=str(path)) from error
     if len(data) > largest:
-        raise FileDamaged(
-            f"The file is larger than {largest / 1e6:g} MB.", where=str(path), hint="Check that it is the right file."
-        )
+        hint = "Check that it is the right file."
+        raise FileDamaged(f"The file is larger than {largest / 1e6:g} MB.", where=str(path), hint=hint)
     return parse_json(text, path)
 
 
@@ -44,9 +43,8 @@ def parse_json(text: str, path: Path | str) -> Any:
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise FileDamaged(
-            f"The file is truncated or is not JSON ({error}).", where=str(path), hint="Copy or export it again."
-        ) from error
+        message = f"The file is truncated or is not JSON ({error})."
+        raise FileDamaged(message, where=str(path), hint="Copy or export it again.") from error
 
 
 def as_plain(value: Any) -> Any:

@@ -54,7 +54,6 @@ def distort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
     Args:
         xy: (..., 2) normalised, x/z and y/z.
         coefficients: (8,) in the model's order, padded with zeros.
-        model: name of a lens model.
     """
     x, y, _ = LENS_MODELS[model].distort(xy[..., 0], xy[..., 1], coefficients, np)
     return np.stack([x, y], axis=-1)
@@ -65,8 +64,6 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
 
     Args:
         xy: (..., 2) distorted normalised points, NaN where unknown.
-        coefficients: see ``distort``.
-        model: see ``distort``.
 
     Returns:
         (..., 2); NaN where the input is NaN or no undistorted point exists.

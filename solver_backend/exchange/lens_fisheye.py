@@ -24,7 +24,6 @@ def _arctan(values: Any, xp: Any) -> Any:
 
 
 def _radial(u: Any, k: Terms, xp: Any) -> tuple[Any, Any]:
-    """Return the factor of the radius and its derivative by ``u = r²``."""
     k1, k2, k3, k4 = k[:4]
     small = u < _SMALL_SQUARE
     r = xp.sqrt(xp.where(small, xp.ones_like(u), u))

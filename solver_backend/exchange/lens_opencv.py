@@ -17,7 +17,6 @@ from .lens_model import LensModel, Terms
 
 
 def _radial(u: Any, k: Terms, xp: Any) -> tuple[Any, Any]:
-    """Return the factor of the radius and its derivative by ``u = r²``."""
     k1, k2, _, _, k3, k4, k5, k6 = k
     top, top_slope = 1.0 + u * (k1 + u * (k2 + u * k3)), k1 + u * (2.0 * k2 + u * 3.0 * k3)
     if not any(bool(xp.any(divisor != 0)) for divisor in (k4, k5, k6)):

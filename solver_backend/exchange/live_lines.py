@@ -12,7 +12,6 @@ class EventLine(TypedDict):
     t: float | None
     """Seconds on the source's clock, None where it is not known."""
     message: str
-    """For people."""
     betas: NotRequired[list[float]]
     """Of the event ``shape``."""
 
@@ -48,7 +47,6 @@ class FrameLine(TypedDict):
     views: NotRequired[int]
     """Cameras that a pose is made of."""
     off_mm: NotRequired[float]
-    """Of the points from the body, median."""
     latency_ms: NotRequired[float]
     lag_ms: NotRequired[float]
     face: NotRequired[dict[str, float]]

@@ -18,7 +18,6 @@ MARKER_FORMATS = {
 
 
 def _listed(*names: str) -> str:
-    """Return names as a sentence lists them: ``A, B or C``."""
     *first, end = names
     return f"{', '.join(first)} or {end}" if first else end
 
@@ -32,7 +31,6 @@ def file_names(stem: str, *others: str) -> str:
 
     Args:
         stem: such as TAKE, of ``TAKE.c3d|TAKE.trc``.
-        others: further names of files.
     """
     return "|".join([*(f"{stem}.{ending}" for ending in MARKER_FORMATS), *others])
 
@@ -55,8 +53,6 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
 
     Args:
         found: format that the file states, "" for none.
-        expected: format that was to be read.
-        where: the file.
     """
     wanted = _KINDS[expected][0]
     if found in _KINDS:

@@ -87,7 +87,6 @@ class MotionFile:
     """An animated body, F frames; metres, radians, world Z up."""
 
     name: str
-    """Name of the take."""
     rotvec: np.ndarray
     """(F, J, 3) axis-angle: the root maps body to world, the others child to parent."""
     transl: np.ndarray
@@ -301,7 +300,6 @@ def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:
 
 
 def _betas(fields: Fields) -> np.ndarray:
-    """Return the first ten numbers of the shape, zeros where the file has fewer."""
     given = np.ravel(fields.floats("betas", MotionInvalid) if "betas" in fields else ())[:NUM_BETAS]
     return np.pad(given, (0, NUM_BETAS - len(given)))
 

@@ -39,10 +39,6 @@ class NeedsPickle(ValueError):
 class Members:
     """The arrays of an open archive by name.
 
-    Args:
-        archive: the archive.
-        size: of its file in bytes.
-
     Raises:
         ValueError: it has far too many members.
     """
@@ -74,18 +70,16 @@ class Members:
         with self._archive.open(entry) as stream:
             shape, dtype, by_columns, used = _header(stream, name)
             # Lengths of zero count as one: a shape such as (2**60, 0) is no less forged for taking no bytes.
-            self._spend(prod(max(1, length) for length in shape) * max(1, dtype.itemsize), name)
+            count = prod(max(1, length) for length in shape) * max(1, dtype.itemsize)
+            self._bytes_left -= count
+            if self._bytes_left < 0:
+                raise ValueError(f"'{name}' would take {count:,} bytes, far more than a file of this size holds")
             if used + prod(shape) * dtype.itemsize != entry.file_size:
                 raise ValueError(f"'{name}' of shape {shape} and type {dtype} does not have {entry.file_size} bytes")
             values = np.empty(prod(shape), dtype)
             _fill(stream, values, name)
             _require_characters(values, name)
         return values.reshape(shape, order="F" if by_columns else "C")
-
-    def _spend(self, count: int, name: str) -> None:
-        self._bytes_left -= count
-        if self._bytes_left < 0:
-            raise ValueError(f"'{name}' would take {count:,} bytes, far more than a file of this size holds")
 
 
 def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bool, int]:
@@ -135,11 +129,9 @@ def _require_characters(values: np.ndarray, name: str) -> None:
             raise ValueError(f"'{name}' holds text of characters that do not exist")
 
 
-_DAMAGE = (
-    OSError, ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError, OverflowError, MemoryError,
-    struct.error, zipfile.BadZipFile, zlib.error,
-)  # fmt: skip
-"""What Python's zip reader raises for bytes that are no sound archive."""
+# What Python's zip reader raises for bytes that are not a sound archive.
+_DAMAGE = (OSError, ValueError, EOFError, LookupError, RuntimeError, OverflowError, MemoryError)
+_DAMAGE += (struct.error, zipfile.BadZipFile, zlib.error)
 _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
@@ -156,10 +148,6 @@ def array_names(path: Path | str) -> frozenset[str]:
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
     """Read the wanted arrays of an ``.npz`` that need no pickle; arrays that would need it are left out.
-
-    Args:
-        path: the file.
-        wanted: whether an array of this name is read; by default all are.
 
     Raises:
         FileMissing: there is no such file.
@@ -184,11 +172,9 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
     with _opened(path) as members:
         found = set(members.names)
         arrays = {key: members.read(key) for key in (*required, *optional) if key in found}
-    missing = [key for key in required if key not in arrays]
-    if missing:
-        raise FileDamaged(
-            f"The file lacks {', '.join(missing)}; it holds {', '.join(sorted(found)) or 'nothing'}.", where=str(path)
-        )
+    if missing := [key for key in required if key not in arrays]:
+        held = ", ".join(sorted(found)) or "nothing"
+        raise FileDamaged(f"The file lacks {', '.join(missing)}; it holds {held}.", where=str(path))
     return arrays
 
 
@@ -226,8 +212,5 @@ def _opened(path: Path | str) -> Iterator[Members]:
             with zipfile.ZipFile(stream) as archive:
                 yield Members(archive, path.stat().st_size)
     except _DAMAGE as error:
-        raise FileDamaged(
-            f"The file is truncated or is not an .npz of plain arrays ({error}).",
-            where=str(path),
-            hint="Copy or export it again.",
-        ) from error
+        message = f"The file is truncated or is not an .npz of plain arrays ({error})."
+        raise FileDamaged(message, where=str(path), hint="Copy or export it again.") from error

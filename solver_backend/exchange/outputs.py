@@ -50,16 +50,18 @@ def probe(folder: Path) -> None:
 
 @contextmanager
 def unfinished_names(folder: Path) -> Iterator[str]:
-    """Yield a beginning of names in a folder that nobody can guess, and remove such files and folders at the end.
+    """Yield an unguessable beginning of names in a folder, and remove such files and folders at the end.
 
-    The lock of a file without more to its name is held meanwhile, which the system releases however this process ends;
-    what processes that ended without tidying have left is removed first.
+    A lock file of that name is locked meanwhile, which the system releases however this process ends. What processes
+    have left that ended without tidying is removed first.
 
     Raises:
         OSError: the folder cannot be written to.
     """
-    held, handle = _new_lock(folder)
+    held = folder / f"{_PART}-{secrets.token_hex(8)}"
+    handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
     try:
+        lock(handle)
         sweep(folder, os.fstat(handle).st_mtime)
         yield f"{held.name}_"
     finally:
@@ -69,9 +71,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder among the system's temporary ones, removed at the end.
-
-    What processes that were killed have left there is removed by the next that asks for one.
+    """Yield a new folder among the system's temporary ones, and remove it at the end.
 
     Raises:
         OSError: it cannot be made.
@@ -109,7 +109,6 @@ def sweep(folder: Path, now: float | None = None) -> None:
     """Remove what processes that are gone have left in a folder.
 
     Args:
-        folder: where to look.
         now: the time by the folder's own clock, which may be another machine's; None for this one's.
     """
     now = time.time() if now is None else now
@@ -136,20 +135,12 @@ def _sweep_one(path: Path, now: float) -> None:
 
 
 def _remove(held: Path) -> None:
-    """Remove the files and folders whose names begin with the lock's, then the lock."""
     for path in [path for path in held.parent.iterdir() if path.name.startswith(f"{held.name}_")]:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
     held.unlink(missing_ok=True)
-
-
-def _new_lock(folder: Path) -> tuple[Path, int]:
-    path = folder / f"{_PART}-{secrets.token_hex(8)}"
-    handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-    lock(handle)
-    return path, handle
 
 
 def is_held(path: Path) -> bool:
@@ -237,11 +228,8 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
     """
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
-        raise OutputExists(
-            f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten.",
-            where=str(folder),
-            hint="Choose another folder or delete the files.",
-        )
+        what = f"{', '.join(existing)} {'is' if len(existing) == 1 else 'are'} already there and not overwritten."
+        raise OutputExists(what, where=str(folder), hint="Choose another folder or delete the files.")
     for name in existing:
         _require_plain(folder / name)
     new_folders = [path for path in (folder, *folder.parents) if not path.exists()]
@@ -252,8 +240,8 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
         _remove_empty(new_folders)
         raise _not_writable(folder, error) from error
     try:
-        with _named_at_the_end([folder / name for name in names], folder, overwrite) as temporary:
-            yield dict(zip(names, temporary, strict=True))
+        with _named_at_the_end([folder / name for name in names], folder, overwrite) as unfinished:
+            yield dict(zip(names, unfinished, strict=True))
     finally:
         _remove_empty(new_folders)
 
@@ -285,7 +273,12 @@ def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> It
                     os.fsync(stream.fileno())
             _publish(written, overwrite)
             for folder in folders:
-                _flush_folder(folder)
+                with suppress(OSError):  # where the system lets folders be flushed
+                    handle = os.open(folder, os.O_RDONLY)
+                    try:
+                        os.fsync(handle)
+                    finally:
+                        os.close(handle)
     except OSError as error:
         raise _not_writable(where, error) from error
 
@@ -319,18 +312,7 @@ def _take_name(part: Path, path: Path) -> None:
         os.replace(part, path)
 
 
-def _flush_folder(folder: Path) -> None:
-    """Bring the new names to the disk, where the system lets folders be flushed."""
-    with suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
-
-
 def _require_plain(path: Path) -> None:
-    """Make sure that what would be replaced is an ordinary file, or nothing."""
     try:
         mode = path.lstat().st_mode
     except OSError:
@@ -338,25 +320,19 @@ def _require_plain(path: Path) -> None:
     if stat.S_ISDIR(mode):
         raise OutputNotWritable("The output is a folder; a file name is expected.", where=str(path))
     if not stat.S_ISREG(mode):
-        what = "a link" if stat.S_ISLNK(mode) else "a device or a pipe"
-        raise OutputNotWritable(
-            f"The output is {what}, which is not replaced.", where=str(path), hint="Choose another name."
-        )
+        what = f"The output is {'a link' if stat.S_ISLNK(mode) else 'a device or a pipe'}, which is not replaced."
+        raise OutputNotWritable(what, where=str(path), hint="Choose another name.")
 
 
 def _remove_empty(folders: Sequence[Path]) -> None:
-    """Remove those of the folders, innermost first, that hold nothing."""
     for folder in folders:
         if folder.is_dir() and not any(folder.iterdir()):
             folder.rmdir()
 
 
 def _exists(path: Path) -> OutputExists:
-    return OutputExists(
-        "The output is already there and is not overwritten.",
-        where=str(path),
-        hint="Choose another name, delete it, or allow overwriting (--overwrite).",
-    )
+    hint = "Choose another name, delete it, or allow overwriting (--overwrite)."
+    return OutputExists("The output is already there and is not overwritten.", where=str(path), hint=hint)
 
 
 def full_disk(error: BaseException) -> OutputNotWritable | None:
@@ -367,11 +343,8 @@ def full_disk(error: BaseException) -> OutputNotWritable | None:
 
 
 def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
-    return OutputNotWritable(
-        f"The output cannot be written: {error.strerror or error}.",
-        where=str(where),
-        hint="Choose a folder you may write to, with enough free space.",
-    )
+    hint = "Choose a folder you may write to, with enough free space."
+    return OutputNotWritable(f"The output cannot be written: {error.strerror or error}.", where=str(where), hint=hint)
 
 
 def require_file(path: Path | str) -> Path:
@@ -382,8 +355,7 @@ def require_file(path: Path | str) -> Path:
     """
     path = Path(path)
     if not path.is_file():
-        other = "A folder, a pipe or a device is in the place of the file."
-        what = other if path.exists() else "There is no such file."
+        what = "A folder, a pipe or a device is in its place." if path.exists() else "There is no such file."
         raise FileMissing(what, where=str(path), hint="Check the path.")
     return path
 
@@ -402,10 +374,6 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
     """Return what an ordinary file holds, and its size; of a larger one nothing, of one that grows a byte too much.
-
-    Args:
-        path: of the file.
-        largest: bytes that it may hold.
 
     Raises:
         OSError: see ``open_regular``.
@@ -431,7 +399,6 @@ _CHUNK = 1 << 20
 
 
 def _opened(path: Path | str) -> tuple[int, int]:
-    """Return the handle of an ordinary file, and its size."""
     flags = os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0) | getattr(os, "O_CLOEXEC", 0)
     handle = os.open(path, flags)
     try:
@@ -439,16 +406,12 @@ def _opened(path: Path | str) -> tuple[int, int]:
         if not stat.S_ISREG(status.st_mode):
             raise OSError(errno.EINVAL, "it is not a regular file")
         if not status.st_size:
-            _require_no_waiting(handle)
+            try:
+                os.read(handle, 1)
+            except BlockingIOError as error:
+                raise OSError(errno.EINVAL, "it is a device that waits for data") from error
+            os.lseek(handle, 0, os.SEEK_SET)
     except BaseException:
         os.close(handle)
         raise
     return handle, status.st_size
-
-
-def _require_no_waiting(handle: int) -> None:
-    try:
-        os.read(handle, 1)
-    except BlockingIOError as error:
-        raise OSError(errno.EINVAL, "it is a device that waits for data") from error
-    os.lseek(handle, 0, os.SEEK_SET)

@@ -17,7 +17,6 @@ def plain(text: str, *, keep: str = "") -> str:
     """Return the text on one line, with a sign in the place of each character that would steer what shows it.
 
     Args:
-        text: of any origin.
         keep: characters that may stay, such as line breaks.
     """
     if _PLAIN.fullmatch(text):

@@ -62,13 +62,8 @@ def require_motion(
     """Make sure that a body's motion can be.
 
     Args:
-        fps: frames per second.
         turns: axis-angle of the joints, frames first.
-        transl: (F, 3) metres.
-        betas: shape.
         joints: (F, J, 3) metres, if they are known.
-        error: what is raised.
-        where: of the error.
 
     Raises:
         MocapError: it has no frames, or its rate, places, turns or shape cannot be.

@@ -18,8 +18,7 @@ class Progress(Protocol):
     """Receives how far a stage has come; a stage calls it as often as it likes."""
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Report that ``done`` of ``total`` steps of ``stage`` are finished."""
-        ...
+        """Report finished steps of a stage."""
 
 
 def silent(stage: str, done: int, total: int) -> None:
@@ -38,7 +37,6 @@ class _Clock:
         self._starts: OrderedDict[str, float] = OrderedDict()
 
     def starts(self, stage: str) -> bool:
-        """Return whether this is another stage than the last one."""
         return stage != self._stage
 
     def eta_s(self, stage: str, done: int, total: int) -> float | None:
@@ -85,7 +83,7 @@ class JsonProgress:
         self._clock, self._last = _Clock(), 0.0
 
     def __call__(self, stage: str, done: int, total: int) -> None:
-        """Show how far the stage has come."""
+        """Write the stage's line if it is due."""
         first, eta_s = self._clock.starts(stage), self._clock.eta_s(stage, done, total)
         if not first and done < total and time.monotonic() - self._last < self._interval_s:
             return

@@ -26,7 +26,6 @@ class Prop:
     """A rigid body over F frames, ``x_world = R(rotvec) x + transl``, metres and radians."""
 
     name: str
-    """What it is called."""
     labels: tuple[str, ...]
     """M labels of its markers."""
     points: np.ndarray

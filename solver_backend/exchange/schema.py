@@ -25,9 +25,7 @@ class Fields:
     """The arrays of one npz file."""
 
     path: Path
-    """Where they were read."""
     arrays: dict[str, np.ndarray]
-    """Every array by name."""
 
     def __contains__(self, key: str) -> bool:
         return key in self.arrays
@@ -163,8 +161,6 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
     """Read the arrays of an npz file that a reader knows.
 
     Args:
-        path: the file.
-        names: of the arrays.
         prefix: also those whose names begin with it.
 
     Raises:

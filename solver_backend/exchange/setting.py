@@ -62,7 +62,6 @@ class Setting:
     count: int = 0
     """Number of values; 0 for one, or for any number of "numbers"."""
     choices: tuple[Choice, ...] = ()
-    """Of the kind "choice"."""
     metavar: str = ""
     """Stands for the value in help texts."""
     in_panel: bool = True
@@ -174,7 +173,6 @@ def setting(kind: Kind, default: Any, label: str, description: str, *, group: st
 
     Args:
         default: ``REQUIRED`` where a value must be given.
-        more: the other fields of ``Setting``.
     """
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})

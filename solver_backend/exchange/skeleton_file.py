@@ -25,7 +25,6 @@ class SkeletonMotion:
     """F frames of J joints; world Z up. Rest places are in the skeleton's own axes."""
 
     name: str
-    """Name of the take."""
     names: tuple[str, ...]
     """J joints, parents before children; places where a chain ends count as joints and are named after their parent."""
     parents: tuple[int, ...]
@@ -37,7 +36,6 @@ class SkeletonMotion:
     turns: np.ndarray
     """(F, J, 3, 3) rotations from the rest axes to the world."""
     fps: float
-    """Frames per second."""
 
     def __post_init__(self) -> None:
         """Make sure that it can be.

@@ -29,7 +29,6 @@ def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tup
     Args:
         heights: (F, K) metres.
         speeds: (F, K) metres a second.
-        fps: frames per second.
     """
     shortest, slow = max(2, round(SHORTEST_S * fps)), speeds < SPEED_M_S
     found: list[list[tuple[int, int]]] = []

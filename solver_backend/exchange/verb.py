@@ -27,11 +27,9 @@ class Verb:
     """One verb."""
 
     name: str
-    """As on the command line."""
     task: str
     """Heading in help and on the reference page."""
     group: Group
-    """Subject that it belongs to."""
     help: str
     """What it does, in lower case, without a full stop."""
     example: str
@@ -39,7 +37,6 @@ class Verb:
     run: str
     """``module:function`` in the program's package; imported when the verb runs."""
     settings: tuple[Setting, ...] = ()
-    """Its arguments and options, in the order of the help."""
     passes_on: bool = False
     """Also takes every option of the solver's verb of this name, and passes it on."""
 
@@ -85,12 +82,7 @@ def option(kind: Kind, name: str, metavar: str, description: str, default: Any =
     """Return one option of a verb.
 
     Args:
-        kind: see ``Setting``.
-        name: see ``Setting``; its words are the label of the panel if none is given.
-        metavar: see ``Setting``; empty for the kind's own.
-        description: see ``Setting``.
         default: value where none is given; ``REQUIRED`` where one must be.
-        more: the other fields of ``Setting``.
     """
     given = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
@@ -143,9 +135,7 @@ class Program:
     description: str
     verbs: Mapping[str, Verb]
     common: tuple[Setting, ...]
-    """Options of every verb."""
     epilog: str
-    """Ends the help."""
     version: str = ""
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
@@ -270,7 +260,6 @@ def in_sentence(text: str) -> str:
 
 
 def _add(section: Any, row: Setting) -> None:
-    """Add one setting to a parser."""
     given: dict[str, Any] = {"help": argparse.SUPPRESS if row.hidden else help_of(row).replace("%", "%%")}
     if row.kind == "switch":
         given["action"] = argparse.BooleanOptionalAction

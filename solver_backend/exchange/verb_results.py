@@ -16,13 +16,9 @@ class PersonSummary(TypedDict):
 
     name: str
     frames: int
-    """How many frames two views agree on."""
     first: int | None
-    """The first of them, from 0; None where there is none."""
     last: int | None
-    """The last of them."""
     views: float
-    """How many views see the person in them, on average."""
     seen_percent: list[float]
     """Of all frames, by view."""
 

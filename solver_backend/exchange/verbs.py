@@ -61,7 +61,6 @@ def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:
 
 
 def _value(key: str, value: Any) -> Any:
-    """Return a value of the table as ``Setting`` has it."""
     if key == "choices":
         return tuple(Choice(*item) if isinstance(item, list) else values(item)[0] for item in value)
     if key == "endings":

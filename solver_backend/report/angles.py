@@ -12,9 +12,6 @@ def flexion_deg(joints: np.ndarray, parent: str, joint: str, child: str) -> np.n
 
     Args:
         joints: (F, 24, 3) metres.
-        parent: name of the joint above.
-        joint: name of the hinge.
-        child: name of the joint below.
     """
     above = _between(joints, joint, parent)
     below = _between(joints, joint, child)

@@ -93,12 +93,7 @@ def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
 
 
 def sight_sigma_m(motion: Motion, centre: np.ndarray) -> np.ndarray:
-    """Return (F, J) standard deviations of the joints along the line of sight, metres.
-
-    Args:
-        motion: with covariances.
-        centre: (3,) the camera's place.
-    """
+    """Return (F, J) standard deviations of the joints along the line of sight, metres."""
     assert motion.joint_covariance is not None
     away = motion.joints - centre
     sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
@@ -139,7 +134,6 @@ def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dic
 
 
 def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (2, 3) axes of the picture, and of the side view: away from the camera over the floor, and up."""
     sight = sight / np.linalg.norm(sight)
     right = np.cross(sight, [0.0, 0.0, 1.0])
     right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
@@ -174,12 +168,10 @@ def _person(
 
 
 def _side(joint: str) -> str:
-    """Return the class of the side's colour."""
     return {"left": "a", "right": "b"}.get(joint.partition("_")[0], "c")
 
 
 def _limb_of(joint: str) -> str:
-    """Return which limb a bone that ends in this joint belongs to, "" for none."""
     side, _, part = joint.partition("_")
     limb = {"elbow": "arm", "wrist": "arm", "hand": "arm", "knee": "leg", "ankle": "leg", "foot": "leg"}.get(part)
     return f"{side} {limb}" if limb else ("head" if joint == "head" else "")
@@ -263,7 +255,6 @@ def _table(motion: Motion, columns: np.ndarray, seen: np.ndarray, bends: np.ndar
 
 
 def _rows(motion: Motion) -> list[tuple[str, object]]:
-    """Return what the solve recorded of the hands."""
     record = motion.provenance.get("hands", {})
     rows: list[tuple[str, object]] = []
     if "size" in record:
@@ -315,9 +306,6 @@ def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndar
 
     Args:
         chains: (5, 4, 2) metres up and to the right.
-        left: of the picture.
-        top: of the picture.
-        style: class of the bones.
         seen: (5,) fingers that something informs.
     """
     scale = _SIZE / _SPAN_M
@@ -427,8 +415,6 @@ def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
     """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z.
 
     Args:
-        body: the motion's.
-        motion: of markers, for shape and layout.
         offsets: (M, 3) metres from the places' rules.
     """
     assert motion.layout is not None

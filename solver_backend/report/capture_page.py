@@ -26,11 +26,6 @@ MOST_FRAMES = 400
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
     """Write one self-contained HTML page about a capture, whole or not at all.
 
-    Args:
-        path: the page.
-        capture: as it was read.
-        overwrite: replace a page that is there.
-
     Raises:
         OutputExists, OutputNotWritable: the page cannot be written.
     """
@@ -61,7 +56,6 @@ class _SharedViews:
 
     @classmethod
     def of(cls, capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-        """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many px."""
         if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
             return None
         keypoints = capture.keypoints.at(rows)

@@ -147,7 +147,6 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
     """Yield which markers are far from where the body has them, always or for a while.
 
     Args:
-        motion: solved from markers.
         usual: median residual of the take, millimetres.
         scale: of the limits.
     """
@@ -335,11 +334,6 @@ def without_explained(
     """Yield the diagnostics without the reader's doubts about cameras that the solve corrected.
 
     Comparisons with a corrected camera are dropped as well. Focal lengths are compared again without it.
-
-    Args:
-        found: diagnostics of the reader and the solve.
-        num_frames: frames of the take.
-        capture: what was solved.
     """
     found, table = tuple(found), load_table()
     roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
@@ -522,7 +516,6 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
     """Return everything that was found, the gravest first; for a motion that has it already, the same again.
 
     Args:
-        capture: what was solved.
         motion: the solve, with the diagnostics of the solve in its provenance.
         residuals: of the motion in the capture, measured here if None.
 

@@ -76,11 +76,8 @@ def heat_table(
 
     Args:
         values: (R, C) numbers shown; NaN becomes a dash.
-        rows: R names.
-        columns: C names.
         strength: (R, C) tint of each cell in 0..1.
         unit: stated in each cell's tooltip.
-        digits: decimals shown.
         total: the last row and column sum the others up.
     """
     head = "".join(f"<th>{text(name)}</th>" for name in columns)

@@ -34,11 +34,7 @@ def write_report(
     """Write one self-contained HTML page about a solve, whole or not at all.
 
     Args:
-        path: the page.
-        capture: what was solved.
-        motion: the solve.
         calibration: how the cameras fit what they saw, where that was checked.
-        overwrite: replace a page that is there.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
@@ -106,7 +102,6 @@ def _policy(style: str, script: str) -> str:
 
 
 def _part(name: str) -> str:
-    """Return a file that lies beside this one."""
     return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 

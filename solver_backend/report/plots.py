@@ -53,12 +53,7 @@ def time_plot(
     """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below.
 
     Args:
-        lines: curves of the same F frames.
-        fps: frames per second.
-        unit: of the vertical axis.
-        size: width and height of the drawing, in its own units.
         shades: ranges of frames behind the curves.
-        marks: frame numbers of the ticks.
         from_zero: the vertical axis begins at 0.
     """
     (width, height), frames = size, len(lines[0].values)
@@ -84,7 +79,6 @@ def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Se
 
     Args:
         rows: names and (F,) values in 0..1.
-        fps: frames per second.
         shades: ranges of frames marked above the strips.
     """
     row_height, left, frames = 20.0, 130.0, len(rows[0][1])
@@ -104,8 +98,6 @@ def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Se
 
 
 class _Scale:
-    """A linear map from data to drawing units."""
-
     def __init__(self, low: float, high: float, start: float, end: float) -> None:
         self.low, self.start = low, start
         self.gain = (end - start) / (high - low)
@@ -254,7 +246,6 @@ def _grid(middle: np.ndarray, span: float, at: Place) -> list[str]:
 
 
 def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
-    """Return one camera as the wedge of floor it looks along."""
     centre, forward = cameras.centres[c, :2], cameras.R[c, 2, :2]
     forward = forward / max(float(np.linalg.norm(forward)), 1e-9)
     half = float(np.arctan2(cameras.image_size[c, 0] / 2, cameras.K[c, 0, 0]))
@@ -308,8 +299,6 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
 
 
 class _SpaceProjection:
-    """From world metres to the drawing, in parallel projection."""
-
     def __init__(self, everything: np.ndarray) -> None:
         turn, down = np.radians([TURN_DEG, DOWN_DEG])
         right = np.array([np.cos(turn), np.sin(turn), 0.0])
@@ -328,7 +317,6 @@ class _SpaceProjection:
         return np.round(np.array([SPACE_WIDTH / 2, self.height / 2]) + flat * [1, -1], 1)
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        """Return a line between two places."""
         (x1, y1), (x2, y2) = self(np.stack([a, b])).tolist()
         return f'<line class="{kind}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"{style}/>'
 
@@ -365,7 +353,6 @@ def _draw_pyramid(view: _SpaceProjection, cameras: Cameras, c: int, size: float)
 
 
 def _way(view: _SpaceProjection, points: np.ndarray) -> list[str]:
-    """Return the way of the points' middle over the floor."""
     with np.errstate(invalid="ignore"):
         seen = np.isfinite(points).all(-1)
         count = np.maximum(seen.sum(1), 1)[:, None]

@@ -193,7 +193,6 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
 
 
 def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
-    """Return the true joints in the layout of the angles, SMPL's; None where they are not known."""
     truth = capture.truth.get("joints")
     known = truth is not None and motion.beside_truth(truth)[2]
     return np.asarray(truth, dtype=np.float64) if known else None
@@ -280,7 +279,6 @@ def marker_section(motion: Motion) -> str:
 
 
 def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return (M, n) percentages of the frames in which each marker is seen, filled, exchanged and rejected."""
     if motion.marker_flags is None:
         return seen[:, None], ["seen"]
     bits = {"filled": MARKER_FILLED, "exchanged": MARKER_SWAPPED, "rejected": MARKER_GHOST}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import string
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -14,7 +15,10 @@ LISTED = ("camera", "marker", "joint")
 
 def named_fields(code: str, given: dict[str, object]) -> set[str]:
     """Return the arguments of ``diagnostic`` that the words of a code need, with these values."""
-    fields = load_table()[code].list_parameters(given)
+    entry = load_table()[code]
+    texts = [entry.text, entry.remedy]
+    texts += [words[str(given[name])] for name, words in entry.words.items() if str(given.get(name)) in words]
+    fields = {name for text in texts for _, name, _, _ in string.Formatter().parse(text) if name}
     return {next((f"{one}s" for one in LISTED if name in (one, f"{one}s", f"other_{one}")), name) for name in fields}
 
 

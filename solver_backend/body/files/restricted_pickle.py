@@ -109,7 +109,6 @@ def _scalar(dtype: Any = None, data: Any = None, *_: Any) -> Any:
 
 
 def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
-    """Return the bytes that Python 2 pickled as text."""
     if not isinstance(text, str) or encoding != "latin1":
         raise UnsafePickle(f"The pickle asks for the text encoding {encoding!r}; only latin1 occurs in body files.")
     return text.encode("latin1")
@@ -144,17 +143,13 @@ class StandIn:
     """An object of a known class, as the state it was pickled with; it never computes while a file is read."""
 
     kind: str
-    """Module and name of its class."""
     state: dict[str, Any] = field(default_factory=dict)
-    """Its attributes."""
 
 
 class Machine:
     """Follows one pickle.
 
     Args:
-        stream: the file, at its beginning.
-        where: its name, for errors.
         classes: dotted names of the classes that become stand-ins.
     """
 
@@ -373,7 +368,6 @@ def read_pickle(path: Path) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return stand-ins as arrays and anything else as it is."""
     if isinstance(value, StandIn):
         return _chumpy(value.state) if value.kind in _CHUMPY else _sparse_columns(value.state)
     return finished(value)

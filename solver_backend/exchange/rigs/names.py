@@ -55,7 +55,6 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
     A limb is believed only as far as its bones hang below each other.
 
     Args:
-        bones: names, in any order.
         parents: name of each bone's parent; roots have none.
     """
     bones = list(bones)
@@ -155,7 +154,6 @@ def _cut_where_it_does_not_hang(found: dict[str, str], roles: tuple[str, ...], p
 
 
 def _one_line(bones: list[str], parents: dict[str, str]) -> list[str]:
-    """Return the bones that hang below each other, from the first on."""
     line: list[str] = []
     for bone in bones:
         if not line or line[-1] in _above(bone, parents):
@@ -188,13 +186,7 @@ _BONES = 3
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the bones of the fingers by role without its side (``index_1``); what is not sure is left out.
-
-    Args:
-        skeleton: the skeleton.
-        hand: the hand's bone.
-        forearm: its length.
-    """
+    """Return the bones of the fingers by role without its side (``index_1``); what is not sure is left out."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)
@@ -207,7 +199,6 @@ def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int
 
 
 def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return the chains whose bones all bear the name of one finger, each finger once."""
     found: dict[str, list[int]] = {}
     for chain in chains:
         named = {

@@ -70,7 +70,6 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
     Args:
         points: (3, 3) hip, knee, ankle or shoulder, elbow, wrist on the stage.
         own: (3, 3) the same of the other figure, whose limbs bend about their anatomical axes.
-        is_arm: whether it is an arm.
     """
     turns = []
     for a, b in ((0, 1), (1, 2)):

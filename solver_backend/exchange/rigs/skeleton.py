@@ -180,7 +180,6 @@ def is_plausible(bones: dict[str, str], skeleton: Skeleton) -> bool:
 
 
 def _legs_go_down(places: dict[str, np.ndarray]) -> bool:
-    """Return whether the legs do not go the way of the trunk."""
     parts = ("thigh", "foot", "upper_arm")
     if not all(f"{side}_{part}" in places for side in SIDES for part in parts):
         return True

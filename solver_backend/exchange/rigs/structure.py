@@ -29,7 +29,6 @@ class LimbFit:
 
     cost: float
     path: tuple[int, ...]
-    """The whole branch along its longest way."""
     places: tuple[int, int, int]
     """Where in it the joints are: hip, knee, ankle or shoulder, elbow, wrist."""
 
@@ -229,7 +228,6 @@ def _pair_cost(pair: tuple[LimbFit, LimbFit]) -> float:
 
 
 def _is_named(skeleton: Skeleton) -> bool:
-    """Return whether names alone show whole limbs that a person can have."""
     parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
     found = guess_roles(skeleton.names, parents)
     return {role for roles in LIMBS.values() for role in roles} <= found.keys() and is_plausible(found, skeleton)
@@ -244,7 +242,6 @@ def _on_the_same_sides(
 
 
 def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, LimbFit]]:
-    """Return the ways to see both branches alike."""
     others = {fit.places: fit for fit in right}
     return [(fit, others[fit.places]) for fit in left[:_CANDIDATES] if fit.places in others and fit.cost < _MOST]
 
@@ -272,7 +269,6 @@ def _middle(skeleton: Skeleton, pair: tuple[LimbFit, LimbFit], joint: int) -> np
 
 
 def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
-    """Return whether arms and legs go the same way, square to the trunk."""
     trunk = _middle(skeleton, limbs.arms, 0) - _middle(skeleton, limbs.legs, 0)
     ways = [_middle(skeleton, pair, 2) - _middle(skeleton, pair, 0) for pair in (limbs.legs, limbs.arms)]
     trunk, leg, arm = (v / max(np.linalg.norm(v), 1e-12) for v in (trunk, *ways))
@@ -300,7 +296,6 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
 
 
 def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
-    """Return how many names indicate that a is left and b right, and the other way round."""
     counts = [0, 0]
     for branch, side in ((a, 0), (b, 1)):
         for bone in skeleton.below(branch):
@@ -338,7 +333,6 @@ def _add_arm(roles: dict[str, int], skeleton: Skeleton, fit: LimbFit, side: str)
 
 
 def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbFit, LimbFit]) -> bool:
-    """Return whether two ways to see a pair of limbs put a joint elsewhere."""
     sides = [{fit.joints for fit in pair} for pair in (one, other)]
     if {fit.path[0] for fit in one} != {fit.path[0] for fit in other}:
         return sides[0] != sides[1]
@@ -361,7 +355,6 @@ def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: lis
 
 
 def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> list[str]:
-    """Add pelvis, spine, neck, head and root; return what is not sure."""
     from_legs = skeleton.above(limbs.legs[0].path[0])[1:]
     from_arms = skeleton.above(limbs.arms[0].path[0])[1:]
     common = next((bone for bone in from_legs if bone in from_arms), None)

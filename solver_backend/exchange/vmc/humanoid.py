@@ -45,7 +45,6 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
     they are bent at rest belongs to the character.
 
     Args:
-        layout: names and tree of the J joints.
         rest_joints: (J, 3) metres, Y up, facing +Z, left = +X.
 
     Returns:

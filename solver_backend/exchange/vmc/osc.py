@@ -60,11 +60,7 @@ def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
 
 
 def encode_bundle(elements: Sequence[bytes]) -> bytes:
-    """Return a bundle of encoded messages or bundles.
-
-    Args:
-        elements: the encoded ones.
-    """
+    """Return a bundle of encoded messages or bundles."""
     parts = [struct.pack(">i", len(element)) + element for element in elements]
     return b"".join([_BUNDLE, struct.pack(">Q", IMMEDIATELY), *parts])
 
@@ -118,7 +114,6 @@ def _message(element: bytes) -> OscMessage:
 
 
 def _argument(tag: str, element: bytes, at: int) -> tuple[Value, int]:
-    """Return an argument and where the next begins."""
     if tag in _NUMBERS:
         layout = _NUMBERS[tag]
         return _unpacked(layout, element, at)[0], at + struct.calcsize(layout)
@@ -210,9 +205,7 @@ class FrameBundle:
         """Return the bundle of a pose.
 
         Args:
-            time_s: seconds on the sender's clock.
             rotvec: (n, 3) axis-angles of the first n joints.
-            transl: (3,) metres, see ``Humanoid.to_unity``.
         """
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))

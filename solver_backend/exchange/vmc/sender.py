@@ -48,10 +48,6 @@ def is_address(text: str) -> bool:
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     """Return the address of ``vmc://HOST:PORT``; without a host this machine alone, without a port the protocol's.
 
-    Args:
-        text: the address.
-        schemes: protocols that will do.
-
     Raises:
         CommandLineInvalid: it is none.
     """
@@ -110,7 +106,6 @@ class PacketSender:
         return ""
 
     def _try(self, packet: bytes) -> str | None:
-        """Send once; return the error that the system reports."""
         try:
             self._socket.send(packet)
         except OSError as error:
