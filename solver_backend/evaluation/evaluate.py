@@ -101,9 +101,7 @@ class Evaluation:
     joints_pck1_percent: float
     """Share of joints within 1 cm (eq. 4.29)."""
     joints_pck3_percent: float
-    """Share of joints within 3 cm."""
     joints_pck7_percent: float
-    """Share of joints within 7 cm."""
     joints_accel_m_s2: float
     """Mean acceleration error of the joints."""
     angles_mae_deg: float | None = None
@@ -119,7 +117,6 @@ class Evaluation:
     codes_div: float | None = None
     """DIV of the motion's poses, by VPoser's codes (eq. 4.31)."""
     codes_div_true: float | None = None
-    """DIV of the true poses."""
     self_intersection_percent: float | None = None
     """Share of frames in which limbs, head or trunk pass through one another by more than 3 cm, by capsules."""
     self_intersection_true_percent: float | None = None

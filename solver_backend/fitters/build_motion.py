@@ -81,7 +81,6 @@ class PosedTake:
     """A body in all frames of a take."""
 
     subject: Subject
-    """The person."""
     points: np.ndarray
     """(F, L, 3) landmarks, metres, in the poses that explain what was measured."""
     joints: np.ndarray

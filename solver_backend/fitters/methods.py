@@ -74,9 +74,7 @@ class Method:
     """A way to solve a take, as the settings name it."""
 
     name: str
-    """As in ``SolveSettings.method``."""
     recipe: Recipe
-    """Finds the poses."""
     finds_shape: bool = False
     """The recipe finds the shape itself; otherwise it is learned before."""
     per_frame: bool = False

@@ -50,9 +50,7 @@ class OwnPoints(Layer):
     """K keypoints and N own points in C views over F frames."""
 
     cameras: Cameras
-    """C calibrated cameras."""
     keypoints: Keypoints2D
-    """All K + N."""
     points: np.ndarray
     """(F, K + N, 3) metres, NaN where a point was not located."""
     covariance: np.ndarray

@@ -32,11 +32,8 @@ class Problem:
     """Measurements made ready for a solver."""
 
     body: Body
-    """The body model."""
     prior: AutoencodingPrior
-    """Decoder of poses."""
     measurements: Measurements
-    """What is solved from."""
     pose_terms: tuple[PoseTerm, ...]
     """Further terms that evaluate poses."""
 
@@ -91,7 +88,6 @@ class Convergence:
     """How the last robust scale of a solve ended, over the parts that were solved one after the other."""
 
     parts: int
-    """Parts of the take."""
     converged: int
     """Those whose cost no longer changes."""
     iterations: int

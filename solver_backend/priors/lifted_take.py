@@ -73,7 +73,6 @@ class LiftedTake:
     """F frames of one camera."""
 
     view: LiftedView
-    """What the network makes of them."""
     z: np.ndarray
     """(F, d) codes of the prior."""
     local: np.ndarray
@@ -83,7 +82,6 @@ class LiftedTake:
     confidence: np.ndarray
     """(F, L), 0 where missing."""
     fps: float
-    """Frames per second."""
 
     @property
     def up(self) -> np.ndarray:

@@ -104,7 +104,6 @@ class Lifter:
     """The network and what is known of it."""
 
     stack: DenseStack
-    """76 to 51."""
     metadata: dict[str, Any]
     """Training command, data, figures."""
 

@@ -144,7 +144,6 @@ class ViewLifter:
     arrays: Arrays
     """Weights, float32, by the names of the trained module's parameters."""
     heads: int
-    """Of each attention."""
     metadata: dict[str, Any]
     """Training command, data, figures."""
 

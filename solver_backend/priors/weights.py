@@ -33,7 +33,6 @@ class PriorWeights:
     metadata: dict[str, Any]
     """Architecture, training command, seed, metrics."""
     sha256: str = ""
-    """Hash of the arrays."""
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:
         """Return an array as float64, of the given shape (None = any length).

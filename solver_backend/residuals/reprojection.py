@@ -20,7 +20,6 @@ class ReprojectionTerm:
     """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
-    """C cameras."""
     xy: Array
     """(C, F, L, 2) px, finite everywhere (anything where the weight is 0)."""
     weight: Array

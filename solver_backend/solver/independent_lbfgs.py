@@ -16,17 +16,14 @@ class QuasiNewtonSettings:
     """When to stop and how to step."""
 
     max_iterations: int = 200
-    """Steps at most."""
     tolerance: float = 1e-4
     """A problem is done when a step lowers its cost by less than this share of the cost, or of 1 where that is more."""
     memory: int = 12
-    """Pairs that are remembered."""
     decrease: float = 1e-4
     """Share of the predicted decrease that a step must meet (Armijo)."""
     curvature: float = 0.9
     """Share of the starting slope that may be left (Wolfe)."""
     max_trials: int = 20
-    """Steps tried along a line."""
 
 
 @dataclass(frozen=True)

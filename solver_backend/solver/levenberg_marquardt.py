@@ -27,7 +27,6 @@ class LMSettings:
     """When to stop and how to damp."""
 
     max_iterations: int = 20
-    """Linearisations at most."""
     tolerance: float = 1e-4
     """A problem is solved when a step that lowers its cost lowers it by less than this share."""
     promise: float = 0.0
@@ -41,13 +40,11 @@ class LMResult(Generic[State]):
     """Where the minimiser ended."""
 
     state: State
-    """Best state found."""
     cost: Array
     """(B,) cost of each problem, or (B, P) of its parts."""
     system: NormalEquations
     """The normal equations at the state: the information the data gave."""
     iterations: int
-    """Linearisations made."""
     converged: bool
     """No step changes the cost any more."""
 

@@ -90,13 +90,10 @@ class Faults:
     """Everything that is laid over the truth of a capture."""
 
     detector: DetectorFaults = field(default_factory=DetectorFaults)
-    """Of keypoints in the views."""
     anatomy_mm: float = 0.0
     """Standard deviation per axis of what a detector means by a joint against what the body means."""
     cameras: CameraFaults = field(default_factory=CameraFaults)
-    """Of calibration and clocks."""
     markers: MarkerFaults = field(default_factory=MarkerFaults)
-    """Of optical markers."""
 
     @property
     def of_views(self) -> bool:

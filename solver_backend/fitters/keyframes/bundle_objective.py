@@ -17,7 +17,7 @@ The published bundle (thesis eqs. 6.6-6.8) has the reprojection term alone; the 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -40,9 +40,8 @@ FADING_S = 0.15
 class MotionPrior:
     """Gaussian priors on keyframes: ``E = 1/2 sum_k |x_{k-1} - 2 x_k + x_{k+1}|² / s²``.
 
-    Bounded acceleration alone carries speed on through a gap: people would lean ever further and drift off. So between
-    unseen keys speed is bounded too, ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` with keys h apart: the least of both
-    fades as ``exp(-t / tau)`` towards a steady way from one end of the gap to the other.
+    Bounded acceleration alone continues the speed through a gap, so people drift off. Between unseen keys, h apart,
+    ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` bounds speed too: it fades as ``exp(-t / tau)``.
     """
 
     spacing_s: float
@@ -54,22 +53,24 @@ class MotionPrior:
     latent_sigma: float = 8.0
     """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
     unseen: np.ndarray | None = None
-    """(K - 1,) bool: between two neighbouring keys nobody is seen; None if everywhere somebody is."""
+    """(K - 1,) bool: nobody is seen between two neighbouring keys; None if somebody is seen everywhere."""
 
     @classmethod
     def bounded(cls, spacing_s: float, smoothing: float, unseen: np.ndarray | None) -> MotionPrior:
         """Return the priors with every standard deviation divided by ``smoothing``."""
-        prior = cls(spacing_s, unseen=unseen)
-        sigmas = (prior.accel_sigma, prior.angular_sigma, prior.latent_sigma)
-        accel, angular, latent = (sigma / smoothing for sigma in sigmas)
-        return replace(prior, accel_sigma=accel, angular_sigma=angular, latent_sigma=latent)
+        accel, angular, latent = (
+            cls.accel_sigma / smoothing,
+            cls.angular_sigma / smoothing,
+            cls.latent_sigma / smoothing,
+        )
+        return cls(spacing_s, accel, angular, latent, unseen)
 
     def part(self, keys: slice) -> MotionPrior:
-        """Return the priors on some of the keys."""
+        """Return the priors on a range of keys."""
         return self if self.unseen is None else replace(self, unseen=self.unseen[keys.start : keys.stop - 1])
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the energy (K,) at each of these keys: of the differences about it, or from it to the next."""
+        """Return the energy (K,) at each key: of the differences around it, or from it to the next."""
         xp = array_namespace(keys.z)
         cost = zeros((keys.z.shape[0],), keys.z)
         for _, value, _, sigma in self._smooth_parts(keys, free):
@@ -80,7 +81,7 @@ class MotionPrior:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations of these keys to those of the data, in place."""
+        """Add the equations of these keys in place."""
         for name, value, tangents, sigma in self._smooth_parts(keys, equations.layout):
             for stencil, weight in self._stencils(sigma):
                 equations.add_differences(value, tangents, stencil, weight, equations.layout[name].start)
@@ -94,52 +95,48 @@ class MotionPrior:
     def _smooth_parts(self, keys: Keyframes, free: StateLayout) -> list[tuple[str, Array, Array, float]]:
         """Return (block, value (K, n), tangents (K, n, d), sigma) of the free blocks that move smoothly."""
         xp = array_namespace(keys.z)
-        eye = identity(3, keys.z)
         placed = [
             (ROOT, keys.quat, quat_left_tangent(keys.quat), 0.5 * self.angular_sigma),
-            (TRANSL, keys.transl, xp.broadcast_to(eye, (len(keys.z), 3, 3)), self.accel_sigma),
+            (TRANSL, keys.transl, xp.broadcast_to(identity(3, keys.z), (len(keys.z), 3, 3)), self.accel_sigma),
         ]
-        if CODE not in free:
-            return placed
-        return [(CODE, keys.z, CODES.tangent_basis(keys.z), self.latent_sigma), *placed]
+        return [(CODE, keys.z, CODES.tangent_basis(keys.z), self.latent_sigma), *placed] if CODE in free else placed
 
 
 REACH = 3.0
-"""Deviations of a joint's angle beyond which the prior holds it by little more than there. On nine takes of strange
-bodies 3 brings points nearer by 1.5 %, and a bent toe, 9 deviations off, from 25 to 44 degrees of 70; with 2.5 bodies
-shiver more."""
+"""Standard deviations of a joint's angle beyond which the prior's pull hardly grows. On nine takes of unusual bodies 3
+reduces point errors by 1.5 %; a bent toe at 9 deviations reaches 44 of 70 degrees instead of 25. 2.5 adds jitter."""
 STEADINESS = 0.15
-"""Precision of how residual rotations bend over three keys, by that of a frame's. With 0.15 acceleration errors fall by
-3 % and points stay 0.7 % nearer than without tails; 0.3 takes the rest of the shiver and all that was gained."""
+"""Precision of the bend of residual rotations over three keys, relative to a frame's. 0.15 reduces acceleration errors
+by 3 % and keeps points 0.7 % nearer than without tails; 0.3 removes the remaining jitter and the gain."""
 
 
 @dataclass(frozen=True)
 class ResidualRotationTerm:
     """``E = n/2 sum_ki c² s / (s + c²) + m/2 sum_ki b²`` of residual rotations ``r_ki = rho_ki / sigma_i``.
 
-    ``s = r_ki²`` has heavy tails: toes hardly move in recordings, and where they do they move far. The bend
-    ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the motion prior of what codes do not move.
+    ``s = r_ki²`` has heavy tails: toes move rarely, but far. The bend ``b = r_{k-1,i} - 2 r_ki + r_{k+1,i}`` is the
+    motion prior of rotations that codes do not express.
 
     Reference: Geman and McClure 1987 for the tails.
     """
 
     sigma: np.ndarray
-    """(J, 3) radians: how far the prior's own reconstructions are from true poses."""
+    """(J, 3) radians: error of the prior's reconstructions."""
     frames_per_key: float = 1.0
-    """n, how many frames' worth of evidence a key carries: residual rotations are priors on frames."""
+    """n, the number of frames whose evidence a key carries: residual rotations are priors on frames."""
     reach: float = REACH
     """c."""
     steadiness: float = STEADINESS
     """m."""
     uncovered: tuple[int, ...] = ()
-    """Columns of a pose that the prior does not model: other terms hold them."""
+    """Columns of a pose that the prior does not model; other terms hold them."""
 
     def part(self, keys: slice) -> ResidualRotationTerm:
-        """Return the term of some of the keys: it is the same for all."""
+        """Return the term of a range of keys; it is the same for all."""
         return self
 
     def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the energy (K,) at each of these keys, and of the bend about it."""
+        """Return the energy (K,) at each key, including the bend around it."""
         xp, n = array_namespace(keys.z), self.frames_per_key
         scaled = self._scaled(keys)
         penalty, _ = geman_mcclure(scaled * scaled, self.reach)
@@ -148,9 +145,9 @@ class ResidualRotationTerm:
         return cost
 
     def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations of these keys to those of the data, in place.
+        """Add the equations of these keys in place.
 
-        The keys before and after a window's joint do not meet in the equations: their product is bounded by squares.
+        Keys on both sides of a joint between windows are not coupled; squares bound their product.
         """
         scaled, m = self._scaled(keys), self.steadiness
         _, weight = geman_mcclure(scaled * scaled, self.reach)
@@ -179,7 +176,7 @@ class ResidualRotationTerm:
         equations.upper[: windows - 1, odd, even] -= 2.0 * unit
 
     def _scaled(self, keys: Keyframes) -> Array:
-        """Return residual rotations (K, 3 n) of the covered joints in deviations."""
+        """Return residual rotations (K, 3 n) of the covered joints in standard deviations."""
         flat = self._covered(keys.residual)
         return flat / constant(self._covered(self.sigma[None])[0], flat)
 
@@ -192,46 +189,29 @@ class ResidualRotationTerm:
 
 
 def _bend(values: Array) -> Array:
-    """Return ``x_{k-1} - 2 x_k + x_{k+1}``, (K - 2, n)."""
     return values[:-2] - 2.0 * values[1:-1] + values[2:]
 
 
 OFF_MANIFOLD = 1.25
-"""How much further poses may leave the prior's manifold than its held-out subjects' do: takes that are solved move more
-unlike its corpus. Chosen on strange bodies; 1.5 gains as much again on dance and loses 1 % on exercises."""
-
-
-class KeyTerm(Protocol):
-    """Anything that evaluates keyframes."""
-
-    def part(self, keys: slice) -> KeyTerm:
-        """Return the term of some of the keys."""
-        ...
-
-    def cost(self, keys: Keyframes, free: StateLayout) -> Array:
-        """Return the energy (K,) at each of these keys, of what some of the free blocks change."""
-        ...
-
-    def add_to(self, equations: KeyframeNormalEquations, keys: Keyframes) -> None:
-        """Add the equations of these keys to those of the data, in place."""
-        ...
+"""Factor on the reconstruction error of held-out subjects by which poses may leave the prior's manifold. Chosen on
+unusual bodies; 1.5 gains as much again on dance and loses 1 % on exercises."""
+KeyTerm = MotionPrior | ResidualRotationTerm
+"""A term on keyframes."""
 
 
 @dataclass(frozen=True)
 class BundleObjective:
-    """The terms of F frames and of the keys that make them."""
+    """The terms on F frames and on the keys that define them."""
 
     frames: FrameObjective
-    """Of all frames of the take."""
     keys: tuple[KeyTerm, ...] = ()
-    """Over neighbouring keys, and on each."""
 
     def part(self, keys: slice) -> BundleObjective:
-        """Return the objective of some of the keys; frames are picked by their numbers."""
+        """Return the objective of a range of keys; frames are selected by number."""
         return replace(self, keys=tuple(term.part(keys) for term in self.keys))
 
     def astype(self, precision: Any) -> BundleObjective:
-        """Return the objective with measurements in a precision; the terms over keys take on that of the keys."""
+        """Return the objective with measurements in a precision; terms on keys follow the keys' precision."""
         return replace(self, frames=self.frames.astype(precision))
 
 
@@ -245,22 +225,21 @@ def bundle_objective(
     residuals: bool,
     looseness: float = OFF_MANIFOLD,
 ) -> BundleObjective:
-    """Return what the global method minimises.
+    """Return the objective of the global method.
 
     Args:
         window: frames of a window.
-        points: the data, and contacts where feet stand.
-        residuals: keys may leave the prior's manifold.
-        looseness: joints may leave the manifold by so many times the prior's error.
+        points: data term, and contacts where feet stand.
+        residuals: let keys leave the prior's manifold.
+        looseness: factor on the prior's error by which joints may leave the manifold.
     """
     spacing = 0.5 * window
     terms: list[KeyTerm] = [
         MotionPrior.bounded(spacing / problem.fps, settings.smoothing, layout.gaps(problem.measurements.seen))
     ]
     if residuals:
-        prior = problem.prior
-        sigma = looseness * prior.residual_sigma
-        terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=prior.uncovered))
+        sigma, uncovered = looseness * problem.prior.residual_sigma, problem.prior.uncovered
+        terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=uncovered))
     added = problem.measurements.terms
     frames = FrameObjective((*points, *added.points), (*problem.pose_terms, *added.poses), added.relative)
     return BundleObjective(frames, tuple(terms))

@@ -1,4 +1,4 @@
-"""Frames of an earlier motion that are to be solved again, and the poses it must pass through."""
+"""Frame range of an earlier motion to solve again, and the poses it must pass through."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.types import NUM_JOINTS
 
 @dataclass(frozen=True)
 class Pin:
-    """A pose that a person set."""
+    """A pose set by the user."""
 
     frame: int
     """Frame number of the take, from 0."""
@@ -32,9 +32,9 @@ class FrameRange:
     """Frames to be solved again."""
 
     first: int
-    """First frame; it keeps its pose unless the take begins there."""
+    """It keeps its pose unless the take begins there."""
     last: int
-    """Last frame; it keeps its pose unless the take ends there."""
+    """It keeps its pose unless the take ends there."""
     pins: tuple[Pin, ...] = ()
     """Poses that the solution must pass through."""
 
@@ -59,19 +59,12 @@ class FrameRange:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values, which ``from_dict`` reads back."""
-        pins = [
-            {"frame": pin.frame}
-            | {name: getattr(pin, name).tolist() for name in ("global_orient", "body_pose", "transl")}
-            for pin in self.pins
-        ]
+        names = ("frame", "global_orient", "body_pose", "transl")
+        pins = [{name: np.asarray(getattr(pin, name)).tolist() for name in names} for pin in self.pins]
         return {"first": self.first, "last": self.last, "pins": pins}
 
     def check(self, num_frames: int) -> None:
-        """Make sure that the frames lie within a take.
-
-        Raises:
-            JobInvalid: it does not, or a pin lies outside of it.
-        """
+        """Raise ``JobInvalid`` if the range or a pin lies outside the take."""
         if not 0 <= self.first < self.last < num_frames:
             raise JobInvalid(
                 f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames.",
@@ -89,12 +82,8 @@ class FrameRange:
 
 def _check_keys(values: Any, needed: set[str], optional: set[str], where: str) -> None:
     if not isinstance(values, Mapping) or needed - set(values) or set(values) - needed - optional:
-        known = ", ".join(sorted(needed | optional))
-        raise JobInvalid(
-            f"{where} must hold {', '.join(sorted(needed))} and nothing unknown.",
-            where=where,
-            hint=f"Known keys: {known}.",
-        )
+        message = f"{where} must hold {', '.join(sorted(needed))} and nothing unknown."
+        raise JobInvalid(message, where=where, hint=f"Known keys: {', '.join(sorted(needed | optional))}.")
 
 
 def _whole(values: Mapping[str, Any], key: str, where: str) -> int:

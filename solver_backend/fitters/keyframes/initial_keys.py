@@ -1,4 +1,4 @@
-"""Where the keyframes of a take start: at poses fitted to the located points of single frames."""
+"""Start the keyframes of a take at poses fitted to the located points of single frames."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ from solver_backend.types import Motion
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent) -> Keyframes:
-    """Return keyframes fitted to the located points of the seen frames nearest to them, or taken from a rough motion.
+    """Return keyframes fitted to the nearest seen frames' points, or taken from a rough motion.
 
-    Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.
+    Keys between unseen frames lie on the geodesics from the last seen frame to the next.
     """
     rough = problem.measurements.rough
     known = np.flatnonzero(problem.measurements.seen) if rough is None else rough.frames
@@ -50,7 +50,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout, pro
 def keys_of_frames(
     problem: Problem, subject: Subject, layout: KeyframeLayout, start: Keyframes | None = None
 ) -> Callable[[slice], Keyframes]:
-    """Return what makes the keys of windows from the points of single frames; a start that is of them is used again."""
+    """Return a function that makes the keys of windows from the points of single frames; it reuses such a start."""
     if problem.measurements.rough is None and start is not None:
         return lambda windows: start.select(slice(2 * windows.start, 2 * windows.stop + 1))
     by_itself = replace(problem, measurements=replace(problem.measurements, rough=None))
@@ -70,23 +70,21 @@ def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.nda
 CALM_M_S2 = 5.2
 """Mean acceleration of the landmarks up to which the settings' window holds; exercises and walking have 2 to 5."""
 CLOSEST = 0.6
-"""Of the settings' window at least; dances, at 15 m/s², reach it. Chosen by exact dances of
-``bench floor``: salsa_07 falls from 4.93 to 2.93 mm."""
+"""Smallest share of the settings' window, which dances at 15 m/s² reach. Chosen on exact dances of ``bench floor``:
+salsa_07 improves from 4.93 to 2.93 mm."""
 
 
 def dense_layout(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, window: int, fps: float
 ) -> KeyframeLayout:
-    """Return the windows for a take that moves as a first solution does: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
+    """Return windows for a take that moves like a first solution: ``w max(0.6, min(1, √(5.2 / a)))`` frames.
 
-    a is the mean acceleration of the landmarks in m/s². A parabola through three keys misses a fast limb by more than
-    a detector does; through slow ones closer keys would let the detector's noise pass. What a is depends little on that
-    noise: 15.1 and 15.4 m/s² in one dance seen exactly and with the measured noise, 4.3 and 4.8 in one walk.
+    a is the landmarks' mean acceleration in m/s². A parabola through three keys misses a fast limb by more than a
+    detector does; with slow limbs closer keys would follow the detector's noise, which a hardly depends on.
 
     Args:
-        layout: windows of the first solution, which is returned where they are close enough.
-        keys: the first solution.
-        window: frames of its windows.
+        layout: windows of the first solution, returned if they are close enough.
+        window: frames of these windows.
     """
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points = to_numpy(points_of(model.subject, frames))
@@ -96,13 +94,11 @@ def dense_layout(
 
 
 def paces(points: np.ndarray, fps: float, apart: int) -> tuple[float, float]:
-    """Return mean and 95th percentile of the acceleration of measured points between times so many frames apart, m/s².
+    """Return mean and 95th percentile of the points' acceleration between times ``apart`` frames apart, m/s².
 
     ``|x(t - h) - 2 x(t) + x(t + h)| / h²``: over the spacing h of keys, noise of 4 mm counts for 2.2 m/s².
 
-    Args:
-        points: (F, L, 3) metres, NaN where missing.
-        apart: frames between keys.
+    ``points`` (F, L, 3) are in metres, NaN where missing.
     """
     apart = max(1, min(apart, (len(points) - 1) // 2))
     around = points[2 * apart :] - 2 * points[apart:-apart] + points[: -2 * apart]
@@ -117,6 +113,6 @@ def closer_window(window: int, pace: float, calm: float, closest: float) -> int:
 
 
 def window_of(motion: Motion, window: int) -> int:
-    """Return how many frames a window of an earlier solve has, ``window`` at most."""
+    """Return the frames per window of an earlier solve, at most ``window``."""
     keys = 0 if motion.keyframes is None else int(motion.keyframes.sum())
     return window if keys < 3 else max(2, min(window, round(2 * motion.num_frames / keys)))

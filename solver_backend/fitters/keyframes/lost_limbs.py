@@ -1,4 +1,4 @@
-"""Keys around a limb that the body lost are solved again, from the points that show it."""
+"""Solve keys again around a limb that the body lost, from the points that show it."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, BundleModel, Schedule, Stretch, solve_keys
+from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, BundleModel, Schedule, Stretch
 from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
@@ -15,20 +15,20 @@ from solver_backend.fitters.model.subject import points_of
 from solver_backend.geometry.arrays import Array, array_namespace, to_numpy, true_runs
 
 DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
-"""A landmark is lost where it is this far from its point, and in frames beside it still so far: what detectors mean by
-a point, and the markers of a person whose places on the skin are known. Where keys stand three frames apart, one that
-went astray bends four frames and takes two that far."""
+"""A landmark is lost where it is this far from its point, and in neighbouring frames still the second distance: for
+detected points, and for markers with known places on the skin. With keys three frames apart, one wrong key bends four
+frames and moves two that far."""
 LOST_SIGMAS = 6.0
-"""And so many of the point's standard deviations."""
+"""The distance also exceeds so many standard deviations of the point."""
 SURE_M = 0.03
 """A point is well located where its standard deviation per axis is less."""
 ROUGHNESS = 2.5
-"""And so many times as far as the point lies from the middle between those before and after it, or these from theirs:
-a labeller's mistake or a ghost, which jumps from frame to frame, is no limb that the body lost. One frame off by d is
-rough by d, the frames of a few that are off alike by d / 2."""
+"""The distance also exceeds so many times the point's distance from the middle of its neighbours in time. Labelling
+errors and ghosts jump from frame to frame; lost limbs do not. One frame off by d has roughness d, a few frames off by
+the same d have d / 2."""
 SHORTEST = 3
-"""Frames in a row: what is off for less is a point that was located wrongly. A take's first and last key bend two
-frames alone, so that there one is enough."""
+"""Frames in a row; shorter runs are points located wrongly. One frame is enough at the ends of a take, where a key
+bends two frames only."""
 
 
 def lost_landmarks(
@@ -60,9 +60,9 @@ def lost_landmarks(
 
 
 def roughness(points: np.ndarray) -> np.ndarray:
-    """Return (F, L) how far points are from the middle between their neighbours in time, metres, at most in 3 frames.
+    """Return the largest distance (F, L) of points from the middle of their neighbours within 3 frames, metres.
 
-    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where none of it is known.
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where unknown.
     """
     apart = np.zeros(points.shape[:2])
     middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
@@ -74,7 +74,7 @@ def roughness(points: np.ndarray) -> np.ndarray:
 
 
 BESIDE = 3
-"""Windows on both sides that are solved along; the outermost keys of them stay. Chosen by hand."""
+"""Windows on both sides that are solved too; their outermost keys do not move. Chosen by hand."""
 
 Start = Callable[[slice], Keyframes]
 """Makes the keys of a range of windows from the points of single frames."""
@@ -90,21 +90,21 @@ def resolve_lost_limbs(
     schedule: Schedule,
     frames: np.ndarray | None = None,
 ) -> Keyframes:
-    """Return the keys with lost limbs solved again from the points, where that lowers the cost; the very same if none.
+    """Solve lost limbs again where that lowers the cost; return the same keys if nothing changes.
 
-    Points that are wrong for some frames look like a limb that the body lost, and only the cost separates them. What
-    is lost for longer than a chunk is no lost limb, and stays too.
+    Points that are wrong for some frames look like a lost limb; only the cost separates them. Runs longer than a chunk
+    are not lost limbs and stay.
 
     Args:
-        points: (F, L, 3) its landmarks.
+        points: (F, L, 3) landmarks of the body.
         frames: numbers of the F frames; all of the layout if None.
     """
     lost = _lost_windows(measurements, layout, points, frames)
     for windows in ranges_around(lost):
         here = np.zeros_like(lost)
         here[windows] = lost[windows]
-        stretch = cut_out(model, layout, _anew(here, keys, start), schedule, windows)
-        solved = solve_keys(stretch.model, stretch.layout, stretch.keys, schedule, stretch.fixed)
+        stretch = cut_out(model, layout, _restarted(here, keys, start), schedule, windows)
+        solved = stretch.solve()
         some, rows = keys_of(windows), stretch.layout.rows(schedule.stride)
         before = stretch.model.equations(rows, keys.select(some), schedule.scales[-1])[0]
         if solved.cost < float(array_namespace(before).sum(before)):
@@ -113,7 +113,7 @@ def resolve_lost_limbs(
 
 
 def ranges_around(lost: np.ndarray) -> Iterator[slice]:
-    """Yield the ranges of windows that are solved again for (N,) lost ones; none that is longer than a chunk."""
+    """Yield the ranges of windows to solve again for (N,) lost ones; none is longer than a chunk."""
     near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
     for first, last in true_runs(near):
         if last - first < CHUNK_WINDOWS:
@@ -126,12 +126,9 @@ def keys_of(windows: slice) -> slice:
 
 
 def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
-    """Return a range of windows as a problem of its own, whose outermost keys stay but at the take's ends."""
-    part, some = layout.part(windows), keys_of(windows)
-    number = np.arange(part.num_keys)
-    fixed = (number < 3) & (windows.start > 0)
-    fixed |= (number >= part.num_keys - 3) & (windows.stop < layout.num_windows)
-    return Stretch(model.part(some), part, keys.select(some), schedule, fixed)
+    """Return a range of windows as a problem of its own; its outermost keys move at the take's ends only."""
+    fixed_ends = windows.start > 0, windows.stop < layout.num_windows
+    return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
 
 
 def _lost_windows(
@@ -145,7 +142,7 @@ def _lost_windows(
     return lost
 
 
-def _anew(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
+def _restarted(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
     """Return the keys with those of the lost windows taken from ``start``."""
     for first, last in true_runs(lost):
         keys = keys.replaced(slice(2 * first, 2 * last + 3), start(slice(first, last + 1)))
@@ -160,10 +157,10 @@ def resolve_outlier_markers(
     schedule: Schedule,
     frames: np.ndarray,
 ) -> Keyframes:
-    """Return keys whose windows with far markers were solved again from wide scales on, where fewer stay far.
+    """Solve windows with distant markers again from wide scales, and keep those with fewer distant markers.
 
     Args:
-        measurements: the markers of a calibrated person: a motion's own keypoints, which a clean-up solves, are none.
+        measurements: markers of a calibrated person, not a motion's own keypoints.
 
     Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
     """

@@ -21,33 +21,30 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
-"""Frames worked on at a time: their matrices stay in the cache, and blocks run side by side. Changes time,
-no result."""
+"""Frames per block: their matrices stay in the cache, and blocks run in parallel. Affects time only."""
 HESSIAN_FRAMES = 4
 """Frames of a window whose Hessians are formed: they change slowly, and the keys' weights on them are quartics.
 Chosen by hand."""
 FLOOR = 1e-2
-"""Precision that everything has, so that no matrix is singular; chosen by hand."""
+"""Precision added everywhere, so that no matrix is singular; chosen by hand."""
 FIXED = 1e12
-"""Precision of what is fixed: beside it no measurement counts. Chosen by hand."""
-
-
+"""Precision of fixed keys, far above any measurement; chosen by hand."""
 Stencil = Sequence[Array | float]
 """Coefficients of neighbouring keys."""
 
 
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
-    """Block-tridiagonal equations of n N + 1 keys; block w holds the n keys from n w on (the last ones dummies).
+    """Block-tridiagonal equations of n N + 1 keys; block w holds the n keys from n w on (the last ones are dummies).
 
-    Terms over keys are for n = 2. What ``add`` methods are given is added in place: the arrays are large.
+    Terms over keys need n = 2. ``add`` methods work in place because the arrays are large.
     """
 
     diagonal: Array
     """(N + 1, n D, n D), single precision: it only steers the steps."""
     upper: Array
-    """(N, n D, D + m), single precision: residual rotations of a middle key meet those of its own window alone, and the
-    m unknowns before them those of the next key too."""
+    """(N, n D, D + m), single precision: residual rotations of a middle key couple with their own window only, the m
+    unknowns before them also with the next key."""
     g: Array
     """(N + 1, n D)."""
     layout: StateLayout
@@ -74,10 +71,7 @@ class KeyframeNormalEquations:
         floor: float = FLOOR,
         precision: Any = None,
     ) -> KeyframeNormalEquations:
-        """Return the equations of N windows without any data; a floor keeps unseen parts still.
-
-        Matrices are of single precision unless another is given.
-        """
+        """Return the equations of N windows without data, in single precision unless another is given."""
         single, dof = array_namespace(like).float32 if precision is None else precision, layout.dof
         still = floor * identity(free * dof, like, single)
         diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + still
@@ -87,26 +81,26 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add the matrices by all n + 1 keys of a range of windows, without their part of the last keys alone."""
+        """Add matrices by all n + 1 keys of windows, without the part of the last keys alone."""
         inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add N windows' part of their last keys alone (N, D, D), and the (n N + 1, D) derivative by the keys."""
+        """Add the part of N windows' last keys alone (N, D, D), and the (n N + 1, D) derivative by the keys."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
     def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
-        """Add what each key has by itself: (K, n) precisions of n columns of its tangent, and derivatives by them."""
+        """Add (K, n) precisions of n columns of each key's tangent, and derivatives by them."""
         for parity in (0, 1):
             at, own = columns + parity * self.dof, precision[parity::2]
             self.diagonal[: own.shape[0], at, at] += own
             self.g[: own.shape[0], at] += gradient[parity::2]
 
     def add_each(self, part: slice, hessian: Array, gradient: Array) -> None:
-        """Add what each key has by itself: (K, n, n) matrices of n columns of its tangent, and derivatives by them."""
+        """Add (K, n, n) matrices of a range of n columns of each key's tangent, and derivatives by them."""
         for parity in (0, 1):
             at = slice(part.start + parity * self.dof, part.stop + parity * self.dof)
             own = hessian[parity::2]
@@ -121,9 +115,8 @@ class KeyframeNormalEquations:
         Args:
             value: (K, v) x of each key.
             tangents: (K, v, d) x by the columns of a key from ``first`` on.
-            stencil: the coefficients c, numbers or (n,) one for each k.
+            stencil: coefficients c, numbers or (n,).
             weight: w, a number or (n,).
-            first: column of a key's tangent.
         """
         xp, single = array_namespace(value), self.diagonal.dtype
         rest, weights = differences(value, stencil, weight)
@@ -161,7 +154,7 @@ class KeyframeNormalEquations:
                 self.upper[rows // 2, row : row + size, column : column + size] += chosen
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations without the keys of a (n N + 1,) mask: they take no step and have no uncertainty."""
+        """Return the equations with keys of a (n N + 1,) mask held fixed: no step and no uncertainty."""
         if not fixed.any():
             return self
         fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies

@@ -1,4 +1,4 @@
-"""How sure the solve is of each joint: the posterior of the keyframes, carried to the joints of every frame."""
+"""Posterior covariance of the keyframes, carried to the joints of every frame."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ from solver_backend.residuals.terms import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 CALIBRATION = 0.5
-"""Share of the inflated posterior's variance that is found: what is constant inflates it too. Set so that the
-ellipsoids of six benchmark takes hold what they should."""
+"""Share of the inflated posterior variance that is kept: constant errors inflate it too. Calibrated so that the
+ellipsoids of six benchmark takes have the right coverage."""
 
 
 def joint_covariance(
@@ -35,21 +35,19 @@ def joint_covariance(
 ) -> Array:
     """Return (F, J, 3, 3) posterior covariances of the joints in square metres: ``k f J B S Bᵀ Jᵀ + c² I``.
 
-    S is the posterior covariance of the three keys of a frame's window, B the frame's pose by its keys (the keys' own
-    pose tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION`` and c
-    what does not average out, by joint.
+    S is the posterior covariance of the three keys of a frame's window, B the pose by its keys (the keys' own pose
+    tangents mixed by Lagrange's weights), J the joints by the pose, f the inflation, k ``CALIBRATION``, c the constant.
 
     Args:
         system: normal equations at the solution.
-        inflation: factor on the variance that the noise's correlation in time demands.
-        constant_m: (J,) standard deviation per axis of what does not average out, metres.
-        stride: covariances of every so many frames are formed; those between lie on straight lines.
+        inflation: variance factor for noise correlated in time.
+        constant_m: (J,) standard deviation per axis of errors that do not average out, metres.
+        stride: form the covariance of every n-th frame and interpolate linearly.
     """
     xp = array_namespace(keys.z)
     diagonal, upper = system.marginals()
     residual = keys.residual if model.free.turned else None
-    by_keys = d_pose_d_key(model.free, model.prior, keys.z, residual)
-    d_pose_d_keys = xp.astype(by_keys, diagonal.dtype)
+    d_pose_d_keys = xp.astype(d_pose_d_key(model.free, model.prior, keys.z, residual), diagonal.dtype)
     landmarks = joint_landmarks(model.subject.body, model.subject.body.layout.recorded)
     constant_m2 = constant(constant_m**2, keys.z)[:, None, None] * identity(3, keys.z)
     rows = layout.rows(stride)
@@ -57,23 +55,16 @@ def joint_covariance(
     def block(windows: slice) -> Array:
         part = rows.select(windows)
         poses = frames.select(part.frames[part.weight > 0] - layout.bounds[0])
+        body, betas = model.subject.body, model.subject.betas
         posed = pose_landmarks(
-            model.subject.body,
-            landmarks,
-            model.subject.betas,
-            poses.root,
-            poses.local,
-            poses.transl,
-            jacobian=True,
-            by_shape=False,
+            body, landmarks, betas, poses.root, poses.local, poses.transl, jacobian=True, by_shape=False
         )
         of_keys = _pose_covariance(diagonal, upper, d_pose_d_keys, windows)
         shares = lagrange(constant(part.time, d_pose_d_keys))
         mixes = xp.reshape(shares[..., :, None] * shares[..., None, :], (*part.time.shape, 9))
         mixed = xp.matmul(mixes, xp.reshape(of_keys, (of_keys.shape[0], 9, -1)))
-        mixed = xp.reshape(mixed, (-1, poses.layout.dof, poses.layout.dof))[
-            index(np.flatnonzero(part.weight > 0), keys.z)
-        ]
+        used = index(np.flatnonzero(part.weight > 0), keys.z)
+        mixed = xp.reshape(mixed, (-1, poses.layout.dof, poses.layout.dof))[used]
         eye = identity(3, d_pose_d_keys)
         by_rotations = xp.astype(posed.by_rotations, d_pose_d_keys.dtype)
         J = xp.concat([by_rotations, xp.broadcast_to(eye, (*posed.points.shape[:2], 3, 3))], axis=-1)
@@ -100,13 +91,7 @@ def covariance_of_joints(
 ) -> Array:
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
-    Args:
-        inflation: see ``joint_covariance``.
-        constant_m: see ``joint_covariance``.
-        chunk_windows: windows at a time.
-        overlap: windows on both sides of them whose frames are looked at too.
-        stride: see ``joint_covariance``.
-        done: called with the number of chunks that are done and of all.
+    ``done`` is called with the number of finished chunks and of all chunks.
     """
     first, found = layout.bounds[0], []
     chunks = chunks_of(layout.num_windows, overlap, chunk_windows, overlap)
@@ -123,7 +108,7 @@ def covariance_of_joints(
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:
-    """Return (F, ...) values of the wanted frames on straight lines between those of some, beyond the last as there."""
+    """Return (F, ...) values of the wanted frames, interpolated linearly and held constant beyond the ends."""
     after = np.clip(np.searchsorted(frames, wanted), 1, max(1, len(frames) - 1))
     before, after = after - 1, np.minimum(after, len(frames) - 1)
     share = np.clip((wanted - frames[before]) / np.maximum(frames[after] - frames[before], 1), 0.0, 1.0)
@@ -137,13 +122,9 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
     dof = d_pose_d_keys.shape[-1]
     start, after = slice(windows.start, windows.stop), slice(windows.start + 1, windows.stop + 1)
     across = upper[start][:, :, :dof]
-    S = xp.concat(
-        [
-            xp.concat([diagonal[start], across], axis=2),
-            xp.concat([xp.matrix_transpose(across), diagonal[after][:, :dof, :dof]], axis=2),
-        ],
-        axis=1,
-    )
+    top = xp.concat([diagonal[start], across], axis=2)
+    bottom = xp.concat([xp.matrix_transpose(across), diagonal[after][:, :dof, :dof]], axis=2)
+    S = xp.concat([top, bottom], axis=1)
     P = [d_pose_d_keys[2 * windows.start + k : 2 * windows.stop + k : 2] for k in range(3)]
     halves = [xp.matmul(P[k], S[:, k * dof : (k + 1) * dof]) for k in range(3)]
     P_T = [xp.matrix_transpose(part) for part in P]
@@ -152,14 +133,13 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return how much less n neighbouring frames determine than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return the variance factor of the mean over n correlated frames: ``1 + 2 sum_k (1 - k/n) r^k``.
 
-    A detector's errors in neighbouring frames are correlated. r, the lag-one correlation of first-order autoregressive
-    noise, is measured on the residuals of inliers; n is the number of frames that a key averages over.
+    r is the lag-one correlation of first-order autoregressive noise, measured on the residuals of inliers.
 
     Args:
         points: (F, L, 3) landmarks of a solution.
-        num_frames: n.
+        num_frames: n, the number of frames that a key averages over.
 
     Reference: Bayley and Hammersley 1946, "The effective number of independent observations in an autocorrelated
     series".

@@ -1,4 +1,4 @@
-"""Frames that were solved again put into the motion that they belong to; all others stay bit for bit."""
+"""Put frames that were solved again into their motion; all other frames stay bit for bit."""
 
 from __future__ import annotations
 
@@ -22,22 +22,21 @@ from solver_backend.geometry.small_matrices import mean_sigma
 from solver_backend.types import FLAG_UNSURE, Motion
 
 MOVED_M = 0.02
-"""A joint that a pin moved by more than this, against the views, is doubtful beside the pinned frame; chosen
-by hand."""
+"""A joint that a pin moved farther than this from the views is uncertain near the pinned frame; chosen by hand."""
 DOUBTFUL_M = 0.046
-"""Standard deviation that such a joint has at least: confidence 0.3, that of an unsure frame."""
+"""Smallest standard deviation of such a joint: confidence 0.3, as of an unsure frame."""
 _DIAGONAL = [0, 3, 5]
-"""Of six packed numbers (see ``packed``): xx, yy, zz."""
+"""Entries xx, yy and zz of ``packed`` matrices."""
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
-    """Return a motion whose doubts about pins are those of single joints instead of flags of whole frames.
+    """Replace frame flags caused by pins by larger deviations of the moved joints.
 
-    A pose that a person pinned disagrees with the measurements, which flags its frame and those beside it as unsure.
+    A pinned pose disagrees with the measurements, which flags its frame and its neighbours as unsure.
 
     Args:
-        again: the motion with some frames solved again.
-        before: the motion before.
+        again: motion with some frames solved again.
+        before: earlier motion.
     """
     pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
     if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
@@ -61,18 +60,16 @@ def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, f
 
 @dataclass(frozen=True)
 class SolvedRange:
-    """A frame range solved again, with the windows on either side of it."""
+    """A frame range solved again, with the windows on both sides of it."""
 
     frame_range: FrameRange
-    """What was asked for."""
     layout: KeyframeLayout
-    """Windows."""
     free: np.ndarray
-    """(2N + 1,) bool: the keys that moved."""
+    """(2N + 1,) bool: keys that moved."""
     frames: PosedFrames
     """Poses of the frames of the layout."""
     contacts: Contacts | None
-    """Of the whole take, if standing feet were looked for."""
+    """Of the whole take, if standing feet were detected."""
     status: str
     """How the last pass ended."""
 

@@ -81,7 +81,6 @@ class ApartRoot:
     keys: Keyframes
     """(W, k) keys."""
     quats: Interpolant
-    """Of the rotations."""
     weights: Array
     """(W, n, k) of the translations."""
 
@@ -128,7 +127,6 @@ class ScrewRoot:
     keys: Keyframes
     """(W, k) keys."""
     path: ScrewPath
-    """Through them."""
 
     @classmethod
     def through(cls, keys: Keyframes, time: Array) -> ScrewRoot:

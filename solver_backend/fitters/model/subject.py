@@ -53,9 +53,7 @@ class Subject:
     """Everything that does not change over the take."""
 
     body: Body
-    """The body model."""
     landmarks: Landmarks
-    """The L observed points."""
     betas: Array
     """(10,) shape."""
     offsets: Array

@@ -88,7 +88,6 @@ class OneCamera(PointSource):
     floor: tuple[PointTerm, ...]
     """The floor, where the person's feet show it."""
     lifted: RelativePositionTerm
-    """The lifted pose, wherever it is."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 
     @property

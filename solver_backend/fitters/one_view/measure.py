@@ -49,9 +49,7 @@ class Size:
     """How many times as large as the average a person is."""
 
     factor: float
-    """Of the stature."""
     sigma: float
-    """Its standard deviation, a share."""
     source: str
     """What it is from, for people."""
     has_floor: bool = True

@@ -64,15 +64,10 @@ class PosedKeys:
     """Keys of a person, and the poses and landmarks that they make, formed when first asked for."""
 
     subject: Subject
-    """The person."""
     prior: PosePrior
-    """Decoder of the codes."""
     layout: KeyframeLayout
-    """Windows of the keys."""
     keys: Keyframes
-    """2N + 1 keys."""
     residuals: bool
-    """The residual rotations act."""
     frames: np.ndarray | None
     """Numbers of the frames that are looked at; None for all."""
 
@@ -98,17 +93,12 @@ class Bundle:
     """Keys of a take and their objective."""
 
     problem: Problem
-    """The measurements made ready."""
     settings: SolveSettings
-    """Scales, iterations and the rest."""
     posed: PosedKeys
-    """The keys."""
     window: int
-    """Frames of a window."""
     schedule: Schedule
     """Of the pass that the keys are from, or of the one to come."""
     solve: Solve
-    """Minimises over the keys."""
     restart: Start
     """Makes the keys of windows from single frames."""
     data: DataTerm
@@ -185,7 +175,6 @@ class Pass:
     """One minimisation over the keys."""
 
     schedule: Schedule
-    """Robust scales and iterations."""
     free: tuple[str, ...]
     """Blocks of the state that are unknowns."""
     before: tuple[Step, ...] = ()

@@ -197,7 +197,6 @@ class LiveFrame:
     """One frame, fitted."""
 
     pose: PosedFrames
-    """One pose."""
     landmarks: np.ndarray
     """(53, 3) metres: where the body has the markers."""
     off_m: float
@@ -271,7 +270,6 @@ class ViewsFrame:
     """One moment, fitted."""
 
     pose: PosedFrames
-    """One pose."""
     points: np.ndarray
     """(L, 3) metres: located keypoints, NaN where fewer than two views agree."""
     landmarks: np.ndarray

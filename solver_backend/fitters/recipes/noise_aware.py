@@ -65,9 +65,7 @@ class LandmarkFit:
     subject: Subject
     """The person; landmarks sit where their layout places them."""
     prior: GaussianVAE
-    """Whose decoder D makes poses."""
     start: CodedFrames
-    """F states."""
     points: np.ndarray
     """(F, L, 3) measured landmarks, metres, finite."""
     seen: np.ndarray

@@ -106,11 +106,9 @@ class KnownPersonPlan:
     """Which passes are made, and on what."""
 
     window: int
-    """Frames of a window."""
     passes: tuple[Pass, ...]
     """On the prior's manifold, where the take does not start near enough, and off it."""
     after: tuple[Step, ...]
-    """What follows the last pass."""
     stride: int
     """Every so many frames are looked at between the passes."""
     covariance_stride: int

@@ -288,7 +288,6 @@ class ProjectionSettings:
     """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
-    """At most."""
     step_size: float = 0.3
     """The factor α at first: one would leave a field that is a distance in one step."""
     reach: float = 0.9

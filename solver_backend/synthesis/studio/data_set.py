@@ -47,11 +47,8 @@ class Plan:
 
     shots: tuple[Shot, ...]
     frames: int
-    """Of all shots, at most."""
     pictures: int
-    """Of all kinds, at most."""
     bytes: int
-    """About what it takes on disk."""
 
 
 def plan(spec: Spec) -> Plan:

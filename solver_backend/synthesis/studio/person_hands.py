@@ -225,7 +225,6 @@ class MovingHands:
     """Both hands of a person over F frames, left first."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]
-    """Their bones."""
     angles: np.ndarray
     """(F, 2, A) radians."""
     points: np.ndarray

@@ -42,9 +42,7 @@ class Seen:
     normal: np.ndarray | None
     """(h, w, 3) float32 unit normals of the world, None where nobody asked."""
     spheres: Spheres
-    """The markers."""
     person: ZBuffer
-    """The person alone."""
 
 
 def backdrop(stage: Stage, view: int) -> Backdrop:

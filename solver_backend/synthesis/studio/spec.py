@@ -157,7 +157,6 @@ class People:
     """Who is filmed."""
 
     count: int = 1
-    """How many are drawn."""
     sigma: float = 0.8
     """Spread of their shapes, in standard deviations of the population."""
     strange: bool = False
@@ -190,7 +189,6 @@ class Spec:
     seed: int
     fps: float
     frames: int
-    """Of a shot, at most."""
     motions: tuple[str, ...]
     """Files, folders, or the choreography that ships."""
     people: People

@@ -36,9 +36,7 @@ class Stage:
     corners: CornerSums
     room: Room
     outfit: tuple[str, str]
-    """Clothes and hair."""
     light: str
-    """Of colour pictures."""
     labels: tuple[str, ...]
     """M marker names."""
     markers: np.ndarray

@@ -29,9 +29,7 @@ class Verdict:
 
     shot: str
     faults: str
-    """'clean' or 'perturbed'."""
     source: str
-    """'views' or 'markers'."""
     method: str
     array: str = ""
     mpjpe_mm: float = np.nan
