@@ -124,7 +124,7 @@ class Measurements:
     """Frames per second."""
     source: PointSource
     """What the points are from."""
-    subject: Subject | None = None
+    known_person: Subject | None = None
     """The person, where they are known before the solve: markers are calibrated first."""
     rough: RoughMotion | None = None
     """Where to start from, where that was found with the person."""
@@ -145,7 +145,7 @@ class Measurements:
     @property
     def knows_person(self) -> bool:
         """Whether shape and landmarks are known before the solve."""
-        return self.subject is not None
+        return self.known_person is not None
 
     @property
     def num_frames(self) -> int:

@@ -122,8 +122,8 @@ def _prepare_markers(
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
     """Return the person who is known, else the average one without bias, of the shape that the settings know."""
-    if problem.measurements.subject is not None:
-        return problem.measurements.subject
+    if known := problem.measurements.known_person:
+        return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
     return subject if settings.betas is None else replace(subject, betas=constant(settings.betas, subject.betas))
 

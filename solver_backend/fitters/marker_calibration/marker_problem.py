@@ -196,7 +196,7 @@ def _cleaned(
     progress: Progress,
     found: list[Diagnostic],
 ) -> Problem:
-    points, subject = problem.measurements.points, problem.measurements.subject
+    points, subject = problem.measurements.points, problem.measurements.known_person
     assert subject is not None
     around = neighbours_of(points)
     still = frozen(points, around, cloud.fps)

@@ -117,7 +117,7 @@ def _term(points: np.ndarray, weight: np.ndarray, like: Array) -> PositionTerm:
 def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
     """Return measured markers as those of a calibrated person, with (L,) standard deviations per axis."""
     assert isinstance(measured.source, LocatedPoints)
-    return replace(measured, subject=subject, source=replace(measured.source, sigma_m=sigma_m))
+    return replace(measured, known_person=subject, source=replace(measured.source, sigma_m=sigma_m))
 
 
 def _require_labels(cloud: MarkerCloud) -> tuple[str, ...]:
@@ -190,7 +190,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
         landmarks, np.where(doubted[:, None, None], np.nan, points), motion.fps, like, MOTION_SIGMA_M
     )
     subject = Subject.average(body, landmarks, like)
-    return replace(measured, subject=replace(subject, betas=constant(motion.betas, subject.betas)))
+    return replace(measured, known_person=replace(subject, betas=constant(motion.betas, subject.betas)))
 
 
 def measure_network_landmarks(

@@ -261,7 +261,7 @@ def measure_one_view(
         term=ReprojectionTerm.of(cameras, keypoints, _sigma_px(cameras, keypoints, in_camera[..., 2], view), like),
         fps=detected.fps,
         source=OneCamera(ViewPoints(cameras, keypoints), one, (FloorTerm(),) if size.has_floor else (), lifted),
-        subject=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
+        known_person=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
         rough=RoughMotion(frames, states),
         layers=hands,
         provenance={"diagnostics": [item.as_dict() for item in found], "size_factor": round(size.factor, 4)},

@@ -184,8 +184,8 @@ def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, p
 
     A person who is known before the solve is kept.
     """
-    if problem.measurements.subject is not None:
-        return problem.measurements.subject
+    if known := problem.measurements.known_person:
+        return known
     frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
     progress("Learning the body", 0, 3)
     if settings.betas is None:

@@ -38,9 +38,9 @@ def test_rough_motion_ends_with_the_take(worn, person):
         worn.cloud, load_body(), load_sposer(), np.zeros(1), SolveSettings(), silent, person=person
     )
     measured = problem.measurements
-    assert measured.rough is not None and measured.subject is not None
+    assert measured.rough is not None and measured.known_person is not None
     assert measured.rough.frames[0] == 0 and measured.rough.frames[-1] == FRAMES - 1
-    found = rough_markers(problem, measured.subject, measured.rough)[measured.rough.frames]
+    found = rough_markers(problem, measured.known_person, measured.rough)[measured.rough.frames]
     off = np.linalg.norm(found - worn.cloud.positions[measured.rough.frames], axis=-1)
     assert np.median(off) < 0.02 and off.max() < 0.12
 

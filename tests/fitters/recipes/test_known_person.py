@@ -70,7 +70,7 @@ def test_outlier_markers_draw_again_where_the_person_was_calibrated_and_nowhere_
     measured = measure_markers(known_markers_of(take), body, np.zeros(1))
     subject = Subject.average(body, measured.landmarks, np.zeros(1))
     if marker_sigma is None:
-        measured = replace(measured, subject=subject)
+        measured = replace(measured, known_person=subject)
     else:
         measured = assign_person(measured, subject, np.full(len(measured.landmarks.names), marker_sigma))
     problem = Problem.of(body, load_sposer(), measured)
