@@ -8,7 +8,6 @@ any web server as an extension repository. Same sources, same bytes.
 
 from __future__ import annotations
 
-import argparse
 import json
 import subprocess
 import sys
@@ -18,6 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from solver_backend.exchange.outputs import atomic_output, write_text
+from solver_backend.exchange.verb import output, parse_script
 from supply.bill_of_materials import bill_of_materials
 
 ROOT = Path(__file__).resolve().parent
@@ -36,9 +36,8 @@ _LIMIT_MIB = 13
 
 def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index; return 0 if all went well."""
-    parser = argparse.ArgumentParser(description="Build the Blender extension.")
-    parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zip (default: dist)")
-    out = parser.parse_args(arguments).out
+    folder = output("DIR", "Folder for the zip", ROOT / "dist", kind="folder")
+    out = parse_script("Build the Blender extension.", folder, argv=arguments).out
     path = build(out)
     print(f"{path} ({path.stat().st_size / 2**20:.1f} MiB)")
     if path.stat().st_size > _LIMIT_MIB * 2**20:

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import argparse
 import logging
 import os
-from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one thread sums in one order: equal bits on every run
 
@@ -14,11 +12,10 @@ def main() -> None:
     """Build and write the body file and the file of its hands."""
     from assets_procedural.build import BODY_FILE, build_body, write_body
     from assets_procedural.hand.build import HANDS_FILE, build_hands
+    from solver_backend.exchange.verb import option, output, parse_script
 
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, default=BODY_FILE)
-    parser.add_argument("--hands", type=Path, default=HANDS_FILE)
-    arguments = parser.parse_args()
+    hands = option("path", "hands", "HANDS.npz", "File of the hands", HANDS_FILE)
+    arguments = parse_script(__doc__, output("BODY.npz", "Body file", BODY_FILE), hands)
     logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
     built = build_body()
     write_body(arguments.out, built.arrays)

@@ -8,10 +8,8 @@ offered.
 
 from __future__ import annotations
 
-import argparse
 import logging
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +22,7 @@ from assets_procedural.layout import PARENTS
 from solver_backend.exchange.body_choice import bodies_folder
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.verb import option, output, parse_script, values
 from solver_backend.types import SMPL_JOINTS
 
 TOPOLOGIES = ("notoes", "anny", "makehuman")
@@ -275,16 +274,15 @@ def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirro
 
 def main() -> None:
     """Bake the body and write it into the user's folder of bodies, or to a file."""
-    parser = argparse.ArgumentParser(prog="python -m assets_procedural.anny_body", description=__doc__)
-    parser.add_argument("--name", default="anny", help="name of the choice (default: anny)")
-    parser.add_argument("--out", type=Path, help="body file to write instead (.npz)")
-    parser.add_argument("--topology", choices=TOPOLOGIES, default=TOPOLOGIES[0])
-    arguments = parser.parse_args()
+    name = option("text", "name", "NAME", "Name of the choice", "anny")
+    out = output("BODY.npz", "Body file to write instead", None)
+    topology = option("choice", "topology", "", "Mesh of the body", TOPOLOGIES[0], choices=values(*TOPOLOGIES))
+    arguments = parse_script(__doc__, name, out, topology)
     logging.basicConfig(level=logging.INFO, format="%(message)s", force=True)
-    out = arguments.out or bodies_folder() / f"{arguments.name}.npz"
-    check_output(out, overwrite=True)
-    write_body(out, bake(arguments.topology))
-    _LOG.info("written to %s", out)
+    file = arguments.out or bodies_folder() / f"{arguments.name}.npz"
+    check_output(file, overwrite=True)
+    write_body(file, bake(arguments.topology))
+    _LOG.info("written to %s", file)
 
 
 if __name__ == "__main__":

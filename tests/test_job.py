@@ -61,7 +61,7 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
             {"settings": {"robust_scale": "wide"}},
             r"robust_scale = 'wide' is not valid; a number from 0\.1 to 100",
         ),
-        ({"settings": {"betas": 3}}, r"betas = 3 is not valid; 10 numbers or null is expected"),
+        ({"settings": {"betas": 3}}, r"betas = 3 is not valid; a list of 10 numbers is expected"),
         ({"settings": ["frame"]}, r"settings is \['frame'\]; an object is expected"),
         ({"version": 2}, r"The job has version 2; 1 is read"),
         ({"version": None}, r"The job has version None; 1 is read.*Write \"version\": 1"),

@@ -7,7 +7,6 @@ Only means, deviations, percentiles and correlations are kept. Men and women cou
 
 from __future__ import annotations
 
-import argparse
 import csv
 import json
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from assets_procedural.layout import JOINT
 from assets_procedural.primitives import NUMBERS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.verb import output, parse_script, place
 
 MEASURES = (
     "stature",
@@ -94,10 +94,9 @@ def _weighted_quantiles(values: np.ndarray, weight: np.ndarray, levels: tuple[fl
 
 def main() -> None:
     """Write ``numbers/ansur_statistics.json`` from the survey's file."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("survey", type=Path)
-    parser.add_argument("--out", type=Path, default=NUMBERS / "ansur_statistics.json")
-    arguments = parser.parse_args()
+    survey = place("path", "survey", "SURVEY.csv", "Table of the survey")
+    out = output("OUT.json", "Table to write", NUMBERS / "ansur_statistics.json")
+    arguments = parse_script(__doc__, survey, out)
     with arguments.survey.open(encoding="latin-1", newline="") as stream:
         rows = list(csv.DictReader(stream))
     values = np.array([[float(row[name]) / 1000.0 for name in MEASURES] for row in rows])

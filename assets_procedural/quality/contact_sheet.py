@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,6 +16,7 @@ from assets_procedural.primitives import NUMBERS
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
+from solver_backend.exchange.verb import flag, option, output, parse_script
 
 Degrees = dict[str, tuple[float, float, float]]
 _POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))
@@ -136,11 +136,9 @@ def _rest_views(body: BakedBody) -> list[RasterView]:
 
 def main() -> None:
     """Render the sheets of a body file."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--body", type=Path, default=BODY_FILE)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--close", action="store_true", help="draw the close-ups alone")
-    arguments = parser.parse_args()
+    body_file = option("path", "body", "BODY.npz", "Body file", BODY_FILE)
+    out, close = output("DIR", "Folder of the sheets", kind="folder"), flag("close", "Draw the close-ups alone")
+    arguments = parse_script(__doc__, body_file, out, close)
     arguments.out.mkdir(parents=True, exist_ok=True)
     body = read_baked(arguments.body)
     sheets = {"close.png": draw_close(body)} | ({} if arguments.close else draw_all(body))

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 from collections.abc import Iterator
@@ -20,6 +19,7 @@ from assets_procedural.population.statistics import MEASURES, load_statistics, p
 from assets_procedural.quality.contact_sheet import BENDS, EXTREMES, BakedBody, read_baked, rotations
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
 from assets_procedural.skeleton.skinning import posed_joints, volume
+from solver_backend.exchange.verb import flag, option, parse_script
 
 _SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0
 """Largest change of volume at shoulders (more needs a swelling that makes pads of hanging shoulders) and of a seated
@@ -201,10 +201,8 @@ def _rebuild_figures(path: Path) -> Iterator[Figure]:
 
 def main() -> None:
     """Print the table and leave with 1 if a figure is out of its range."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--body", type=Path, default=BODY_FILE)
-    parser.add_argument("--rebuild", action="store_true", help="also rebuild the body, time it and compare bit by bit")
-    arguments = parser.parse_args()
+    rebuild = flag("rebuild", "Also rebuild the body, time it and compare bit by bit")
+    arguments = parse_script(__doc__, option("path", "body", "BODY.npz", "Body file", BODY_FILE), rebuild)
     found = list(figures(read_baked(arguments.body), arguments.body))
     if arguments.rebuild:
         found += _rebuild_figures(arguments.body)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Mapping
-from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +15,7 @@ from solver_backend.body.hands import finger_rotations, hand_points, hand_skelet
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.verb import flag, option, output, parse_script, values
 
 Degrees = Mapping[str, float]
 _FINGERS = ("index", "middle", "ring", "pinky")
@@ -99,13 +98,13 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
 
 def main() -> None:
     """Draw the sheet of the body that ships."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--plain", action="store_true", help="without correctives")
-    parser.add_argument(
-        "--side", choices=("left", "right", "both"), default="both", help="whose hand; both, left first"
+    sides = values("left", "right", "both")
+    arguments = parse_script(
+        __doc__,
+        output("SHEET.png", "Picture to write"),
+        flag("plain", "Leave out the correctives"),
+        option("choice", "side", "", "Hand to draw; both draws the left one first", "both", choices=sides),
     )
-    arguments = parser.parse_args()
     body, material = load_body_with_hands(), read_baked().material
     sides = ("left", "right") if arguments.side == "both" else (arguments.side,)
     drawn = [draw_hands(body, material, correctives=not arguments.plain, side=side) for side in sides]

@@ -108,7 +108,7 @@ class Setting:
         if self.kind == "texts":
             return f"a list of {self.metavar}"
         if self.kind == "numbers":
-            return f"{self.count or f'{self.low} to {self.high}'} numbers or null"
+            return f"a list of {self.count or f'{self.low} to {self.high}'} numbers"
         return _EXPECTED[self.kind]
 
     @property

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from importlib import import_module
@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal, NoReturn
 
-from .errors import CommandLineInvalid
+from .errors import CommandLineInvalid, ExitCode
 from .outputs import check_output
 from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
@@ -125,6 +125,27 @@ class Parser(argparse.ArgumentParser):
         usage = " ".join(["Usage:", *self.format_usage().split()[1:]])
         raise CommandLineInvalid(f"{message[:1].upper()}{message[1:]}.", where=self.prog, hint=usage)
 
+    def add_settings(self, rows: Iterable[Setting]) -> None:
+        """Add settings in their groups."""
+        sections: dict[str, Any] = {"": self}
+        exclusive: dict[str, Any] = {}
+        for row in rows:
+            section = sections.get(row.group) or sections.setdefault(row.group, self.add_argument_group(row.group))
+            if row.excludes:
+                section = exclusive.get(row.excludes) or section.add_mutually_exclusive_group()
+                exclusive[row.excludes] = section
+            _add(section, row)
+
+
+def parse_script(description: str | None, *settings: Setting, argv: Sequence[str] | None = None) -> argparse.Namespace:
+    """Return the command line of a program without verbs. A wrong one ends the process with exit code 2."""
+    parser = Parser(description=description)
+    parser.add_settings(settings)
+    try:
+        return parser.parse_args(argv)
+    except CommandLineInvalid as error:
+        parser.exit(ExitCode.USAGE, f"{error}\n")
+
 
 @dataclass(frozen=True)
 class Program:
@@ -180,14 +201,7 @@ class Program:
             prog=f"{self.name} {verb.name}", description=f"{verb.help[:1].upper()}{verb.help[1:]}.",
             epilog=f"example:\n  {self.name} {verb.example}", formatter_class=argparse.RawDescriptionHelpFormatter,
         )  # fmt: skip
-        sections: dict[str, Any] = {"": own}
-        exclusive: dict[str, Any] = {}
-        for row in (*verb.settings, *self.common):
-            section = sections.get(row.group) or sections.setdefault(row.group, own.add_argument_group(row.group))
-            if row.excludes:
-                section = exclusive.get(row.excludes) or section.add_mutually_exclusive_group()
-                exclusive[row.excludes] = section
-            _add(section, row)
+        own.add_settings((*verb.settings, *self.common))
         return own
 
     def _list_verbs(self) -> str:

@@ -38,7 +38,7 @@ def test_the_ends_of_a_range_are_valid_and_what_lies_beyond_is_refused_by_name(n
 
 @pytest.mark.parametrize("betas", [(0.0,) * 9, ("a",) * 10, (float("inf"),) * 10, "0123456789"])
 def test_a_shape_is_ten_finite_numbers(betas):
-    with pytest.raises(JobInvalid, match="10 numbers or null"):
+    with pytest.raises(JobInvalid, match="a list of 10 numbers"):
         SolveSettings(betas=betas)
 
 

@@ -14,6 +14,8 @@ from solver_backend.exchange.errors import JobInvalid, MocapError
 class StudioInvalid(JobInvalid):
     """A description of shots has an unknown key or preset, a wrong type or an impossible value."""
 
+    code = "studio_invalid"
+
 
 class NobodySeen(MocapError):
     """No camera of a shot sees the person in any frame."""

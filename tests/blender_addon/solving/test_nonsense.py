@@ -34,11 +34,12 @@ NONSENSE: list[Any] = [
 
 @pytest.mark.parametrize("line", NONSENSE, ids=lambda line: json.dumps(line)[:50])
 def test_nonsense_is_an_error_sentence(line: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
     (tmp_path / "lines").write_text(json.dumps(line) + "\n")
     program = "import pathlib, sys; print(pathlib.Path('lines').read_text())"
     monkeypatch.setattr(run, "backend_command", lambda python: [sys.executable, "-c", program])
     with pytest.raises(SolverStopped, match="sent a message that is not understood") as caught:
-        run_solver("convert", [], silent, folder=tmp_path)
+        run_solver("convert", [], silent)
     assert caught.value.code == "solver_not_understood"
 
 
