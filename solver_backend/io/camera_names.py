@@ -7,19 +7,26 @@ from collections.abc import Iterable, Sequence
 
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
 _COUNTING_DIGITS = 3
-"""A longer number is a serial number."""
+"""Digits of a number that counts. A longer one is a serial number."""
 _COUNTED = re.compile(rf"(?<!\d)\d{{1,{_COUNTING_DIGITS}}}$")
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return what distinguishes names of cameras: words and numbers without fillers and leading zeros.
+    """Return the distinctive words and numbers of a camera's name, without fillers and leading zeros.
 
     ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` all give ``('1',)``; ``left_json`` ``('left',)``.
     """
-    parts = re.findall(r"[^\W\d_]+|\d+", name.lower())
-    kept = [part.lstrip("0") or "0" if part.isdigit() else part for part in parts if part not in _FILLERS]
-    return tuple(kept) or tuple(parts)
+    parts = _words(name)
+    return tuple(_plain(part) for part in parts if part not in _FILLERS) or tuple(parts)
+
+
+def _words(name: str) -> list[str]:
+    return re.findall(r"[^\W\d_]+|\d+", name.lower())
+
+
+def _plain(word: str) -> str:
+    return word.lstrip("0") or "0" if word.isdigit() else word
 
 
 def natural_key(name: str) -> list[tuple[int, int | str]]:
@@ -28,13 +35,12 @@ def natural_key(name: str) -> list[tuple[int, int | str]]:
 
 
 def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return for each recorded camera the index of its calibration, or None where any has none or several.
+    """Return for each recorded camera the index of its calibration, or None if any has none or several.
 
-    Names are compared by ``name_key``; where that fails, by the part of the recorded name that reads like a camera
-    (``Static_cam_01`` -> ``cam_01``), by what is left of names when what all of them share is dropped (``trial1_A`` and
-    ``trial1_B``: ``A`` and ``B``; ``camA``: ``A``), and by the one recorded name that has a calibrated name among its
-    words (``Walk_Miqus_1_28984`` -> ``28984``); each also the other way (``A`` -> ``camA``). Each way must give every
-    recorded camera a calibration of its own.
+    The ways to compare names, until one assigns all cameras, are: ``name_key``, the part of the recorded name that
+    reads like a camera (``Static_cam_01`` -> ``cam_01``), the rest of names without their common beginning and end
+    (``trial1_A`` and ``trial1_B``: ``A`` and ``B``), and the one recorded name with a calibrated name among its words
+    (``Walk_Miqus_1_28984`` -> ``28984``). Each is also tried the other way round (``A`` -> ``camA``).
     """
     for read_recorded, read_calibrated in _WAYS:
         wanted, keys = read_recorded(recorded), read_calibrated(calibrated)
@@ -45,15 +51,15 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
 
 
 def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of takes where each of several has a folder for each of the same calibrated cameras, else ().
+    """Return the names of several takes that each have a folder for the same calibrated cameras, else ().
 
     ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
     """
     keys = _name_keys(calibrated)
     cameras_of: dict[str, set[int]] = {}
     for name in recorded:
-        words = re.findall(r"[^\W\d_]+|\d+", name.lower())
-        plain = [word.lstrip("0") or "0" if word.isdigit() else word for word in words]
+        words = _words(name)
+        plain = list(map(_plain, words))
         found = [(i, k) for i, key in enumerate(keys) for k in range(len(words)) if (*plain[k : k + len(key)],) == key]
         if len(found) > 1:  # of walk1_cam01 the number after a word for cameras
             found = [(i, k) for i, k in found if k > 0 and words[k - 1] in _FILLERS]
@@ -68,10 +74,7 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
 
 
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the assignment by counting, None where either names do not end in numbers that count, or differ in number.
-
-    ``cam0`` to ``cam3`` are ``cam01`` to ``cam04``.
-    """
+    """Return the assignment by counting, ``cam0`` to ``cam3`` to ``cam01`` to ``cam04``, None for other names."""
     if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
         return None
     first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
@@ -86,16 +89,16 @@ def _name_keys(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _camera_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    return [_camera_part(name) for name in names]
+    return [name_key((_CAMERA.findall(name) or [name])[-1]) for name in names]
 
 
 def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the keys of names without the beginning and the end that all of them share."""
+    """Return the keys of names without their common beginning and end."""
     if len(names) < 2:
         return _name_keys(names)
     start = _shared_start(names)
     end = _shared_start([name[start:][::-1] for name in names])
-    # A number is one word: of cam10 and cam11 more than 0 and 1 distinguishes them.
+    # A number is one word: cam10 and cam11 differ by 10 and 11, not by 0 and 1.
     while start and names[0][start - 1].isdigit():
         start -= 1
     while end and names[0][len(names[0]) - end].isdigit():
@@ -104,30 +107,28 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
 
 
 def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
-    """Return the same of calibrated names; as they are where only counting is left: gopro_1 is no cam01."""
+    """Return the same of calibrated names, or all words if only counting is left: gopro_1 is no cam01."""
     parts = _distinct_parts(names)
     return _name_keys(names) if any(map(_counts, parts)) else parts
 
 
 def _counts(key: tuple[str, ...]) -> bool:
-    """Whether a key is a number that counts cameras, no serial number."""
+    """Return whether a key is a number that counts cameras, no serial number."""
     return len(key) == 1 and key[0].isdigit() and len(key[0]) <= _COUNTING_DIGITS
 
 
 def _shared_start(names: Sequence[str]) -> int:
-    """Return how many characters all names begin with."""
-    return next(
-        (i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1), min(map(len, names))
-    )
+    """Return the length of the common beginning of names."""
+    different = (i for i, letters in enumerate(zip(*names, strict=False)) if len(set(letters)) > 1)
+    return next(different, min(map(len, names)))
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of the one calibrated name whose words stand side by side in each recorded name."""
+    """Return the index of the one calibrated name whose words are side by side in each recorded name."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:
-        words = tuple(re.findall(r"[^\W\d_]+|\d+", name.lower()))
-        words = tuple(word.lstrip("0") or "0" if word.isdigit() else word for word in words)
+        words = tuple(map(_plain, _words(name)))
         inside = [i for i, key in enumerate(keys) if any(words[k : k + len(key)] == key for k in range(len(words)))]
         if len(inside) != 1:
             return None
@@ -143,16 +144,9 @@ def _by_containing_names(recorded: Sequence[str], calibrated: Sequence[str]) -> 
     return None if found is None else [found.index(i) for i in range(len(recorded))]
 
 
-def _camera_part(name: str) -> tuple[str, ...]:
-    found = _CAMERA.findall(name)
-    return name_key(found[-1]) if found else name_key(name)
-
-
-_WAYS = (
-    (_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys),
-    (_camera_parts, _camera_parts), (_name_keys, _own_parts), (_distinct_parts, _own_parts),
-)  # fmt: skip
-"""How recorded and calibrated names are read to be compared, the strictest first."""
+_WAYS = tuple((read, _name_keys) for read in (_name_keys, _camera_parts, _distinct_parts))
+_WAYS += ((_camera_parts, _camera_parts), (_name_keys, _own_parts), (_distinct_parts, _own_parts))
+"""Parts of recorded and calibrated names that are compared, the strictest first."""
 
 
 def listing(names: Iterable[str]) -> str:

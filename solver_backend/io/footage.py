@@ -1,4 +1,4 @@
-"""Videos or image folders of the cameras, and whether their size is the calibration's."""
+"""Videos and image folders of cameras: their headers, sizes, chapters and recorded focal lengths."""
 
 from __future__ import annotations
 
@@ -23,39 +23,37 @@ from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.camera_names import name_key, natural_key
 
 _LARGEST_HEADER = 1 << 26
-"""Bytes; ten hours of video have less."""
+"""Bytes of a header at most. Ten hours of video have less."""
 _MOST_BOXES = 10_000
-"""Boxes of a file that are looked at; chosen by hand."""
+"""Boxes of a file that are examined, chosen by hand."""
 _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
+_UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)
+"""Errors of damaged files."""
 
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """What the header of a video states."""
+    """Statements of a video's header."""
 
     fps: float
-    """Frames per second, the mean over the video."""
+    """Mean frames per second."""
     num_frames: int
-    """Number of frames."""
     size: tuple[int, int]
-    """Width and height in pixels, as a player shows it (rotated if the header states it)."""
+    """Width and height in pixels as shown by a player, after rotation."""
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
-    """Return the header of the first video track; None where the file is no MP4 or holds no such thing.
+    """Return the header of the first video track, None if the file is no MP4 or has no such track.
 
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
-    try:
-        with open_regular(path) as stream:
-            moov = top_level_box(stream, b"moov")
-        return None if moov is None else _video_track(memoryview(moov))
-    except (OSError, struct.error, IndexError, ValueError, OverflowError):
-        return None
+    with suppress(*_UNREADABLE), open_regular(path) as stream:
+        return _video_track(memoryview(_top_level_box(stream, b"moov") or b""))
+    return None
 
 
-def top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
-    """Return the content of the first box of this kind outside of all others; None where there is none."""
+def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
+    """Return the content of the first box of this kind outside all others, or None."""
     for _ in range(_MOST_BOXES):
         if len(head := stream.read(8)) < 8:
             return None
@@ -71,7 +69,7 @@ def top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
     return None
 
 
-def boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
+def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
     """Yield kind and content of each box in a box."""
     at = 0
     for _ in range(_MOST_BOXES):
@@ -88,24 +86,24 @@ def boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
         at = end
 
 
-def inside(data: memoryview, *kinds: bytes) -> memoryview:
+def _inside(data: memoryview, *kinds: bytes) -> memoryview:
     """Return the content of the first box found by following ``kinds`` inwards."""
     for kind in kinds:
-        data = next((content for found, content in boxes(data) if found == kind), memoryview(b""))
+        data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
     return data
 
 
 def _video_track(moov: memoryview) -> VideoHeader | None:
-    for kind, track in boxes(moov):
-        if kind != b"trak" or inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
+    for kind, track in _boxes(moov):
+        if kind != b"trak" or _inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
             continue
-        media = inside(track, b"mdia", b"mdhd")
+        media = _inside(track, b"mdia", b"mdhd")
         timescale = struct.unpack_from(">I", media, 20 if media[0] == 1 else 12)[0]
-        table = inside(track, b"mdia", b"minf", b"stbl", b"stts")
+        table = _inside(track, b"mdia", b"minf", b"stbl", b"stts")
         entries = struct.unpack_from(">I", table, 4)[0]
         counts, durations = np.frombuffer(table[8:], ">u4", 2 * entries).reshape(-1, 2).astype(np.float64).T
         frames, ticks = int(counts.sum()), int(counts @ durations)
-        size = _shown_size(inside(track, b"tkhd"))
+        size = _shown_size(_inside(track, b"tkhd"))
         if not (frames and ticks and timescale and all(size)):
             return None
         return VideoHeader(timescale * frames / ticks, frames, size)
@@ -123,12 +121,12 @@ def _shown_size(tkhd: memoryview) -> tuple[int, int]:
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
 SENSOR_RECORDING = "recording.json"
-"""The file that states what a folder of infrared and depth sensors holds."""
+"""The file that describes a folder of infrared and depth sensors."""
 _FOLDERS = ("videos", "video", "images", "footage")
 
 
 def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path | None, ...]:
-    """Return the video or image folder of each recorded camera, None where there is none.
+    """Return the video or image folder of each recorded camera, or None.
 
     Args:
         levels: folders that may hold a folder ``videos``, nearest first.
@@ -145,7 +143,7 @@ def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path 
 
 
 def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
-    """Return the videos and folders of pictures of a folder by what distinguishes their names."""
+    """Return the videos and folders of pictures of a folder by the ``name_key`` of their names."""
     found: dict[tuple[str, ...], Path] = {}
     for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
         if path.suffix.lower() in VIDEOS and path.is_file():
@@ -156,7 +154,7 @@ def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
 
 
 def headers(footage: Sequence[Path | None]) -> list[VideoHeader | None]:
-    """Return the header of each video that has one we can read."""
+    """Return the header of each readable video."""
     return [read_video_header(path) if path is not None and os.path.isfile(path) else None for path in footage]
 
 
@@ -165,8 +163,8 @@ def with_sizes_of(
 ) -> Calibration:
     """Return the calibration in the pixels of the detections.
 
-    A camera without a stated size takes its video's. Where video and calibration have sizes of the same shape, the
-    calibration is scaled to the video if the detections only make sense there; other differences are reported.
+    A camera without a stated size has its video's. If video and calibration have the same shape and the detections only
+    fit the video, the calibration is scaled to it. Other differences are reported.
     """
     cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
     guessed: list[str] = []
@@ -209,17 +207,13 @@ def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.
 
 
 _CHAPTER = re.compile(r"(?P<head>.*?)(?P<kind>G[HXP])(?P<chapter>\d\d)(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
-"""GoPro's names: ``GX020101`` is chapter 2 of recording 0101; ``GH`` is H.264, ``GP`` that of cameras up to HERO5."""
+"""GoPro's names. ``GX020101`` is chapter 2 of recording 0101, ``GH`` is H.264, ``GP`` is of cameras up to HERO5."""
 _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
 """The first chapter of cameras up to HERO5, which are followed by ``GP01``, ``GP02`` ..."""
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the files of a recording in their order: chapters beside its first, or the pictures of a folder.
-
-    Args:
-        path: a video, the first chapter of a recording, or a folder of pictures.
-    """
+    """Return the files of a recording in order, from a video, its first chapter, or a folder of pictures."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():
@@ -229,14 +223,14 @@ def parts_of(path: Path) -> tuple[Path, ...]:
 
 
 def count_recordings(root: Path) -> int:
-    """Return how many recordings, chapters joined, lie in a folder and in the folders in it."""
+    """Return the number of recordings, chapters joined, in a folder and the folders in it."""
     folders = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
     found = [list(footage_in(folder).values()) for folder in folders if not is_calibration_folder(folder)]
     return sum(len(join_chapters(paths)) for paths in found)
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Return the recordings of videos, each as its chapters in order; a chapter whose first is missing stands alone."""
+    """Return the recordings of videos, each as its chapters in order. A chapter without its first is one of its own."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
@@ -255,7 +249,7 @@ def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
 
 
 def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return which recording a video is a chapter of by its name, and which chapter; None for other names."""
+    """Return the recording and the number of a chapter from its name, or None."""
     if found := _FIRST.fullmatch(path.stem):
         return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
     if found := _CHAPTER.fullmatch(path.stem):
@@ -265,69 +259,58 @@ def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
 
 
 def is_video(path: Path) -> bool:
-    """Whether a path is named like a video that people keep."""
+    """Return whether a path is a video that is not hidden."""
     return path.suffix.lower() in VIDEOS and path.is_file() and not path.name.startswith(".")
 
 
 def is_picture(path: Path) -> bool:
-    """Whether a path is named like a picture that people keep."""
+    """Return whether a path is named like a picture that is not hidden."""
     return path.suffix.lower() in IMAGES and not path.name.startswith(".")
 
 
 PICTURES = (".jpg", ".jpeg")
-_MOST_EXIF = 1 << 16
-"""Bytes of a JPEG segment at most."""
-_MOST_SEGMENTS = 64
+_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64
+"""Bytes of a JPEG segment, and segments of a file, at most."""
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 """Tags of Exif 2.32: of the list of the camera's own entries, and FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 _SIGNED, _UNSIGNED = {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}
 _FORMATS = {21: _SIGNED, 22: _UNSIGNED, 23: {4: ">f"}, 24: {8: ">d"}}
-"""Number formats by their type and length (QuickTime File Format, well-known types)."""
 _FORMATS |= {kind: {size: _SIGNED[size]} for kind, size in ((65, 1), (66, 2), (67, 4), (74, 8))}
 _FORMATS |= {kind: {size: _UNSIGNED[size]} for kind, size in ((75, 1), (76, 2), (77, 4), (78, 8))}
 """Number formats by their type and length (QuickTime File Format, well-known types)."""
 PLAUSIBLE_MM = (8.0, 1000.0)
-"""From fisheye to telescope; what lies beyond is no focal length."""
+"""Range of focal lengths, from fisheye to telescope."""
 
 
 def recorded_focal_mm(footage: Path) -> float | None:
-    """Return the 35 mm equivalent of the focal length in the metadata of a video, or a folder's first picture.
-
-    Args:
-        footage: a video, a picture, or a folder of pictures.
-
-    Returns:
-        Millimetres; None where the file states none that can be.
-    """
+    """Return the 35 mm equivalent focal length (mm) of a video, a picture or a folder's first picture, or None."""
     if footage.is_dir():
         pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)
         return recorded_focal_mm(pictures[0]) if pictures else None
-    with suppress(OSError, struct.error, IndexError, ValueError, OverflowError):
-        read = _of_jpeg if footage.suffix.lower() in PICTURES else _of_quicktime
-        found = read(footage)
+    with suppress(*_UNREADABLE), open_regular(footage) as stream:
+        found = (_of_jpeg if footage.suffix.lower() in PICTURES else _of_quicktime)(stream)
         if found is not None and math.isfinite(found) and PLAUSIBLE_MM[0] <= found <= PLAUSIBLE_MM[1]:
             return float(found)
     return None
 
 
-def _of_jpeg(path: Path) -> float | None:
-    with open_regular(path) as stream:
-        if stream.read(2) != b"\xff\xd8":
+def _of_jpeg(stream: BinaryIO) -> float | None:
+    if stream.read(2) != b"\xff\xd8":
+        return None
+    for _ in range(_MOST_SEGMENTS):
+        marker, size = struct.unpack(">HH", stream.read(4))
+        content = stream.read(min(size - 2, _MOST_EXIF))
+        if marker == 0xFFE1 and content[:6] == b"Exif\0\0":
+            return _of_tiff(content[6:])
+        if marker == 0xFFDA:  # the picture itself begins
             return None
-        for _ in range(_MOST_SEGMENTS):
-            marker, size = struct.unpack(">HH", stream.read(4))
-            content = stream.read(min(size - 2, _MOST_EXIF))
-            if marker == 0xFFE1 and content[:6] == b"Exif\0\0":
-                return _of_tiff(content[6:])
-            if marker == 0xFFDA:  # the picture itself begins
-                return None
     return None
 
 
 def _of_tiff(data: bytes) -> float | None:
-    order = {b"II": "<", b"MM": ">"}[data[:2]] if data[:2] in (b"II", b"MM") else ""
-    if not order:
+    order = {b"II": "<", b"MM": ">"}.get(data[:2])
+    if order is None:
         return None
     pointer = _entry(data, struct.unpack_from(f"{order}I", data, 4)[0], _EXIF_POINTER, order)
     return None if pointer is None else _entry(data, pointer, _FOCAL_35MM, order)
@@ -341,25 +324,21 @@ def _entry(data: bytes, at: int, wanted: int, order: str) -> int | None:
     return None
 
 
-def _of_quicktime(path: Path) -> float | None:
-    with open_regular(path) as stream:
-        moov = top_level_box(stream, b"moov")
-    if moov is None:
-        return None
-    whole = memoryview(moov)
-    places = [whole, *(content for kind, content in boxes(whole) if kind == b"trak")]
-    held = (inside(place, *way) for place in places for way in ((b"meta",), (b"udta", b"meta")))
+def _of_quicktime(stream: BinaryIO) -> float | None:
+    whole = memoryview(_top_level_box(stream, b"moov") or b"")
+    places = [whole, *(content for kind, content in _boxes(whole) if kind == b"trak")]
+    held = (_inside(place, *way) for place in places for way in ((b"meta",), (b"udta", b"meta")))
     return next((mm for meta in held if (mm := _of_metadata(meta)) is not None), None)
 
 
 def _of_metadata(meta: memoryview) -> float | None:
     meta = meta[4:] if bytes(meta[8:12]) == b"hdlr" else meta  # ISO's begins with a version, QuickTime's does not
-    keys, values = inside(meta, b"keys"), inside(meta, b"ilst")
-    names = [bytes(name) for _, name in boxes(keys[8:])]
+    keys, values = _inside(meta, b"keys"), _inside(meta, b"ilst")
+    names = [bytes(name) for _, name in _boxes(keys[8:])]
     if _QUICKTIME_KEY not in names:
         return None
     wanted = struct.pack(">I", 1 + names.index(_QUICKTIME_KEY))
-    data = inside(next((content for kind, content in boxes(values) if kind == wanted), memoryview(b"")), b"data")
+    data = _inside(next((content for kind, content in _boxes(values) if kind == wanted), memoryview(b"")), b"data")
     kind, value = struct.unpack_from(">I", data, 0)[0], bytes(data[8:])
     if kind == 1:
         return float(value.decode("ascii", "replace"))

@@ -1,4 +1,4 @@
-"""Read a capture, or a motion, whatever kind of file or folder it is (see ``registry``)."""
+"""Read a capture or a motion from any kind of file or folder."""
 
 from __future__ import annotations
 
@@ -20,22 +20,25 @@ from solver_backend.types import Capture, Motion
 if TYPE_CHECKING:
     from solver_backend.io.motions.amass import AmassClip
     from solver_backend.io.motions.bvh import BvhClip
-    from solver_backend.types import Motion
 
 Item = TypeVar("Item")
 
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """Readers in the order in which they are asked; a module is imported when it is its turn."""
+    """Readers in the order in which they are asked, whose modules are imported on demand."""
 
     rows: tuple[tuple[str, str], ...]
-    """Module below this package, and what it calls its reader, or readers."""
+    """Module of this package, and the name of its reader or readers."""
 
     def __iter__(self) -> Iterator[Reader[Item]]:
         for module, name in self.rows:
             found: Any = getattr(importlib.import_module(f"solver_backend.io.{module}"), name)
             yield from found if isinstance(found, tuple) else (found,)
+
+
+def _first(readers: Iterable[Reader[Item]], path: Path) -> Reader[Item] | None:
+    return next((reader for reader in readers if reader.recognises(path)), None)
 
 
 CAPTURES: Readers[Capture] = Readers(
@@ -46,15 +49,9 @@ CAPTURES: Readers[Capture] = Readers(
         ("captures.optical_markers", "READERS"),
     )
 )
-"""Asked in this order; the first that recognises a path reads it."""
-
 MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
     (("motions.bvh", "READER"), ("motions.amass", "READER"), ("own_files", "MOTION"))
 )
-"""Asked in this order; a clip of another skeleton or body becomes a motion by what knows that body."""
-
-
-Content = TypeVar("Content")
 
 
 def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
@@ -66,18 +63,17 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
         options: fields of ``ReadOptions``.
 
     Returns:
-        A capture that can be triangulated, with notes on what was assumed and problems the user should know.
+        A capture that can be triangulated, with notes on assumptions and problems.
 
     Raises:
         CaptureNotRecognised: no reader knows the path.
-        JobInvalid: an option does not apply to this kind of capture, the frame rate is not positive, or the take lacks
-            the frames that are asked for.
-        PersonUnknown: the capture does not show the person who was asked for.
-        CalibrationInvalid, CaptureInvalid: its numbers cannot be, see ``range_checks``.
-        MocapError: whatever else the reader raises.
+        JobInvalid: an option does not apply to this kind of capture, or the take lacks the requested frames.
+        PersonUnknown: the capture does not show the requested person.
+        CalibrationInvalid, CaptureInvalid: its numbers are impossible, see ``range_checks``.
+        MocapError: the reader's own errors.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
-    reader = _reader_of(path, readers)
+    reader = _first(readers, path)
     if reader is None:
         from solver_backend.io.unsupported import no_capture
 
@@ -96,24 +92,17 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
 
 
 def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
-    """Read a motion; a clip of another body or skeleton comes back as the file holds it.
-
-    Args:
-        options: fields of ``ReadOptions``.
+    """Read a motion, or a clip of another body or skeleton as in the file, with fields of ``ReadOptions``.
 
     Raises:
-        MotionInvalid: no reader knows the path, or its numbers cannot be, see ``motion_checks``.
-        MocapError: whatever else the reader raises.
+        MotionInvalid: no reader knows the path, or its numbers are impossible, see ``motion_checks``.
+        MocapError: the reader's own errors.
     """
     path, chosen = Path(path), ReadOptions(**options)
-    reader = _reader_of(path, MOTIONS)
+    reader = _first(MOTIONS, path)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in MOTIONS)
         raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")
     motion = reader.open(path, chosen)
     checked_motion(motion, str(path))
     return motion
-
-
-def _reader_of(path: Path, readers: Iterable[Reader[Content]]) -> Reader[Content] | None:
-    return next((reader for reader in readers if reader.recognises(path)), None)

@@ -1,9 +1,10 @@
-"""Our own two files as readers."""
+"""Readers of our own capture and motion files."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -31,32 +32,35 @@ def _has_views(path: Path) -> bool:
         return False
 
 
-def _read_capture(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file; a given frame rate or joint set replaces the file's.
+def _read_views(path: Path, options: ReadOptions) -> Capture:
+    """Read a capture file with detections.
 
-    What the file holds of its world is looked at anew as any reader's: the cameras may have been changed since.
+    The file's diagnostics of its world are checked again, because the cameras may have been changed since.
     """
-    capture = read_capture(path)
-    found, markers = capture.keypoints, capture.markers
+    from solver_backend.io.recognition.start_times import bring_capture_to_one_time
+
+    capture = _read_markers(path, options)
+    found = capture.keypoints
     if found is not None:
         given = {"fps": options.fps or found.fps, "joint_set": options.joint_set or found.joint_set}
-        found = replace(found, **given)
         people = tuple(replace(p, keypoints=replace(p.keypoints, **given)) for p in capture.people)
-        capture = replace(capture, people=people)
-    if markers is not None:
-        markers = replace(markers, fps=options.fps or markers.fps)
-        others = capture.others
-        capture = replace(capture, others=None if others is None else replace(others, fps=markers.fps))
-        odd = (problem for problem in marker_problems(markers) if problem not in capture.problems)
-        capture = replace(capture, problems=(*capture.problems, *odd))
-    notes, problems = without_world(capture.notes), without_world(capture.problems)
-    capture = replace(capture, notes=notes, problems=problems) if found is not None else capture
-    capture = replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
-    if found is not None:
-        from solver_backend.io.recognition.start_times import bring_capture_to_one_time
-
+        notes, problems = without_world(capture.notes), without_world(capture.problems)
+        found = replace(found, **given)
+        capture = replace(capture, keypoints=found, people=people, notes=notes, problems=problems)
         capture = bring_capture_to_one_time(capture, options)
     return _in_another_world(capture, options) if options.changes_world else capture
+
+
+def _read_markers(path: Path, options: ReadOptions) -> Capture:
+    """Read a capture file. A given frame rate replaces that of markers."""
+    capture = read_capture(path)
+    capture = replace(capture, sources=capture.sources or (str(path),))
+    if capture.markers is None:
+        return capture
+    markers = replace(capture.markers, fps=options.fps or capture.markers.fps)
+    others = None if capture.others is None else replace(capture.others, fps=markers.fps)
+    odd = (problem for problem in marker_problems(markers) if problem not in capture.problems)
+    return replace(capture, markers=markers, others=others, problems=(*capture.problems, *odd))
 
 
 def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
@@ -67,12 +71,10 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
     level = replace(options, level=ON if options.level == ON else OFF)
     world = fit_world(cameras, capture.keypoints, level)
+    known: dict[str, Any] = {}
+    if len(cameras) == 1:
+        known = {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
     notes = (*capture.notes, *notes_in(scaled), *world.notes)
-    known = (
-        {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
-        if (len(cameras) == 1)
-        else {}
-    )
     problems = (*capture.problems, *warnings_in(scaled), *world.problems)
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
@@ -80,24 +82,22 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
 _KIND = "capture .npz of this program"
 _TAKES = frozenset({"fps", "joint_set", "trim", "person", "offset", "by_order", "stature", "scale", "level"})
 CAPTURES = (
-    Reader(_KIND, _has_views, _read_capture, _TAKES),
-    Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_capture, frozenset({"fps"})),
+    Reader(_KIND, _has_views, _read_views, _TAKES),
+    Reader(_KIND, lambda path: _is_npz(path) and not _has_views(path), _read_markers, frozenset({"fps"})),
 )
 """Files with detections, and files of markers alone."""
-MOTION = Reader("motion .npz of this program", _is_npz, lambda path, options: read_motion(path))
+MOTION = Reader("motion .npz of this program", _is_npz, lambda path, _: read_motion(path))
 
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
-    """Return what is odd of markers in metres, Z up: another size than a person's, or a body that stands elsewhere."""
+    """Return problems of markers in metres, Z up, with another size than a person's or another up axis."""
     if not np.isfinite(cloud.positions).any():
         return ()
     found: list[Diagnostic] = []
     unit = find_unit(cloud.positions, "m", None, "m")
     if unit.problem is not None:
-        likely = "metres" if unit.name == "m" else "unit"
-        found.append(
-            diagnostic("marker_spread_unlikely", likely=likely, spread=spread(cloud.positions), unit=unit.name)
-        )
+        likely, size = "metres" if unit.name == "m" else "unit", spread(cloud.positions)
+        found.append(diagnostic("marker_spread_unlikely", likely=likely, spread=size, unit=unit.name))
     axis = find_up_axis(cloud.positions * unit.metres, cloud.labels or ("",) * cloud.positions.shape[1], "z", None, "z")
     if axis.problem is not None:
         found.append(diagnostic("up_axis_doubted", conflict="capture", along=axis.problem.values["along"]))

@@ -1,4 +1,4 @@
-"""Pictures as PNG (ISO/IEC 15948): grey with 8 or 16 bits, or colour with 8; also read again."""
+"""Write and read PNG pictures (ISO/IEC 15948), grey with 8 or 16 bits, or colour with 8."""
 
 from __future__ import annotations
 
@@ -14,15 +14,13 @@ from solver_backend.io.files import read_bytes
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB, _UP, _PAETH = 1, 2, 4
 _LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15
-"""Bytes of a picture, unpacked, and its pixels along a side: the largest that a sensor or the studio films."""
+"""Bytes of an unpacked picture, and its pixels per side, at most."""
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
     """Return an (h, w) uint8 or uint16 picture, or an (h, w, 3) uint8 one, as PNG.
 
-    Args:
-        picture: the picture.
-        noisy: neighbours differ by noise, so that searching for repetitions is a waste of time.
+    Pictures with noisy pixels have no repetitions to search for.
     """
     height, width = picture.shape[:2]
     depth, kind = 8 * picture.dtype.itemsize, 2 if picture.ndim == 3 else 0
@@ -45,8 +43,7 @@ def read_png(path: Path) -> np.ndarray:
     """Read a PNG that is grey (8 or 16 bits) or colour (8 bits, with or without alpha), not interlaced.
 
     Raises:
-        FileMissing: it is not there.
-        FileDamaged: it is no such file.
+        FileMissing, FileDamaged: it is not there, or is no such file.
     """
     if not path.is_file():
         raise FileMissing("The picture is not there.", where=str(path))
@@ -75,18 +72,14 @@ def _decoded(data: bytes) -> np.ndarray:
     size = height * (1 + width * step)
     if not 0 < size <= _LARGEST or not 0 < width <= _LONGEST_SIDE or not 0 < height <= _LONGEST_SIDE:
         raise ValueError(f"{width} x {height} pixels")
-    rows = np.frombuffer(_unpacked(b"".join(parts), size), np.uint8).reshape(height, 1 + width * step)
+    unpacked = zlib.decompressobj().decompress(b"".join(parts), size)
+    if len(unpacked) < size:
+        raise ValueError("cut off")
+    rows = np.frombuffer(unpacked, np.uint8).reshape(height, 1 + width * step)
     raw = _unfiltered(rows[:, 0], rows[:, 1:].reshape(height, width, step))
     flat = raw.reshape(height, -1)
     values = flat.view(">u2").astype(np.uint16) if depth == 16 else flat
-    return values.reshape(height, width, channels)[..., 0] if channels == 1 else values.reshape(height, width, channels)
-
-
-def _unpacked(packed: bytes, size: int) -> bytes:
-    data = zlib.decompressobj().decompress(packed, size)
-    if len(data) < size:
-        raise ValueError("cut off")
-    return data
+    return values.reshape((height, width) if channels == 1 else (height, width, channels))
 
 
 def _unfiltered(kinds: np.ndarray, rows: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""What a reader of files is: the kind of file it knows, how it reads it, and the reading options that it can take."""
+"""A reader of one kind of files, with the reading options that it accepts."""
 
 from __future__ import annotations
 
@@ -18,14 +18,13 @@ Content = TypeVar("Content")
 
 @dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
-    """What the caller knows better than the file; a reader takes what concerns it."""
+    """Statements of the caller, which replace those of the file."""
 
     joint_set: JointSet | None = field(default=None, kw_only=True)
-    """What the keypoints are; None takes what the recording states, or recognises it."""
+    """Joint set of the keypoints, None for the recording's or the recognised one."""
     sync: str = SYNC_AUTO
-    """Whether cameras that started apart are moved in time, see ``SolveSettings``."""
+    """Correction of cameras with different start times, see ``SolveSettings``."""
     progress: Progress = silent
-    """Called with how far reading has come."""
 
     def __post_init__(self) -> None:
         if self.fps is not None and not 0 < self.fps < float("inf"):
@@ -45,25 +44,20 @@ class Reader(Generic[Content]):
     """One kind of file or folder."""
 
     kind: str
-    """What it is and what it is named, for lists."""
+    """Description and name of the files, for lists."""
     recognises: Callable[[Path], bool]
-    """Whether a path is of this kind, answered quickly; the path need not exist."""
+    """Quick test of a path, which need not exist."""
     read: Callable[[Path, ReadOptions], Content]
-    """Read a path that was recognised; raises our own errors. ``open`` refuses options first."""
+    """Read a recognised path, raise our own errors. ``open`` refuses options first."""
     takes: frozenset[str] = frozenset()
-    """Reading options that apply to it, beside those of ``load_capture`` itself; all others are refused."""
+    """Reading options that apply, besides those of ``load_capture`` itself. All others are refused."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
-        """Read a path with options that all apply to it.
-
-        Args:
-            path: that was recognised.
-            options: how it is read.
-            also: options that the caller applies itself.
+        """Read a recognised path. Options in ``also`` are applied by the caller.
 
         Raises:
             JobInvalid: an option does not apply.
-            MocapError: whatever the reader raises.
+            MocapError: the reader's own errors.
         """
         applicable = self.takes | also
         refused = next((name for name in options.given if name not in applicable), None)
@@ -76,5 +70,5 @@ class Reader(Generic[Content]):
 
 
 def option_name(name: str) -> str:
-    """Return a reading option as it stands on a command line."""
+    """Return a reading option as on a command line."""
     return f"--{name.replace('_', '-')}"

@@ -1,4 +1,4 @@
-"""Paths that are no capture that is read: what they are, and what helps."""
+"""Errors about paths that no reader of captures recognises, with their kind and the way out."""
 
 from __future__ import annotations
 
@@ -18,48 +18,47 @@ from solver_backend.io.text_table import delimiter_of, is_number
 from solver_backend.types import Capture
 
 _NAMED = 5
-"""Folders, or kinds of files, that an error names."""
+"""Folders, or kinds of files, in an error at most."""
 MOST_NAMES = 1000
-"""Names of a folder that are looked at; chosen by hand."""
+"""Names of a folder that are examined, chosen by hand."""
 _LINES, _LEAST_COLUMNS = 5, 8
-"""Lines of a table that are looked at, and numbers in each: two counts and two markers."""
+"""Lines of a table that are examined, and numbers in each: two counts and two markers."""
+_BTS = ".rah .raw .ric .rif .ang .mom .pwr .gr1 .gr2 .emf .emg .emr"
 _FILES = (
-    ((".trb",), "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
-    ((".cap",), "a project of Motion Analysis Cortex", "Export TRC or C3D from Cortex."),
-    ((".tdf",), "a recording of BTS SMART", "Export C3D from SMART Tracker or SMART Analyzer."),
-    (
-        (".rah", ".raw", ".ric", ".rif", ".ang", ".mom", ".pwr", ".gr1", ".gr2", ".emf", ".emg", ".emr"),
-        "a file of BTS ELITE", "Export C3D from the program that recorded it.",
-    ),
-    ((".x1d", ".x2d", ".xcp", ".vsk", ".mp", ".trial"), "a part of a Vicon trial", "Choose the trial's .c3d."),
-    ((".tak",), "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
-    ((".qtm", ".qca"), "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
-    ((".mvn", ".mvnx"), "a recording of Xsens MVN", "Export C3D, or BVH for `motion`, from MVN."),
-    ((".fbx", ".bvh", ".glb", ".asf", ".amc"), "a motion of a skeleton", "BVH is read by the verb `motion`."),
-    ((".mot", ".sto", ".osim"), "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
-    ((".xmove", ".xml"), "an XML file", "Export C3D or TRC from the program that wrote it."),
-    ((".xlsx", ".xls", ".ods"), "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
-)  # fmt: skip
-"""Endings of marker files, what they are, and the way out."""
+    (".trb", "binary tracks of Motion Analysis EVaRT or Cortex", "Export TRC or C3D from Cortex."),
+    (".cap", "a project of Motion Analysis Cortex", "Export TRC or C3D from Cortex."),
+    (".tdf", "a recording of BTS SMART", "Export C3D from SMART Tracker or SMART Analyzer."),
+    (_BTS, "a file of BTS ELITE", "Export C3D from the program that recorded it."),
+    (".x1d .x2d .xcp .vsk .mp .trial", "a part of a Vicon trial", "Choose the trial's .c3d."),
+    (".tak", "a take of OptiTrack Motive", "Export C3D or CSV from Motive."),
+    (".qtm .qca", "a recording of Qualisys Track Manager", "Export C3D or TSV from QTM."),
+    (".mvn .mvnx", "a recording of Xsens MVN", "Export C3D, or BVH for `motion`, from MVN."),
+    (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH is read by the verb `motion`."),
+    (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
+    (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
+    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
+)
+"""Endings of marker files, their kind, and the way out."""
+_PICKLES = "Python pickles, which run code when they are read"
+_MATRICES = ("OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER.")
+_MMPOSE = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
+_MATLAB = "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."
+_PARQUET = "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."
 _DETECTIONS = (
-    (
-        "*.pkl", "Python pickles, which run code when they are read",
-        "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir.",
-    ),
-    ("*.pickle", "Python pickles, which run code when they are read", "Export JSON or CSV from their program."),
-    ("*.mat", "MATLAB files", "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."),
-    *(
-        (pattern, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER.")
-        for pattern in ("*_pose.yml", "*_pose.yaml", "*_pose.xml")
-    ),
-    ("*.parquet", "Parquet tables", "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."),
-)  # fmt: skip
-"""Patterns of the names of detections, what they are, and the way out."""
+    ("*.pkl", _PICKLES, _MMPOSE),
+    ("*.pickle", _PICKLES, "Export JSON or CSV from their program."),
+    ("*.mat", "MATLAB files", _MATLAB),
+    ("*_pose.yml", *_MATRICES),
+    ("*_pose.yaml", *_MATRICES),
+    ("*_pose.xml", *_MATRICES),
+    ("*.parquet", "Parquet tables", _PARQUET),
+)
+"""Patterns of the names of detections, their kind, and the way out."""
 _PACKED = tuple(
     (f"*.{ending}", "packed files", "Unpack them, one folder a camera.")
     for ending in ("zip", "gz", "7z", "rar", "tar", "tgz", "xz", "bz2")
 )
-"""The same of archives, which may lie beside anything."""
+"""The same of archives, which may be beside anything."""
 
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
@@ -70,10 +69,14 @@ def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotReco
 
 
 def _name_file(path: Path) -> tuple[str, str]:
-    if not path.is_file():
-        return f"The path {'is not a readable capture' if path.exists() else 'does not exist'}.", ""
-    if (known := _unsupported_file(path)) is not None:
-        return f"The file is not supported: {known[0]}.", known[1]
+    if not path.exists():
+        return "The path does not exist.", ""
+    if path.is_file() and _is_table_without_header(path):
+        what = "The file is not supported: a table of numbers that names neither markers nor frame rate."
+        return what, "Export it again with its header (Nexus: labels and units), or as C3D."
+    for suffixes, what, how in _FILES if path.is_file() else ():
+        if path.suffix.lower() in suffixes.split():
+            return f"The file is not supported: {what}.", how
     return "The path is not a readable capture.", ""
 
 
@@ -104,7 +107,7 @@ def _contents(folder: Path) -> str:
 
 
 def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) -> tuple[str, str] | None:
-    """Return what detections in folders, or in those below them, are, and how to convert them; None where unknown."""
+    """Return the kind of unsupported detections in folders and those below, and how to convert them, or None."""
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]
@@ -118,15 +121,6 @@ def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) 
 def _few_names(folder: Path) -> list[str]:
     with os.scandir(folder) as entries:
         return sorted(entry.name for entry in islice(entries, MOST_NAMES))
-
-
-def _unsupported_file(path: Path) -> tuple[str, str] | None:
-    """Return what a marker file is that is not supported, and how to convert it; None where that is not known."""
-    if _is_table_without_header(path):
-        what = "a table of numbers that names neither markers nor frame rate"
-        return what, "Export it again with its header (Nexus: labels and units), or as C3D."
-    suffix = path.suffix.lower()
-    return next(((what, how) for suffixes, what, how in _FILES if suffix in suffixes), None)
 
 
 def _is_table_without_header(path: Path) -> bool:
