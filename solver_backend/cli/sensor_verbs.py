@@ -27,7 +27,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.sensors.fusion.clusters import FusionSettings
+    from solver_backend.sensors.fusion.moments import FusionSettings
     from solver_backend.sensors.take import capture_from, cloud_of
 
     folder = folder_of(args)
@@ -72,7 +72,7 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
     from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
-    from solver_backend.sensors.fusion.clusters import FusionSettings
+    from solver_backend.sensors.fusion.moments import FusionSettings
 
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]

@@ -87,7 +87,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
         return chain_of(args, folder_of(args), args.record, live=True)
     from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
-    from solver_backend.sensors.fusion.clusters import FusionSettings
+    from solver_backend.sensors.fusion.moments import FusionSettings
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None

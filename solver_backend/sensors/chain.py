@@ -21,8 +21,15 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
 from solver_backend.sensors.devices.device import Device, SensorFrame
 from solver_backend.sensors.devices.recorded import Recording, SensorFiles, SensorRecorder
-from solver_backend.sensors.fusion.clusters import DEFAULT, FusionSettings, fuse
-from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, TrackedPoints
+from solver_backend.sensors.fusion.moments import (
+    DEFAULT,
+    Finding,
+    FusionSettings,
+    Gatherer,
+    MarkerTracks,
+    TrackedPoints,
+    fuse,
+)
 from solver_backend.types import Cameras
 
 KEPT = 4096

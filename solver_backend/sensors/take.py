@@ -16,9 +16,8 @@ from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSighti
 from solver_backend.sensors.acquisition.blobs import learned_mask
 from solver_backend.sensors.devices.device import NoMarkers, SensorFailed
 from solver_backend.sensors.devices.recorded import SensorFolder
-from solver_backend.sensors.fusion.clusters import DEFAULT as FUSION
-from solver_backend.sensors.fusion.clusters import FusionSettings, fuse
-from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, build_cloud
+from solver_backend.sensors.fusion.moments import DEFAULT as FUSION
+from solver_backend.sensors.fusion.moments import Finding, FusionSettings, Gatherer, MarkerTracks, build_cloud, fuse
 from solver_backend.types import Capture, MarkerCloud
 from solver_backend.videos.sync.clocks import Clocks
 

@@ -22,8 +22,7 @@ from solver_backend.live.frames import from_lines
 from solver_backend.sensors import chain as chain_module
 from solver_backend.sensors.chain import END_S, KEPT, ChainStatistics, LiveMoment, MarkerChain, SensorTask
 from solver_backend.sensors.devices.recorded import RecordedSensor, Recording, open_folder
-from solver_backend.sensors.fusion.clusters import fuse
-from solver_backend.sensors.fusion.moments import Finding
+from solver_backend.sensors.fusion.moments import Finding, fuse
 from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
 from tests.support.slow_sensor import Slow
 from tests.support.unplugged_sensor import Unplugged

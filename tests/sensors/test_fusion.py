@@ -9,8 +9,15 @@ import pytest
 from scipy.optimize import linear_sum_assignment
 
 from solver_backend.sensors.devices.device import RecordingInvalid
-from solver_backend.sensors.fusion.clusters import FusedPoints, FusionSettings, fuse, matched
-from solver_backend.sensors.fusion.moments import Gatherer, MarkerTracks, build_cloud
+from solver_backend.sensors.fusion.moments import (
+    FusedPoints,
+    FusionSettings,
+    Gatherer,
+    MarkerTracks,
+    build_cloud,
+    fuse,
+    matched,
+)
 from tests.support.sensor_pictures import sensors_around, spread_points
 from tests.support.sightings import sighted
 
