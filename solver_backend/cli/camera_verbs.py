@@ -161,8 +161,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.sensors.wand.evaluation import WandOptions, in_world
     from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma
     from solver_backend.sensors.wand.session import calibrate_by_wand
-    from solver_backend.sensors.wand.source import is_sensor_folder, sensor_clouds, wand_views
-    from solver_backend.sensors.wand.views import Wand
+    from solver_backend.sensors.wand.views import Wand, is_sensor_folder, sensor_clouds, wand_views
 
     kind = _format_of_output(args)
     if args.interleave and not args.trigger:

@@ -36,7 +36,7 @@ _READERS = (
     "solver_backend/sensors/devices/recorded.py",
     "solver_backend/sensors/devices/recorded.py",
     "solver_backend/sensors/devices/recorded.py",
-    "solver_backend/sensors/wand/source.py",
+    "solver_backend/sensors/wand/views.py",
     "solver_backend/videos/pipeline/plan.py",
     "solver_backend/synthesis/studio/camera_arrays.py",
     "solver_backend/synthesis/studio/spec.py",

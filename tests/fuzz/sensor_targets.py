@@ -26,7 +26,7 @@ from solver_backend.sensors.acquisition.acquire import SensorSightings
 from solver_backend.sensors.devices.recorded import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX, STUDIO_SHOT, open_folder
 from solver_backend.sensors.devices.recorded import FORMAT as RECORDING
 from solver_backend.sensors.fusion.moments import Gatherer
-from solver_backend.sensors.wand.source import read_points_folder
+from solver_backend.sensors.wand.views import read_points_folder
 from solver_backend.types import Capture
 from tests.fuzz.odd_values import variants
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing

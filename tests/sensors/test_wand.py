@@ -12,7 +12,6 @@ from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, Moca
 from solver_backend.sensors.take import INTERLEAVE_S, triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand, robust_umeyama
-from solver_backend.sensors.wand.source import read_points_folder
 from solver_backend.sensors.wand.views import (
     Coverage,
     TimesInvalid,
@@ -23,6 +22,7 @@ from solver_backend.sensors.wand.views import (
     distances,
     identified,
     middle_from_lights,
+    read_points_folder,
     values_and_velocities,
     with_growing_times,
 )

@@ -16,8 +16,7 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.sensors.wand.evaluation import WandCalibration, WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand, common_moments, held_out, triangulated
-from solver_backend.sensors.wand.source import read_points_folder
-from solver_backend.sensors.wand.views import Moments, Wand, distances
+from solver_backend.sensors.wand.views import Moments, Wand, distances, read_points_folder
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.clocks import Clocks
 

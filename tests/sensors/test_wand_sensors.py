@@ -17,8 +17,7 @@ from solver_backend.sensors.devices.recorded import FRAMES, HEADER, INDEX, Recor
 from solver_backend.sensors.take import triggered
 from solver_backend.sensors.wand.evaluation import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand
-from solver_backend.sensors.wand.source import sensor_views, wand_views
-from solver_backend.sensors.wand.views import WandAmbiguous
+from solver_backend.sensors.wand.views import WandAmbiguous, sensor_views, wand_views
 from solver_backend.synthesis.studio.sensor_pictures import (
     InfraredModel,
     TimeOfFlightModel,

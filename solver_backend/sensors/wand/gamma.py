@@ -14,7 +14,7 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMismatch, FileMissing, MocapError
 from solver_backend.geometry.rotations import skew
-from solver_backend.sensors.wand.source import points_files, read_table
+from solver_backend.sensors.wand.views import points_files, read_table
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
