@@ -157,7 +157,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
 
 
 def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.points_session import calibrate_by_points, read_clicks
+    from solver_backend.camera_calibration.extrinsics.together import calibrate_by_points, read_clicks
 
     clicks = read_clicks(args.source)
     if args.lenses is None:
@@ -176,12 +176,12 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
-    from solver_backend.camera_calibration.extrinsics.points_session import read_clicks
     from solver_backend.camera_calibration.extrinsics.together import (
         calibrate_together,
         clicks_evidence,
         in_world_of,
         person_evidence,
+        read_clicks,
     )
     from solver_backend.io.calibration.read import read_calibration
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.lens import lens_of
-from solver_backend.camera_calibration.extrinsics.points_session import Clicks, calibrate_by_points, read_clicks
+from solver_backend.camera_calibration.extrinsics.together import Clicks, calibrate_by_points, read_clicks
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Held, Unknowns, adjust
-from solver_backend.camera_calibration.extrinsics.points_session import Clicks
 from solver_backend.camera_calibration.extrinsics.together import (
+    Clicks,
     board_evidence,
     calibrate_together,
     clicks_evidence,

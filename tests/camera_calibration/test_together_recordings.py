@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.extrinsics.points_session import Clicks, read_clicks
+from solver_backend.camera_calibration.extrinsics.together import Clicks, read_clicks
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.cli.main import main
