@@ -27,8 +27,7 @@ from solver_backend.io.recognition.range_checks import checked
 from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
-from solver_backend.videos.detect.assemble import KnownOfOne, assembled
-from solver_backend.videos.detect.camera_turns import steadied
+from solver_backend.videos.detect.assemble import KnownOfOne, assembled, steadied
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.detect.detector import DetectorChoice
 from solver_backend.videos.detect.find_hands import find_hands, seen_by

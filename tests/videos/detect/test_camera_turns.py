@@ -11,7 +11,7 @@ import pytest
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, JointSet
-from solver_backend.videos.detect.camera_turns import as_if_still, camera_turns
+from solver_backend.videos.detect.assemble import as_if_still, camera_turns
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.recordings import BALANCING_TRIAL
 
