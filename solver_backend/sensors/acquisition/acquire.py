@@ -1,4 +1,4 @@
-"""Locate the markers that one sensor sees in one frame, with covariances."""
+"""Locate the markers that one sensor sees in one frame, with covariances (thesis 5.3.2)."""
 
 from __future__ import annotations
 
