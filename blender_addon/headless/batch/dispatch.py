@@ -1,11 +1,10 @@
-"""The loop of a batch: captures in, takes to the engine, records out; what fails elsewhere is tried again."""
+"""The loop of a batch: give captures to the engine, collect records, and try again what failed elsewhere."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Protocol
 
 from ..._exchange.errors import MocapError
 from ..._exchange.outputs import write_text
@@ -14,39 +13,23 @@ from ..._exchange.progress import Progress
 from ...errors import TakeUndoable
 from .engines.base import DIED, LOST, Ended, Engine, Ticket
 from .record import Failure, TakeRecord, begun_record, failure_of, read_record
+from .request import Listed, Watched
 from .run_take import failed, recalled
 from .work import Work, take_name
 
 SET_ASIDE = "set aside"
 """Status of a take that is not tried again until its inputs, its settings or the version change."""
 _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
-"""What may be the worker's fault, or the take's: it is tried again, and set aside at last."""
+"""Failures of the worker or the take: tried again, and set aside in the end."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
-"""What another worker may be able to do; a failure like any other at last."""
+"""Failures of the worker: another one may succeed; ordinary failures in the end."""
 _WAIT_S = 0.5
-"""Seconds that one look for what has ended lasts; chosen by hand."""
-
-
-class Source(Protocol):
-    """Where captures come from."""
-
-    @property
-    def closed(self) -> bool:
-        """Whether no more will come."""
-        ...
-
-    def arrived(self) -> list[Path]:
-        """Return captures that were not returned before, or have changed."""
-        ...
-
-    def notes(self) -> list[str]:
-        """Return what a person should know about items that are not done."""
-        ...
+"""Seconds that one look for ended takes lasts; chosen by hand."""
 
 
 def dispatch(
     work: Work,
-    source: Source,
+    source: Listed | Watched,
     engine: Engine,
     progress: Progress,
     ended: Callable[[TakeRecord, bool], None],
@@ -54,14 +37,14 @@ def dispatch(
     """Do all takes of a source.
 
     Args:
-        work: what is done with each item.
-        source: of the captures.
+        work: done with each item.
+        source: of the items.
         engine: does the takes.
-        progress: receives how many are done of those that were to be done.
+        progress: receives the number of finished takes.
         ended: called with each record, and whether it was only recalled.
 
     Raises:
-        MocapError: the engine cannot go on, or the work was interrupted; what is done is kept.
+        MocapError: the engine cannot go on, or the work was interrupted; finished takes are kept.
     """
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
@@ -102,13 +85,12 @@ def _again(engine: Engine, one: Ended) -> Ticket | None:
 
 
 def _code_of(one: Ended) -> str:
-    """Return the code of the error that a take ended with, "" for none."""
     error = None if one.record is None else one.record.get("error")
     return error["code"] if error else ""
 
 
 def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
-    """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
+    """Return the take's last record; a take that crashes its workers is set aside with a log of the attempts."""
     folder = work.out / one.ticket.name
     code, record = _code_of(one), one.record
     if record is not None and record["status"] == "skipped":  # done by a worker that died before it could report it
@@ -133,9 +115,7 @@ def _write_log(folder: Path, record: TakeRecord, why: Failure) -> None:
     lines = [f"{record['take']} was set aside: {why['message']}", f"capture: {record['capture']}", ""]
     for number, attempt in enumerate(record.get("attempts", ()), 1):
         message = attempt.get("message", "")
-        lines.append(
-            f"{number}. {attempt['step']} on {attempt['worker'] or 'this machine'}: {attempt['how']} {message}"
-        )
+        where = attempt["worker"] or "this machine"
+        lines.append(f"{number}. {attempt['step']} on {where}: {attempt['how']} {message}")
     if folder.is_dir():
-        text = "\n".join(plain(line) for line in lines) + "\n"
-        write_text(folder / "take.log", text, overwrite=True)
+        write_text(folder / "take.log", "".join(f"{plain(line)}\n" for line in lines), overwrite=True)

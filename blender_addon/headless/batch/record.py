@@ -1,7 +1,6 @@
-"""What a batch knows about a take it has done: what each step was made from, and how it went.
+"""The record of a take: the inputs of each step, and how it went. It is the only state of a batch.
 
-A take's record is the only state of a batch, whoever works on it: a step is done if the record holds its key and the
-files it wrote are there. Keys follow from the inputs, the settings and the version, never from a clock of this machine.
+A step is done if the record holds its key and its files are there. Keys follow from inputs, settings and version.
 """
 
 from __future__ import annotations
@@ -30,7 +29,7 @@ class StepRecord(TypedDict):
     """A step that was done."""
 
     key: str
-    """Of what it was made from."""
+    """Hash of its inputs."""
     outputs: list[str]
     """Names in the take's folder."""
     notes: list[str]
@@ -38,7 +37,7 @@ class StepRecord(TypedDict):
 
 
 class Attempt(TypedDict):
-    """Who tried a step, and how it ended."""
+    """An attempt at a step."""
 
     step: str
     worker: str
@@ -59,13 +58,13 @@ class Failure(TypedDict):
 
 
 class StepMade(TypedDict):
-    """What a step hands back for the record."""
+    """The result of a step, for the record."""
 
     outputs: list[str]
     """Names in the take's folder."""
     notes: list[str]
     figures: NotRequired[SolveResult]
-    """What the worst of the take's solves reported."""
+    """Of the worst of the take's solves."""
     people: NotRequired[list[str]]
 
 
@@ -83,7 +82,7 @@ class TakeRecord(TypedDict):
     """By name."""
     attempts: NotRequired[list[Attempt]]
     solve: NotRequired[SolveResult]
-    """What the worst of the take's solves reported."""
+    """Of the worst of the take's solves."""
     people: NotRequired[list[str]]
     outputs: NotRequired[list[str]]
     """Of all steps, as paths."""
@@ -93,31 +92,32 @@ class TakeRecord(TypedDict):
 
 
 def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
-    """Return a hash of everything a take is made from: names, sizes and times of files, settings, version.
+    """Return a hash of a take's inputs: names, sizes and times of files, settings, version.
 
     Args:
         capture: file, or folder with all it holds.
         choices: settings and outputs, as plain values.
     """
     files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
-    stated = [(p.relative_to(capture.parent).as_posix(), *_size_and_time(p)) for p in files if p.is_file()]
+    status = {p.relative_to(capture.parent).as_posix(): p.stat() for p in files if p.is_file()}
+    stated = [(name, one.st_size, one.st_mtime_ns) for name, one in status.items()]
     whole = json.dumps([stated, choices, VERSION], sort_keys=True)
     return hashlib.sha256(whole.encode()).hexdigest()
 
 
 def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of a step that works on what another step has made.
+    """Return the key of a step that works on the results of another step.
 
     Args:
         before: key of that other step.
         step: its name.
-        choices: what decides on its outputs, as plain values.
+        choices: settings of its outputs, as plain values.
     """
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
 
 
 def begun_record(take: str, capture: Path) -> TakeRecord:
-    """Return the record of a take of which nothing is done."""
+    """Return the record of a take without any finished step."""
     return {"take": take, "capture": str(capture), "status": UNFINISHED}
 
 
@@ -127,7 +127,7 @@ def failure_of(error: MocapError) -> Failure:
 
 
 def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
-    """Return whether a step's outputs are there, made from just this."""
+    """Return whether a step's outputs are there, made with this key."""
     kept = (record.get("steps") or {}).get(step)
     return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
@@ -142,7 +142,7 @@ def read_record(folder: Path) -> TakeRecord | None:
 
 
 def _is_record(value: Any) -> TypeGuard[TakeRecord]:
-    """Return whether a value has the parts of a record, each of its kind, and numbers that can be shown."""
+    """Return whether a value has the parts of a record, with the right types and numbers that can be shown."""
     if not isinstance(value, dict):
         return False
     steps, attempts = value.get("steps") or {}, value.get("attempts") or []
@@ -191,8 +191,3 @@ def write_record(folder: Path, record: TakeRecord) -> None:
     """
     with atomic_outputs(folder, (NAME,), overwrite=True) as temporary:
         temporary[NAME].write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")
-
-
-def _size_and_time(path: Path) -> tuple[int, int]:
-    status = path.stat()
-    return status.st_size, status.st_mtime_ns

@@ -37,37 +37,30 @@ class TakeLimits:
             BatchInvalid: this system does not report a process's memory.
         """
         if self.memory_mb is not None and not _PROCESSES.is_dir():
-            raise BatchInvalid(
-                "This system does not report a process's memory.",
-                hint="Leave out --take-memory, or run the batch on Linux.",
-            )
+            hint = "Leave out --take-memory, or run the batch on Linux."
+            raise BatchInvalid("This system does not report a process's memory.", hint=hint)
 
 
 class TakeWatch:
-    """Watches the processes of one take, from its start on."""
+    """Watches the processes of one take."""
 
     def __init__(self, limits: TakeLimits) -> None:
         self._limits, self._start = limits, time.monotonic()
 
     def over_limit(self, pid: int) -> MocapError | None:
-        """Return the error of a process that is beyond a limit, None as long as it is within."""
+        """Return the error of a process that exceeds a limit, None for others."""
         seconds, most_mb = self._limits.seconds, self._limits.memory_mb
         if seconds is not None and time.monotonic() - self._start > seconds:
-            return TakeTooSlow(
-                f"The take took longer than {seconds:g} s and was stopped.",
-                hint="Raise --take-seconds, or solve the take alone.",
-            )
+            message = f"The take took longer than {seconds:g} s and was stopped."
+            return TakeTooSlow(message, hint="Raise --take-seconds, or solve the take alone.")
         if most_mb is not None and (used_mb := _resident_mb(pid)) > most_mb:
-            return TakeTooLarge(
-                f"The solver took {used_mb:.0f} MB for the take, more than the {most_mb:g} MB it may have, and was "
-                "stopped.",
-                hint="Raise --take-memory, or cut the take.",
-            )
+            message = f"The solver took {used_mb:.0f} MB for the take, more than the {most_mb:g} MB it may have"
+            return TakeTooLarge(f"{message}, and was stopped.", hint="Raise --take-memory, or cut the take.")
         return None
 
 
 def _resident_mb(pid: int) -> float:
-    """Return the memory that a process has in RAM; 0 where it has ended."""
+    """Return the resident memory of a process; 0 if it has ended."""
     try:
         pages = (_PROCESSES / str(pid) / "statm").read_text().split()[1]
     except (OSError, IndexError):
@@ -84,7 +77,7 @@ _MARKERS_ALONE = (".c3d", ".trc")
 
 @dataclass(frozen=True)
 class BatchRequest:
-    """What to do with every capture of a folder."""
+    """How to process every capture of a folder."""
 
     captures: Path
     """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture; or a session."""
@@ -115,11 +108,9 @@ class BatchRequest:
         """Return the request for another process or machine: plain values, paths from the root."""
         paths = {name: getattr(self, name) for name in ("captures", "out", "body")}
         whole = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
-        return {
-            **whole, "bake": self.bake, "render": self.render, "formats": list(self.formats),
-            "marker_formats": list(self.marker_formats), "python": None if self.python is None else str(self.python),
-            "limits": [self.limits.seconds, self.limits.memory_mb],
-        }  # fmt: skip
+        python, limits = self.python and str(self.python), [self.limits.seconds, self.limits.memory_mb]
+        what = {name: getattr(self, name) for name in ("bake", "render", "formats", "marker_formats")}
+        return {**whole, **what, "python": python, "limits": limits}
 
     @classmethod
     def from_plain(cls, values: Plain) -> BatchRequest:
@@ -131,7 +122,7 @@ class BatchRequest:
         )  # fmt: skip
 
     def choices(self) -> dict[str, Any]:
-        """Return what decides what is made of a capture, as plain values."""
+        """Return the settings of a take's results, as plain values."""
         shared = {**_shared(self.job), **({"strict": True} if self.strict else {})}
         if self.accept:
             settings = shared.get("settings") or {}
@@ -144,22 +135,22 @@ class BatchRequest:
 
 @dataclass(frozen=True)
 class Spread:
-    """Who does the takes of a batch, and until when."""
+    """Workers of a batch, and its end."""
 
     scheduler: str = ""
     """Address of a Dask scheduler, or the path of its file; "" for none."""
     workers: int = 0
     """Takes at a time on this machine; 0 does one after the other in this process."""
     watch: bool = False
-    """Go on with what arrives in the folder."""
+    """Also do captures that arrive in the folder later."""
     settled_s: float = 5.0
-    """A capture has arrived when it has not changed for so long."""
+    """A capture has arrived when it has not changed for this many seconds."""
     idle_s: float | None = None
-    """Stop watching when nothing has arrived for so long; None for never."""
+    """Stop watching when nothing has arrived for this many seconds; None for never."""
     stretches: bool = False
     """Let the cluster's workers solve stretches of long takes, too."""
     patience_s: float = 60.0
-    """How long to wait for a scheduler that is gone, and for workers."""
+    """Seconds to wait for a scheduler that is gone, and for workers."""
 
 
 def find_captures(request: BatchRequest) -> list[Path]:
@@ -169,26 +160,23 @@ def find_captures(request: BatchRequest) -> list[Path]:
         BatchInvalid: there are none, or two would share a name.
     """
     if not request.captures.is_dir():
-        raise BatchInvalid(
-            "There is no such folder.", where=str(request.captures), hint="Name the folder of the captures."
-        )
+        hint = "Name the folder of the captures."
+        raise BatchInvalid("There is no such folder.", where=str(request.captures), hint=hint)
     found = captures_in(request)
     names = [take_name(path) for path in found]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice or not found:
-        raise BatchInvalid(
-            f"Two captures are called {', '.join(twice)}." if twice else "The folder holds no captures.",
-            where=str(request.captures),
-            hint=f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own.",
-        )
+        message = f"Two captures are called {', '.join(twice)}." if twice else "The folder holds no captures."
+        hint = f"Captures are files .npz, {', '.join(MARKER_SUFFIXES)} and folders, each with a name of its own."
+        raise BatchInvalid(message, where=str(request.captures), hint=hint)
     return found
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return what the folder holds of captures, by name; nothing where it cannot be looked into.
+    """Return the captures of the folder by name; none if it cannot be read.
 
-    Of a session, which has settings or a calibration for its trials or keeps them deeper, its trials and recordings of
-    markers.
+    A session has settings or a calibration for its trials, or keeps them deeper. Its captures are its trials and its
+    recordings of markers.
     """
     try:
         paths = sorted(request.captures.iterdir())
@@ -213,7 +201,7 @@ def _is_of_a_session(path: Path) -> bool:
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
-    """Return what a batch's job file states.
+    """Return the contents of a batch's job file.
 
     Raises:
         BatchInvalid: it cannot be read, or names a capture of its own.
@@ -226,11 +214,8 @@ def _shared(path: Path | None) -> dict[str, Any]:
         raise BatchInvalid(f"The job file cannot be read: {error}", where=str(path)) from error
     unknown = sorted(set(values) - _SHARED_KEYS) if isinstance(values, dict) else ["anything but an object"]
     if unknown:
-        raise BatchInvalid(
-            f"A batch's job file cannot hold {', '.join(unknown)}.",
-            where=str(path),
-            hint=f"It may hold {', '.join(sorted(_SHARED_KEYS))}.",
-        )
+        hint = f"It may hold {', '.join(sorted(_SHARED_KEYS))}."
+        raise BatchInvalid(f"A batch's job file cannot hold {', '.join(unknown)}.", where=str(path), hint=hint)
     for name, row in READING.items():
         if (value := values.get(name)) is not None and not row.accepts(value):
             raise _not_valid(f"{name} is {value!r}; {row.expected} is expected.", path)
@@ -296,7 +281,7 @@ class Watched:
 
     @property
     def closed(self) -> bool:
-        """Whether nothing has arrived, or been on its way, for as long as is waited."""
+        """Whether nothing has arrived or changed for the time to wait."""
         return self._idle_s is not None and time.monotonic() - self._last > self._idle_s
 
     def arrived(self) -> list[Path]:
@@ -315,13 +300,12 @@ class Watched:
             self._last = now
             if now - self._seen[path][1] < self._settled_s:
                 continue
-            other = names.setdefault(take_name(path), path)
-            if other != path:
-                self._doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
-                self._given[path] = state
-                continue
             self._given[path] = state
-            found.append(path)
+            other = names.setdefault(take_name(path), path)
+            if other == path:
+                found.append(path)
+            else:
+                self._doubled[str(path)] = f"{path.name} is not done: {other.name} is called the same."
         return found
 
     def notes(self) -> list[str]:

@@ -1,7 +1,7 @@
-"""Every capture of a folder, and the summary.
+"""``batch``: solve every capture of a folder, and write a summary.
 
-A take that fails does not stop the others. What was done is recorded beside each take, so that a batch that is started
-again does only what is missing or whose inputs, settings or version have changed.
+A failure does not stop the other takes. A batch that is started again does only the takes that are missing or have
+other inputs, settings or versions than their records.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ import json
 import time
 from argparse import Namespace
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ..._exchange.cluster_address import use_certificates
@@ -29,9 +29,9 @@ from .work import Work
 
 SUMMARY = "summary"
 _RARELY = 20.0
-"""Writing may take one part of so many of the time."""
+"""Share of time for writing the summary, as its denominator; chosen by hand."""
 _LEAST_S = 2.0
-"""Seconds from one writing of the results to the next, at the least; chosen by hand."""
+"""Least seconds between two writings of the summary; chosen by hand."""
 
 
 class Results:
@@ -56,7 +56,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """State on the page who works; also afterwards, when nobody can be asked any more."""
+        """Name the engine on the page; its name is kept when it ends."""
         self._engine = engine
         try:
             yield
@@ -64,7 +64,7 @@ class Results:
             self._who, self._engine = engine.headline(), None
 
     def add(self, record: TakeRecord, recalled: bool) -> None:
-        """Keep the record of a take, and write the summary if that was not done just now."""
+        """Keep the record of a take, and write the summary if that was not done recently."""
         self._takes[record["take"]] = record
         self._done += not recalled
         if time.monotonic() > self._next:
@@ -75,7 +75,7 @@ class Results:
         return worst_first(list(self._takes.values()))
 
     def write(self) -> None:
-        """Write the summary, if there is a take to sum up.
+        """Write the summary if there are takes.
 
         Raises:
             OutputNotWritable: the folder cannot be written to.
@@ -132,11 +132,8 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
     Args:
         request: what to do.
-        progress: receives how many takes are done and how far each is.
-        spread: who does it.
-
-    Returns:
-        The ``result`` event: the takes, worst first, the table, the outputs and the exit code.
+        progress: receives the number of finished takes and the progress of each.
+        spread: who does the takes.
 
     Raises:
         BatchInvalid: there are no captures, or the job file is not one for batches.
@@ -159,50 +156,32 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
         results.write()
     ordered = results.ordered()
     codes = [take["error"]["exit_code"] for take in ordered if "error" in take]
-    return {
-        "takes": ordered, "table": table(ordered), "outputs": results.outputs, "notes": notes,
-        "exit_code": max(codes, default=0),
-    }  # fmt: skip
+    worst = max(codes, default=0)
+    return BatchResult(takes=ordered, table=table(ordered), outputs=results.outputs, notes=notes, exit_code=worst)
 
 
 @contextmanager
 def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engine]:
-    """Yield who does the takes, and end them afterwards, however the batch ends."""
-    if spread.scheduler:
-        from .engines.cluster import ClusterEngine
+    """Yield the engine that does the takes, and close it afterwards in any case."""
+    with ExitStack() as stack:
+        engine: Engine
+        if spread.scheduler or (spread.workers and _has_dask()):
+            from .engines.cluster import ClusterEngine
+            from .engines.local_cluster import LocalCluster, machine_memory_mb
 
-        address, patience_s = spread.scheduler, spread.patience_s
-        engine: Engine = ClusterEngine(work, address, patience_s=patience_s, stretches=spread.stretches)
-    elif spread.workers and _has_dask():
-        with _local(work, spread) as engine:
-            yield engine
-        return
-    elif spread.workers:
-        engine = ProcessesEngine(work, spread.workers)
-    else:
-        engine = HereEngine(work, progress)
-    try:
+            address, tend = spread.scheduler, None
+            if not address:
+                folder = stack.enter_context(temporary_folder())
+                cluster = LocalCluster(spread.workers, machine_memory_mb(), folder)
+                stack.callback(cluster.close)
+                address, tend = cluster.address, cluster.tend
+            engine = ClusterEngine(work, address, tend, spread.patience_s, spread.stretches)
+        elif spread.workers:
+            engine = ProcessesEngine(work, spread.workers)
+        else:
+            engine = HereEngine(work, progress)
+        stack.callback(engine.close)
         yield engine
-    finally:
-        engine.close()
-
-
-@contextmanager
-def _local(work: Work, spread: Spread) -> Iterator[Engine]:
-    """Yield a cluster of this machine."""
-    from .engines.cluster import ClusterEngine
-    from .engines.local_cluster import LocalCluster, machine_memory_mb
-
-    with temporary_folder() as folder:
-        cluster = LocalCluster(spread.workers, machine_memory_mb(), folder)
-        try:
-            engine = ClusterEngine(work, cluster.address, cluster.tend, spread.patience_s, spread.stretches)
-            try:
-                yield engine
-            finally:
-                engine.close()
-        finally:
-            cluster.close()
 
 
 def _has_dask() -> bool:

@@ -1,4 +1,4 @@
-"""One take of a batch: converted, solved and, if wanted, baked, rendered and exported; or recalled."""
+"""Do or recall one take of a batch: convert, solve and, if wanted, bake, render and export it."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> Tak
 
 
 def recalled(work: Work, capture: Path) -> TakeRecord | None:
-    """Return the record of a take that is done or was set aside, None where there is something to do."""
+    """Return the record of a take that is done or was set aside, None if there is something to do."""
     folder = work.out / take_name(capture)
     known = read_record(folder)
     try:
@@ -80,17 +80,15 @@ def run_step(
 ) -> TakeRecord:  # fmt: skip
     """Do one step of a take, unless it is done or not wanted, and return the take's record.
 
-    It may be run twice, by anybody: what it writes is named when it is whole, and the record is written last.
+    Several workers may run it at once: outputs get their names when they are whole, and the record is written last.
 
     Args:
         work: the batch.
         capture: file or folder.
-        step: its name.
+        step: name of the step.
         progress: receives how far each stage has come.
-        worker: who does it, for the record.
-        stopped: see ``Place``.
-        in_child: see ``Place``.
-        scheduler: see ``Place``.
+        worker: name of the worker, for the record.
+        stopped, in_child, scheduler: see ``Place``.
 
     Raises:
         Cancelled: the work was interrupted.
@@ -130,7 +128,7 @@ def run_step(
 
 
 def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "failed") -> TakeRecord:
-    """Return a take's record with what went wrong, and keep it where the folder is ours and can be written to."""
+    """Return a take's record with its failure, and write it if the folder is ours and can be written to."""
     record = {**record, "status": status, "error": failure}
     if attempts := record.get("attempts"):
         attempts[-1]["how"], attempts[-1]["message"] = failure["code"], failure["message"]
@@ -141,32 +139,24 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Return a record with what is still true of that of a take's folder, nothing for a folder that is new.
+    """Return a record with the valid parts of the record in the take's folder.
 
     Raises:
         OutputExists: the folder holds files that are not ours.
     """
     known = read_record(folder)
     if known is None and not is_free(folder):
-        raise OutputExists(
-            "The take's folder holds files that no batch has written.", where=str(folder), hint="Choose another --out."
-        )
+        message = "The take's folder holds files that no batch has written."
+        raise OutputExists(message, where=str(folder), hint="Choose another --out.")
     record = {**record, "inputs": wanted[0].key}
     if known is None or known.get("inputs") != record["inputs"]:
         return record
-    if "steps" in known:
-        record["steps"] = known["steps"]
-    if "attempts" in known:
-        record["attempts"] = known["attempts"]
-    if "solve" in known:
-        record["solve"] = known["solve"]
-    if "people" in known:
-        record["people"] = known["people"]
-    return record
+    kept: Any = {key: known[key] for key in ("steps", "attempts", "solve", "people") if key in known}
+    return {**record, **kept}
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Return the record, written, of a take that somebody works on: a step without an end was interrupted."""
+    """Write and return the record of a take that is being worked on; a step without an end was interrupted."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)
@@ -180,14 +170,12 @@ def _ended(record: TakeRecord, step: Step, made: StepMade, seconds: float) -> Ta
         record["solve"] = made["figures"]
     if "people" in made:
         record["people"] = made["people"]
-    kept: StepRecord = {
-        "key": step.key, "outputs": made["outputs"], "notes": made["notes"], "seconds": round(seconds, 2),
-    }  # fmt: skip
+    kept = StepRecord(key=step.key, outputs=made["outputs"], notes=made["notes"], seconds=round(seconds, 2))
     return {**record, "steps": {**record.get("steps", {}), step.name: kept}}
 
 
 def _whole(record: TakeRecord, folder: Path, wanted: tuple[Step, ...], status: str) -> TakeRecord:
-    """Return the record with what the wanted steps have made together."""
+    """Return the record with the results of all wanted steps."""
     kept = record.get("steps", {})
     steps = [kept[step.name] for step in wanted]
     return {

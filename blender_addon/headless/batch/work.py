@@ -1,4 +1,4 @@
-"""What engines spread over workers: items, each done in steps and recorded in its own folder of ``out``."""
+"""Items that engines spread over workers, each done in steps and recorded in a folder of its own."""
 
 from __future__ import annotations
 
@@ -30,22 +30,22 @@ class Step:
 
 @dataclass(frozen=True)
 class Place:
-    """Where and under whose eyes a step is done."""
+    """Circumstances of a step."""
 
     folder: Path
     """Folder of the item's record."""
     progress: Progress
     """Receives how far each stage has come."""
     stopped: Callable[[], MocapError | None] = lambda: None
-    """Asked again and again; where it returns an error the step ends with it."""
+    """Asked again and again; an error ends the step."""
     in_child: bool = False
-    """Let Blender work in a process of its own, as many steps at a time need."""
+    """Let Blender work in a process of its own, which several steps at a time need."""
     scheduler: str = ""
     """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
 
 
 class Work(Protocol):
-    """Items of one kind and their steps; a frozen value that knows what decides what is made of them."""
+    """Items of one kind and their steps, with all settings; a frozen value."""
 
     kind: ClassVar[str]
     """Name in ``plain``; also what the progress counts."""
@@ -53,36 +53,30 @@ class Work(Protocol):
     @property
     def out(self) -> Path:
         """Folder of the records."""
-        ...
 
     @property
     def limits(self) -> TakeLimits:
         """Of the solver for each item."""
-        ...
 
     def sees(self, item: Path) -> bool:
-        """Return whether what a task works on can be seen from here."""
-        ...
+        """Return whether an item's files can be seen from here."""
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps of an item that are asked for, in their order.
+        """Return the wanted steps of an item, in order.
 
         Raises:
             OSError: the item cannot be looked at.
         """
-        ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
+        """Do one step and return its outputs as names in the folder, its notes and figures.
 
         Raises:
             MocapError: the step failed, or was stopped.
         """
-        ...
 
     def plain(self) -> Plain:
         """Return plain values for another process or machine, with ``kind``."""
-        ...
 
 
 def take_name(item: Path) -> str:

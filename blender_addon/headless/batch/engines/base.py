@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,60 +27,54 @@ class Ticket:
     name: str
     """Of the take."""
     tries: int = 0
-    """How often it was begun and failed for a reason that may lie with the worker."""
+    """Attempts that failed for a reason that may lie with the worker."""
     avoid: set[str] = field(default_factory=set)
     """Workers that have failed with it."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A take that somebody is through with."""
+    """A take that an engine is finished with."""
 
     ticket: Ticket
     how: str
-    """ENDED: the record states how; DIED: it has ended its workers; LOST: nobody knows, it is to be begun again."""
+    """ENDED: see the record; DIED: it has ended its workers; LOST: unknown, the take must be begun again."""
     record: TakeRecord | None = None
     """Of the take, if it ended."""
     worker: str = ""
-    """Who did it."""
 
 
 class Engine(Protocol):
-    """Does takes, several at a time perhaps. Whoever does one twice does no harm."""
+    """Does takes, perhaps several at a time. Doing one twice does no harm."""
 
     tries: int
-    """How often a take is tried before it is set aside."""
+    """Attempts at a take before it is set aside."""
 
     def free(self) -> int:
         """Return how many more takes it would begin now."""
-        ...
 
     def begin(self, ticket: Ticket) -> None:
         """Begin a take."""
-        ...
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended, after waiting for one so long at most.
+        """Return the takes that have ended; wait this long for one at most.
 
         Raises:
             MocapError: no more takes can be done.
         """
-        ...
 
     def notes(self) -> list[str]:
         """Return what a person should know about the workers."""
-        ...
+        return []
 
     def headline(self) -> str:
         """Return who works, in a few words."""
-        ...
 
     def close(self) -> None:
-        """End what is being done, and tidy up."""
-        ...
+        """End the takes that are under way, and tidy up."""
 
 
-class HereEngine:
+class HereEngine(Engine):
     """One take at a time, with Blender's part in this process.
 
     Args:
@@ -98,32 +93,24 @@ class HereEngine:
         return int(self._begun is None)
 
     def begin(self, ticket: Ticket) -> None:
-        """Keep the take; it is done when its end is asked for."""
+        """Keep the take for ``ended``, which does it."""
         self._begun = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
         """Do the take that was begun."""
         ticket, self._begun = self._begun, None
         if ticket is None:
-            threading.Event().wait(timeout_s)
+            time.sleep(timeout_s)
             return []
-        record = run_take(self._work, ticket.capture, self._progress)
-        return [Ended(ticket, ENDED, record)]
-
-    def notes(self) -> list[str]:
-        """Return nothing: nobody else works."""
-        return []
+        return [Ended(ticket, ENDED, run_take(self._work, ticket.capture, self._progress))]
 
     def headline(self) -> str:
         """Return who works."""
         return "this process"
 
-    def close(self) -> None:
-        """Do nothing: nothing goes on."""
 
-
-class ProcessesEngine:
-    """Several takes at a time, the solver and Blender of each in processes of their own; needs nothing installed.
+class ProcessesEngine(Engine):
+    """Several takes at a time, each with processes for its solver and Blender; nothing has to be installed.
 
     Args:
         work: the batch.
@@ -144,11 +131,8 @@ class ProcessesEngine:
 
     def begin(self, ticket: Ticket) -> None:
         """Start the take's processes."""
-        task = self._pool.submit(
-            run_take, self._work, ticket.capture, silent,
-            worker="this machine", stopped=self._stopped, in_child=True,
-        )  # fmt: skip
-        self._running[task] = ticket
+        place = {"worker": "this machine", "stopped": self._stopped, "in_child": True}
+        self._running[self._pool.submit(run_take, self._work, ticket.capture, silent, **place)] = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
         """Return the takes whose processes have ended."""
@@ -157,10 +141,6 @@ class ProcessesEngine:
             return []
         done, _ = wait(self._running, timeout_s, FIRST_COMPLETED)
         return [Ended(self._running.pop(task), ENDED, task.result(), "this machine") for task in done]
-
-    def notes(self) -> list[str]:
-        """Return nothing: these workers are all alike."""
-        return []
 
     def headline(self) -> str:
         """Return who works."""

@@ -1,8 +1,7 @@
-"""Takes done by the workers of a Dask cluster (Rocklin 2015): each step a task, each take a chain of them.
+"""Takes done by the workers of a Dask cluster (Rocklin 2015): each step is a task, each take a chain of tasks.
 
-Dask places the tasks and repeats those of workers that have died. What it does not know is kept here: which workers can
-do the takes at all, and that a take that failed is tried on another worker. State is in the takes' records alone, so a
-scheduler, a worker or this program may end at any time.
+Dask places the tasks and repeats those of dead workers. This module decides which workers are suitable, and tries
+failed takes on other workers. All state is in the records of takes, so a scheduler, worker or program may end at any time.
 """
 
 from __future__ import annotations
@@ -16,10 +15,11 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 from ...._exchange.cluster_address import require_certificates, require_safe
+from ...._exchange.errors import FileMissing
 from ....errors import BatchTaken, EngineMissing, SchedulerMissing, WorkersUnsuitable
-from ..record import Failure, begun_record, read_record
+from ..record import begun_record, failure_of, read_record
 from ..work import Work
-from .base import DIED, ENDED, LOST, Ended, Ticket
+from .base import DIED, ENDED, LOST, Ended, Engine, Ticket
 from .cluster_task import describe, marker_in, put_marker, remove_marker, versions, what_is_wrong
 
 if TYPE_CHECKING:
@@ -35,10 +35,8 @@ def require_dask() -> None:
     try:
         import distributed  # noqa: F401
     except ImportError as error:
-        raise EngineMissing(
-            "Dask is not installed in this Python.", where=str(error),
-            hint="Install it with: pip install distributed; or leave out --scheduler and give --workers N.",
-        ) from error  # fmt: skip
+        hint = "Install it with: pip install distributed; or leave out --scheduler and give --workers N."
+        raise EngineMissing("Dask is not installed in this Python.", where=str(error), hint=hint) from error
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
@@ -69,10 +67,11 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
         except Exception as error:  # of the network, of the protocol, of another version's messages
             if time.monotonic() > end:
                 raise SchedulerMissing(
-                    f"No scheduler answers: {type(error).__name__}: {error}.", where=address,
+                    f"No scheduler answers: {type(error).__name__}: {error}.",
+                    where=address,
                     hint="Start one with 'dask scheduler' and give its address, such as tcp://10.0.0.5:8786; it must "
                     "have this program's version of Dask. Finished takes are kept.",
-                ) from error  # fmt: skip
+                ) from error
             time.sleep(0.5)
 
 
@@ -91,7 +90,7 @@ class _Running:
     allowed: set[str] | None
 
 
-class ClusterEngine:
+class ClusterEngine(Engine):
     """Takes as chains of tasks on a cluster.
 
     Args:
@@ -110,12 +109,12 @@ class ClusterEngine:
     tries = 3
 
     def __init__(
-        self, work: Work, address: str,
-        tend: Callable[[], None] = lambda: None, patience_s: float = 60.0, stretches: bool = False,
-    ) -> None:  # fmt: skip
+        self, work: Work, address: str, tend: Callable[[], None] | None, patience_s: float, stretches: bool
+    ) -> None:
         require_dask()
 
-        self._work, self._address, self._tend = work, address, tend
+        self._work, self._address = work, address
+        self._tend = tend = tend or (lambda: None)
         self._patience_s, self._stretches = patience_s, stretches
         self._running: dict[str, _Running] = {}
         self._queue: SimpleQueue[tuple[str, Any]] = SimpleQueue()
@@ -154,9 +153,8 @@ class ClusterEngine:
             for step in self._work.steps(ticket.capture):
                 before = futures[-1] if futures else None
                 key = f"{step.name}-{step.key[:16]}-{name}"
-                futures.append(
-                    self._client.submit(step_of_take, given, step.name, before, key=key, pure=False, **where)
-                )
+                words = (given, step.name, before)
+                futures.append(self._client.submit(step_of_take, *words, key=key, pure=False, **where))
         except OSError as error:
             self._queue.put((name, error))
             self._running[name] = _Running(ticket, [], None, None)
@@ -189,11 +187,7 @@ class ClusterEngine:
         link = ""
         with suppress(Exception):
             link = self._client.dashboard_link
-        return (
-            f"{len(self._workers.infos())} workers, dashboard {link}"
-            if link
-            else f"{len(self._workers.infos())} workers"
-        )
+        return f"{len(self._workers.infos())} workers" + (f", dashboard {link}" if link else "")
 
     def close(self) -> None:
         """Withdraw what is being done; workers notice that within seconds."""
@@ -209,9 +203,7 @@ class ClusterEngine:
             return []
         ticket = one.ticket
         if isinstance(future, OSError):
-            why: Failure = {
-                "code": "file_missing", "message": f"The capture cannot be read: {future}.", "exit_code": 3,
-            }  # fmt: skip
+            why = failure_of(FileMissing(f"The capture cannot be read: {future}."))
             record = begun_record(ticket.name, ticket.capture)
             return [Ended(ticket, ENDED, {**record, "status": "failed", "error": why})]
         if future.status == "finished":
@@ -252,17 +244,13 @@ class ClusterEngine:
         if self._client.status != "running":
             return self._begin_anew()
         if marker_in(self._work.out) not in (self._marker, ""):
-            raise BatchTaken(
-                "Another batch has begun in the same folder of results.", where=str(self._work.out),
-                hint="What is done is kept. Give each batch its own --out, or wait for the other one.",
-            )  # fmt: skip
+            hint = "Finished takes are kept. Give each batch its own --out, or wait for the other one."
+            message = "Another batch has begun in the same folder of results."
+            raise BatchTaken(message, where=str(self._work.out), hint=hint)
         self._workers.look_at_new()
         live = set(self._workers.infos())
-        stuck = [
-            name
-            for name, one in self._running.items()
-            if one.last is None or (one.allowed is not None and not one.allowed & live)
-        ]
+        running = self._running.items()
+        stuck = [name for name, one in running if one.last is None or not (one.allowed is None or one.allowed & live)]
         self._workers.require_some()
         return [self._released(name) for name in stuck]
 
@@ -373,10 +361,9 @@ class Workers:
         stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
         amounts = [amount for amount in stated if amount is not None]
         if amounts and max(amounts) < wanted_mb:
-            raise WorkersUnsuitable(
-                f"No worker has the {wanted_mb:g} MB that a take may take; the largest has {max(amounts):g} MB.",
-                where=self._address, hint="Lower --take-memory, or start workers with more.",
-            )  # fmt: skip
+            message = f"No worker has the {wanted_mb:g} MB that a take may take; the largest has {max(amounts):g} MB."
+            hint = "Lower --take-memory, or start workers with more."
+            raise WorkersUnsuitable(message, where=self._address, hint=hint)
         return bool(amounts) and len(amounts) == len(stated)
 
     def wrote(self, worker: str, failure: str) -> None:
@@ -414,10 +401,8 @@ class Workers:
                 self.bad[worker] = wrong
             ahead_s = about["time"] - asked
             if abs(ahead_s) > _CLOCK_S:
-                self.note(
-                    f"The clock of {about['host']} differs by {ahead_s:+.0f} s; nothing depends on it but the "
-                    "times of files."
-                )
+                clock = f"The clock of {about['host']} differs by {ahead_s:+.0f} s"
+                self.note(f"{clock}; nothing depends on it but the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
         """Make sure that there has been a worker that can do takes not too long ago.
@@ -433,9 +418,11 @@ class Workers:
         if now - self._without < (self._patience_s if patience_s is None else patience_s):
             return
         reasons = "; ".join(f"{worker}: {why}" for worker, why in list(self.bad.items())[:3])
-        raise WorkersUnsuitable(
-            f"No worker can do the takes: {reasons}." if reasons else "The scheduler has no workers.",
-            where=self._address,
-            hint="Workers need the same version, the same Python and the same folders as this program, under the same "
-            "paths. Finished takes are kept." if reasons else "Start some: dask worker ADDRESS --nthreads 1.",
-        )  # fmt: skip
+        message, hint = "The scheduler has no workers.", "Start some: dask worker ADDRESS --nthreads 1."
+        if reasons:
+            message = f"No worker can do the takes: {reasons}."
+            hint = (
+                "Workers need the same version, the same Python and the same folders as this program, under the same "
+            )
+            hint += "paths. Finished takes are kept."
+        raise WorkersUnsuitable(message, where=self._address, hint=hint)
