@@ -38,7 +38,6 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     """Create a material whose viewport colour and surface colour agree.
 
     Args:
-        name: name of the material.
         colour: linear RGBA.
         roughness: 0 (mirror) to 1 (chalk).
         glossy: a principled surface, to go on from; otherwise a diffuse one, a tenth as large in a file.

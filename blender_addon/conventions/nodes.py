@@ -24,8 +24,6 @@ def add_node(
     """Add a node and return it.
 
     Args:
-        tree: the node tree.
-        kind: the node's type.
         sources: sockets to link or values of the first inputs.
         inputs: the same by name, where only the input of the node's data type counts.
         settings: properties of the node.

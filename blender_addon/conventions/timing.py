@@ -32,9 +32,6 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
     """Return where a recording lies in a scene, whose rate and range are set for it or stay as they are.
 
     Args:
-        scene: the scene.
-        frames: frames of the recording.
-        fps: its frames per second.
         start: scene frame of its first frame.
         scene_fps: frames per second to set; None lets the scene keep rate and range.
     """

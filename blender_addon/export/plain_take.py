@@ -39,7 +39,6 @@ def plain_copy(
     Blender must be in object mode.
 
     Args:
-        armature: of the body.
         mesh: its skin, None for the skeleton alone.
         collection: where the copy is linked; it must be part of the current view layer.
         root: keep the root bone, too.

@@ -46,8 +46,6 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
     """Evaluate a take frame by frame.
 
     Args:
-        take: the take.
-        progress: receives how many frames are done.
         names: bones; None for all that deform.
 
     Raises:

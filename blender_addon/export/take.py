@@ -93,7 +93,6 @@ def take_of(
     laid.
 
     Args:
-        scene: scene the armature is in.
         obj: the armature, or a mesh it deforms.
         frames: first and last scene frame; None for those of the armature's action.
         fps: frames per second of the export; None for the rate the take was solved at or, for other motions, the

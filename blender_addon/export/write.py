@@ -34,11 +34,9 @@ def export_take(
     """Write a take to a file, whole or not at all.
 
     Args:
-        take: the take.
         format_name: key of ``FORMATS``.
         path: the file; a suffix that is not the format's is an error.
         overwrite: replace a file that is there.
-        progress: receives how far it is.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_outputs``.
@@ -46,11 +44,8 @@ def export_take(
     """
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
-        raise NothingToExport(
-            f"A file of {chosen.label} ends in {chosen.suffix}.",
-            where=path.name,
-            hint=f"Try {path.stem}{chosen.suffix}.",
-        )
+        hint = f"Try {path.stem}{chosen.suffix}."
+        raise NothingToExport(f"A file of {chosen.label} ends in {chosen.suffix}.", where=path.name, hint=hint)
     layout = FileLayout(**{name: getattr(take.layout, name) for name in chosen.keeps})
     take = replace(take, layout=layout)
     with atomic_outputs(path.parent, (path.name,), overwrite=overwrite) as temporary:
@@ -71,10 +66,6 @@ def format_of(name: str) -> Format:
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
     """Return the file's name of each format; of several with one suffix the later ones carry their format's name.
-
-    Args:
-        stem: of the files.
-        formats: their names.
 
     Raises:
         NothingToExport: see ``format_of``.

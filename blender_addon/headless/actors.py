@@ -30,7 +30,6 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
     """Return the motion of a file: a motion file, or the armature of any file that Blender reads.
 
     Args:
-        path: the file.
         body: body file for a motion; None for the one that the motion was solved for.
         armature: which one, where several move.
         action: which of its actions; "" for the one that it shows.

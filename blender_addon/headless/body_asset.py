@@ -31,9 +31,7 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
     """Mark a body's collection as an asset.
 
     Args:
-        rig: the body's objects.
         collection: holds them and nothing else.
-        body: the body.
 
     Raises:
         RenderFailed: Blender cannot render the picture here.

@@ -28,8 +28,6 @@ def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> C
     """Run the solver's verb of the same name with the options that are passed on.
 
     Args:
-        args: command line.
-        progress: receives what the solver reports.
         words: further arguments, before those of the command line.
 
     Raises:
@@ -56,9 +54,6 @@ def run_solver(
     """Run a verb of the solver and return its result event.
 
     Args:
-        verb: verb of its command line.
-        arguments: follow the verb.
-        progress: receives what the solver reports.
         python: interpreter to use; None for this one.
         stopped: see ``run_to_its_end``.
 
@@ -70,10 +65,7 @@ def run_solver(
 
 
 def run_verb(
-    verb: str,
-    arguments: Sequence[str],
-    progress: Progress,
-    stopped: Callable[[], MocapError | None] = lambda: None,
+    verb: str, arguments: Sequence[str], progress: Progress, stopped: Callable[[], MocapError | None] = lambda: None
 ) -> Any:
     """Run a verb of this command line in a process of its own and return its result event.
 
@@ -114,7 +106,6 @@ def run_to_its_end(
 
     Args:
         run: the process, begun.
-        progress: receives what it reports.
         stopped: asked again and again about the process's number; an error ends the process.
         called: name of the process in the message about an end without a message.
 

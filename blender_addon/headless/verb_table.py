@@ -217,10 +217,6 @@ _EPILOG = describe_exit_codes(
 
 
 def program(name: str = MODULE) -> Program:
-    """Return the command line.
-
-    Args:
-        name: what the program is called in its help.
-    """
+    """Return the command line."""
     description = "Solve captures, and bake, export and render solved motions, without a window."
     return Program(name, description, VERBS, _COMMON, _EPILOG)

@@ -30,8 +30,6 @@ class Lettering:
 
     Args:
         scene: a scene that shows only ``text``, from above.
-        text: the text object.
-        folder: a folder for temporary files.
         height: height of a line in pixels.
     """
 
@@ -178,8 +176,6 @@ def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) 
 
     Args:
         path: the ``.png`` file to write.
-        subject: the take.
-        progress: called for every picture.
 
     Raises:
         RenderFailed: Blender cannot render here.

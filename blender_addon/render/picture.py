@@ -38,7 +38,6 @@ def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
 
     Args:
         path: the file to write or replace.
-        picture: the picture.
         level: zlib's level, 0 (fast) to 9 (small).
     """
     height, width = picture.shape[:2]
@@ -88,7 +87,6 @@ def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: t
     """Draw round dots with a dark rim in place.
 
     Args:
-        picture: the picture.
         centres: (N, 2) pixels from the centre of the top left pixel, NaN for none.
         radius: pixels.
         colour: sRGB in 0..1.

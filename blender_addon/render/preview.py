@@ -70,7 +70,6 @@ def render_preview(
     Args:
         path: the ``.mp4`` file to write.
         subject: the take, in a view of our own if it has no cameras.
-        progress: called for every frame.
         settings: size and length.
 
     Raises:

@@ -73,15 +73,7 @@ class RenderStage:
 def open_stage(
     name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: RenderQuality, folder: Path
 ) -> Iterator[RenderStage]:
-    """Yield a stage with these collections and a view, and remove it afterwards.
-
-    Args:
-        name: name of the stage's scene.
-        collections: the visible collections.
-        view: the view.
-        look: the quality.
-        folder: a folder for temporary files.
-    """
+    """Yield a stage with these collections and a view, and remove it afterwards."""
     scene = bpy.data.scenes.new(name)
     camera = create_camera(view.pinhole, scene.collection)
     try:

@@ -47,8 +47,6 @@ def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Pat
     Args:
         stack: closes the footage.
         footage: the video or images.
-        view: the view.
-        folder: a folder for temporary files.
     """
     whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
     reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
@@ -66,7 +64,6 @@ def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple
     pixels. Footage of any other size is the whole image, scaled.
 
     Args:
-        view: the view.
         native_size: width and height of the footage.
         read_size: width and height of the scaled footage.
 

@@ -79,7 +79,6 @@ def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) ->
     """Return a view of the part of a camera's image with the body, at most twice as close as the camera.
 
     Args:
-        camera: the camera.
         joints: (F, 24, 3) world metres.
         size: width and height of the picture, shaped like the image.
     """
@@ -100,7 +99,6 @@ def look_at(
     """Return a camera that looks at a point, with z up.
 
     Args:
-        name: name of the camera.
         centre: (3,) optical centre in metres.
         target: (3,) point in the middle of the picture, in metres.
         size: width and height of the picture in pixels.

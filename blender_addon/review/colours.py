@@ -76,7 +76,6 @@ def skin_colours(
 
     Args:
         weights: (V, J) from ``joint_weights``.
-        joints: their names.
         confidence: by joint, in 0..1.
         resting: joints without a measurement.
     """

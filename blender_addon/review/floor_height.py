@@ -13,8 +13,6 @@ def sole_height(
 
     Args:
         scene: the scene, which keeps its current frame.
-        armature: the body.
-        take: the action it plays.
         samples: number of frames to use.
 
     Returns:

@@ -27,9 +27,6 @@ class SolverProcess:
     dies, the system closes the pipe and the solver ends too.
 
     Args:
-        command: program and arguments.
-        environment: environment of the process.
-        folder: working folder.
         grace_s: seconds from Cancel until it is killed; 5 if left out.
 
     Raises:
@@ -49,11 +46,9 @@ class SolverProcess:
                 encoding="utf-8", errors="replace", creationflags=_NO_WINDOW,
             )  # fmt: skip
         except OSError as error:
-            raise SolverMissing(
-                f"The solver cannot be started: {error.strerror or error}.",
-                where=str(command[0]),
-                hint="Choose another Python in the add-on's preferences, or none to use Blender's own.",
-            ) from error
+            message = f"The solver cannot be started: {error.strerror or error}."
+            hint = "Choose another Python in the add-on's preferences, or none to use Blender's own."
+            raise SolverMissing(message, where=str(command[0]), hint=hint) from error
         streams = (self._process.stdout, self._process.stderr)
         self._readers = [threading.Thread(target=self._read, args=(s,), daemon=True) for s in streams]
         for reader in self._readers:

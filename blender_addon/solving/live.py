@@ -231,7 +231,6 @@ def start_live(
     Args:
         source: the file, or the address that poses come to.
         python: interpreter to use; None for Blender's own.
-        folder: working folder.
         subject: calibrated person.
         record: where the points or poses are recorded.
         options: further arguments of the verb.
@@ -255,7 +254,6 @@ def start_cameras(
         sources: cameras or videos, as the verb ``camera-live`` takes them.
         calibration: of these.
         python: interpreter to use; None for Blender's own.
-        folder: working folder.
         subject: calibrated person.
         record: where keypoints are recorded as a capture.
         options: further arguments of the verb: the detector, and where poses are sent.
@@ -276,7 +274,6 @@ def start_sensors(options: Sequence[str], python: Path | None, folder: Path) -> 
     Args:
         options: sensors and what is done with them, as the verb ``sensors-live`` takes them.
         python: interpreter to use; None for Blender's own.
-        folder: working folder.
 
     Raises:
         SolverMissing: solver or interpreter are not there.

@@ -111,10 +111,7 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
     """Start the solver.
 
     Args:
-        verb: verb of its command line.
-        arguments: what follows the verb.
         python: interpreter to use; None for Blender's own.
-        folder: working folder.
 
     Raises:
         SolverMissing: solver or interpreter are not there.
@@ -133,7 +130,6 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
         script: the file.
         arguments: what follows it.
         python: interpreter to use; None for Blender's own.
-        folder: working folder.
 
     Raises:
         SolverMissing: the interpreter is not there.

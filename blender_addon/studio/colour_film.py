@@ -174,8 +174,6 @@ def film_in_colour(
     The open file is closed.
 
     Args:
-        folder: of the shot.
-        progress: called with each finished frame.
         stand_in: the object to film instead of person and room, such as a calibration board.
 
     Raises:

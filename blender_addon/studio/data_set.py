@@ -18,10 +18,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
     """Render the colour pictures of every shot without them, and return the number of new pictures.
 
     Args:
-        out: folder of the data set.
-        shots: names of its shots.
         frames: of all shots, for the progress.
-        progress: called for every frame.
 
     Raises:
         FileMissing: a shot is missing.

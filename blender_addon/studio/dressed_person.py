@@ -86,11 +86,8 @@ class DressedPerson:
     """A person who can be posed.
 
     Args:
-        body: the body.
-        motion: its motion.
         scene: its clothes.
         colours: (3 T, 3) linear colour of each corner of its triangles.
-        collection: the collection of the object.
     """
 
     def __init__(
@@ -157,8 +154,6 @@ class MarkerBalls:
     """Balls at points.
 
     Args:
-        count: their number.
-        collection: the collection of the object.
         radius_m: their radius.
         colours: (count, 3) linear colours, None for grey.
     """

@@ -89,7 +89,6 @@ def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float
     """Replace the map on the floor of a scene, and return its object.
 
     Args:
-        scene: the scene.
         places: the map in world coordinates.
         limits_mm: errors of the first and the last colour.
     """

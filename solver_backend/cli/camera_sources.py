@@ -40,10 +40,8 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
     if useless:
-        raise CommandLineInvalid(
-            f"--from {args.method} does not use --{useless[0]}.",
-            hint="Write the cameras first, then scale and level them by a take: fit-cameras TAKE --out CALIBRATION.",
-        )
+        hint = "Write the cameras first, then scale and level them by a take: fit-cameras TAKE --out CALIBRATION."
+        raise CommandLineInvalid(f"--from {args.method} does not use --{useless[0]}.", hint=hint)
     found = by[args.method](args, progress)
     if args.method != "refine" and "scale" in world:
         found = moved_world(found, np.eye(3), np.zeros(3), WorldSettings(**world).scale)

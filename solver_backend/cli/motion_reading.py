@@ -34,7 +34,6 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     Fingers of an AMASS file are kept if the body has finger joints.
 
     Args:
-        path: motion file.
         choice: name or path of the body.
         keep_shape: use the shape coefficients of an AMASS file, which belong to the body that it was fitted with.
 
@@ -103,7 +102,6 @@ def read_foreign_motion(
     Args:
         path: BVH, MVNX or C3D with rotations.
         body: name or path of the body.
-        progress: called as stages begin and end.
         unit: length unit of the clip; empty: estimated from the legs.
         up_axis: axis that points up in the clip; empty: detected.
         keep_height: do not put the lowest soles on the floor.

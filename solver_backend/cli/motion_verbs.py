@@ -147,8 +147,7 @@ def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
 
     return _by_pose_ndf(
-        args,
-        lambda body, prior: interpolated_motion(_read(args), body, prior, *args.frames, args.count, progress),
+        args, lambda body, prior: interpolated_motion(_read(args), body, prior, *args.frames, args.count, progress)
     )
 
 

@@ -149,11 +149,7 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
-    """Return a warning about each camera without a recorded frame.
-
-    Args:
-        counts: frames recorded by camera.
-    """
+    """Return a warning about each camera without a recorded frame."""
     reason = "no frame of it was recorded"
     return [diagnostic("sensor_failed", cameras=[name], reason=reason) for name, count in counts.items() if not count]
 

@@ -45,20 +45,17 @@ class ClusterStretches:
             import dask.config
             from distributed import Client
         except ImportError as error:
-            raise BackendMissing(
-                "Dask is not installed in this Python.",
-                hint="Install it with: pip install distributed; or leave out --scheduler.",
-            ) from error
+            hint = "Install it with: pip install distributed; or leave out --scheduler."
+            raise BackendMissing("Dask is not installed in this Python.", hint=hint) from error
         require_certificates(address, dask.config.get("distributed.comm.tls.ca-file", None))
         where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:
             self._client = Client(**where, timeout=_CONNECT_S, set_as_default=False)
         except Exception as error:  # of the network, of the protocol, of another version's messages
-            raise CommandLineInvalid(
-                f"No scheduler answers: {type(error).__name__}: {error}.", where=address,
-                hint="Start one with 'dask scheduler', or leave out --scheduler.",
-            ) from error  # fmt: skip
+            message = f"No scheduler answers: {type(error).__name__}: {error}."
+            hint = "Start one with 'dask scheduler', or leave out --scheduler."
+            raise CommandLineInvalid(message, where=address, hint=hint) from error
         self.solved_there = 0
         """Stretches that workers have solved."""
 

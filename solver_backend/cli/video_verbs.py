@@ -127,9 +127,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     """Return the capture of the only take in a folder of videos, by the default detector; None without videos.
 
     Args:
-        folder: the folder.
         out: where detections and clocks are kept.
-        progress: called as stages advance.
 
     Raises:
         CommandLineInvalid: the folder holds several takes.

@@ -93,22 +93,16 @@ def _require_own_size(take: ExportTake) -> None:
 def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
     """Return the (10,) betas that the body shows, and the (3,) pelvis of that shape at rest in the body's frame."""
     if "betas" not in take.armature:
-        raise NothingToExport(
-            "The armature does not state its body and shape.",
-            where=take.name,
-            hint="AMASS describes a body's shape: export an armature that this add-on baked.",
-        )
+        hint = "AMASS describes a body's shape: export an armature that this add-on baked."
+        raise NothingToExport("The armature does not state its body and shape.", where=take.name, hint=hint)
     solved, rest_pelvis = np.array(take.armature["betas"]), np.array(take.armature["rest_pelvis"])
     betas = get_betas(take.meshes[0]) if take.meshes and is_body(take) else solved
     if np.allclose(betas, solved, atol=1e-4):
         return solved, rest_pelvis
     body = read_body(body_path_of(take.armature.get("provenance", "")))
     if body.id != take.armature["body"]:
-        raise NothingToExport(
-            "The body's shape was changed after the solve, and its body file is not at hand.",
-            where=take.name,
-            hint="Set the shape sliders back to the solved shape.",
-        )
+        message = "The body's shape was changed after the solve, and its body file is not at hand."
+        raise NothingToExport(message, where=take.name, hint="Set the shape sliders back to the solved shape.")
     return betas, body.rest_joints(betas)[0]
 
 

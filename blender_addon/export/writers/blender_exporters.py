@@ -34,11 +34,9 @@ def run_exporter(
     try:
         known = {prop.identifier for prop in operator.get_rna_type().properties}
     except KeyError as error:
-        raise ExporterMissing(
-            f"This Blender cannot write {path.suffix[1:].upper()}.",
-            where=f"Blender {bpy.app.version_string}",
-            hint="Enable the format's add-on in the preferences, or use a Blender that was built with it.",
-        ) from error
+        message = f"This Blender cannot write {path.suffix[1:].upper()}."
+        hint = "Enable the format's add-on in the preferences, or use a Blender that was built with it."
+        raise ExporterMissing(message, where=f"Blender {bpy.app.version_string}", hint=hint) from error
     fitting = {name: value for name, value in (newer_settings or {}).items() if name in known}
     try:
         done = operator(filepath=os.path.abspath(path), check_existing=False, **settings, **fitting)

@@ -31,11 +31,7 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
         run_exporter(
             bpy.ops.wm.usd_export,
             path,
-            {
-                "selected_objects_only": True,
-                "export_animation": True,
-                "export_materials": True,
-            },
+            {"selected_objects_only": True, "export_animation": True, "export_materials": True},
             {
                 "export_armatures": True,
                 "only_deform_bones": True,

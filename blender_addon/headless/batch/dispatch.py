@@ -28,19 +28,12 @@ _WAIT_S = 0.5
 
 
 def dispatch(
-    work: Work,
-    source: Listed | Watched,
-    engine: Engine,
-    progress: Progress,
-    ended: Callable[[TakeRecord, bool], None],
+    work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
     """Do all takes of a source.
 
     Args:
         work: done with each item.
-        source: of the items.
-        engine: does the takes.
-        progress: receives the number of finished takes.
         ended: called with each record, and whether it was only recalled.
 
     Raises:

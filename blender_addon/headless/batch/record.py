@@ -110,7 +110,6 @@ def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
 
     Args:
         before: key of that other step.
-        step: its name.
         choices: settings of its outputs, as plain values.
     """
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()

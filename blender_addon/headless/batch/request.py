@@ -235,11 +235,7 @@ def _not_valid(why: str, path: Path) -> BatchInvalid:
 
 
 class Listed:
-    """Items that are known from the start.
-
-    Args:
-        items: files or folders.
-    """
+    """Items that are known from the start."""
 
     closed = True
 
@@ -262,7 +258,6 @@ class Watched:
     Two captures of one name are one take: the first of them is done, the other is reported.
 
     Args:
-        request: the batch.
         settled_s: for how long names, sizes and times of its files must stay the same, by this machine's own clock.
         idle_s: how long to wait for more; None for ever.
         poll_s: how often the folder is looked at.

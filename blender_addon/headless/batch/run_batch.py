@@ -35,11 +35,7 @@ _LEAST_S = 2.0
 
 
 class Results:
-    """Collects records.
-
-    Args:
-        out: folder of the results.
-    """
+    """Collects records."""
 
     def __init__(self, out: Path) -> None:
         self._out = out
@@ -129,11 +125,6 @@ def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:
 
 def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> BatchResult:
     """Do all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
-
-    Args:
-        request: what to do.
-        progress: receives the number of finished takes and the progress of each.
-        spread: who does the takes.
 
     Raises:
         BatchInvalid: there are no captures, or the job file is not one for batches.

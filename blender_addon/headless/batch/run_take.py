@@ -34,9 +34,6 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> Tak
     """Do all steps of one take, or recall it; errors become part of its record.
 
     Args:
-        work: the batch.
-        capture: file or folder.
-        progress: receives how far each stage has come.
         place: see ``run_step``.
 
     Returns:
@@ -83,10 +80,6 @@ def run_step(
     Several workers may run it at once: outputs get their names when they are whole, and the record is written last.
 
     Args:
-        work: the batch.
-        capture: file or folder.
-        step: name of the step.
-        progress: receives how far each stage has come.
         worker: name of the worker, for the record.
         stopped, in_child, scheduler: see ``Place``.
 

@@ -107,7 +107,6 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)
-        raise ShotsMissing(
-            f"{len(failed)} of {len(records)} shots could not be made: {reasons}", where=str(data_set),
-            hint=f"The others are kept, what was tried stands in {RECORDS}; the same command does what is missing.",
-        )  # fmt: skip
+        message = f"{len(failed)} of {len(records)} shots could not be made: {reasons}"
+        hint = f"The others are kept, what was tried stands in {RECORDS}; the same command does what is missing."
+        raise ShotsMissing(message, where=str(data_set), hint=hint)

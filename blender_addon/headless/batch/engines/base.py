@@ -75,12 +75,7 @@ class Engine(Protocol):
 
 
 class HereEngine(Engine):
-    """One take at a time, with Blender's part in this process.
-
-    Args:
-        work: the batch.
-        progress: receives how far each take has come.
-    """
+    """One take at a time, with Blender's part in this process."""
 
     tries = 1
 
@@ -110,12 +105,7 @@ class HereEngine(Engine):
 
 
 class ProcessesEngine(Engine):
-    """Several takes at a time, each with processes for its solver and Blender; nothing has to be installed.
-
-    Args:
-        work: the batch.
-        workers: takes at a time.
-    """
+    """Several takes at a time, each with processes for its solver and Blender; nothing has to be installed."""
 
     tries = 2
 

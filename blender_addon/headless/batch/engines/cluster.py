@@ -1,7 +1,7 @@
 """Takes done by the workers of a Dask cluster (Rocklin 2015): each step is a task, each take a chain of tasks.
 
 Dask places the tasks and repeats those of dead workers. This module decides which workers are suitable, and tries
-failed takes on other workers. All state is in the records of takes, so a scheduler, worker or program may end at any time.
+failed takes on other workers. All state is in the records of takes: scheduler, workers and program may end at any time.
 """
 
 from __future__ import annotations
@@ -299,7 +299,6 @@ class Workers:
 
     Args:
         address: of the scheduler, for errors.
-        out: folder of the results.
         marker: what its marker states.
         patience_s: how long a batch waits for the first worker, or for another one.
     """

@@ -119,8 +119,6 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
     """Do one step of a take.
 
     Args:
-        given: the batch.
-        step: its name.
         before: what the step before this one has returned.
     """
     from distributed import get_worker, secede
