@@ -15,11 +15,9 @@ from .take import ExportTake
 from .writers.alembic import export_alembic
 from .writers.amass import export_amass, export_amass_x
 from .writers.blend import export_blend
+from .writers.blender_exporters import export_fbx, export_gltf, export_usd
 from .writers.bvh import export_bvh
-from .writers.fbx import export_fbx
-from .writers.gltf import export_gltf
 from .writers.joint_tables import export_csv, export_trc
-from .writers.usd import export_usd
 
 WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,

@@ -102,26 +102,14 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
         OSError: the disk is too full for it.
     """
     if not take.meshes:
-        raise NothingToExport(
-            "The armature deforms no mesh.", where=take.name, hint="Alembic holds vertices: choose a format with bones."
-        )
+        hint = "Alembic holds vertices: choose a format with bones."
+        raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)
     progress("exporting Alembic", 0, 1)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_VERTEX * vertices * take.num_frames)
     with sampled_meshes(take) as sampled, chosen(sampled):
-        run_exporter(
-            bpy.ops.wm.alembic_export,
-            path,
-            {
-                "selected": True,
-                "start": sampled.frame_start,
-                "end": sampled.frame_end,
-                "global_scale": 1.0,
-                "uvs": True,
-                "normals": True,
-                "face_sets": True,
-                "as_background_job": False,
-            },
-        )
+        frames = {"start": sampled.frame_start, "end": sampled.frame_end, "as_background_job": False}
+        parts = {"selected": True, "global_scale": 1.0, "uvs": True, "normals": True, "face_sets": True}
+        run_exporter(bpy.ops.wm.alembic_export, path, {**frames, **parts})
     require_whole(path)
     progress("exporting Alembic", 1, 1)

@@ -1,4 +1,4 @@
-"""Calling Blender's own exporters, whose settings differ between versions."""
+"""FBX, glTF and USD by Blender's own exporters, whose settings differ between versions."""
 
 from __future__ import annotations
 
@@ -10,7 +10,10 @@ from typing import Any
 
 import bpy
 
+from ..._exchange.progress import Progress
 from ...errors import ExporterMissing, ExportFailed
+from ..plain_take import plain_take
+from ..take import ExportTake, chosen
 
 _DISK = (errno.ENOSPC, errno.EFBIG, errno.EDQUOT, errno.EROFS, errno.EACCES)
 
@@ -91,3 +94,61 @@ def require_whole(path: Path) -> None:
     }
     if not is_whole.get(head[:5], False):
         raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file; the disk may be full")
+
+
+_FORWARD = {"Y": "-Z", "Z": "Y"}
+"""Blender's Y by the axis that points up."""
+
+
+def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
+    """Write FBX: metres or centimetres as the file's unit, deforming bones without leaves, a key on every frame."""
+    progress("exporting FBX", 0, 1)
+    settings = {"use_selection": True, "object_types": {"ARMATURE", "MESH"}, "use_mesh_modifiers": False}
+    settings |= {"add_leaf_bones": False, "use_armature_deform_only": True}
+    # The unit as the file's own, so that no object is scaled.
+    settings |= {"apply_scale_options": "FBX_SCALE_ALL"}
+    settings |= {"axis_forward": _FORWARD[take.layout.up], "axis_up": take.layout.up}
+    settings |= {"bake_anim": True, "bake_anim_use_nla_strips": False, "bake_anim_use_all_actions": False}
+    settings |= {"bake_anim_force_startend_keying": True, "bake_anim_simplify_factor": 0.0}
+    with plain_take(take, progress) as plain, chosen(plain):
+        run_exporter(bpy.ops.export_scene.fbx, path, settings)
+    progress("exporting FBX", 1, 1)
+
+
+def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
+    """Write binary glTF: metres, Y up, deforming bones, a key on every frame, time from zero."""
+    progress("exporting glTF", 0, 1)
+    settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
+    settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
+    settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
+    settings |= {"export_force_sampling": True, "export_optimize_animation_size": False}
+    with plain_take(take, progress) as plain, chosen(plain) as scene:
+        # The exporter takes fps * fps_base for the frame rate, which is fps / fps_base.
+        scene.render.fps_base = 1 / scene.render.fps_base
+        run_exporter(bpy.ops.export_scene.gltf, path, settings, {"export_leaf_bone": False})
+    progress("exporting glTF", 1, 1)
+
+
+_BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
+_UNWRITABLE = "betas"
+"""Custom property of a body that USD has no type for: Blender warns of it on the console, in every frame."""
+
+
+def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
+    """Write USD: metres and Z up, stated in the file; a skeleton of the deforming bones, every frame.
+
+    Raises:
+        OSError: the disk is too full for it.
+    """
+    progress("exporting USD", 0, 1)
+    settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}
+    newer = {"export_armatures": True, "only_deform_bones": True, "export_shapekeys": True, "allow_unicode": True}
+    newer |= {"convert_orientation": False, "convert_world_material": False, "root_prim_path": "/root"}
+    vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
+    require_space(path, _BYTES_PER_VERTEX * vertices + _BYTES_PER_FRAME * take.num_frames)
+    with plain_take(take, progress) as plain, chosen(plain):
+        if plain.is_plain:
+            plain.armature.pop(_UNWRITABLE, None)
+        run_exporter(bpy.ops.wm.usd_export, path, settings, newer)
+    require_whole(path)
+    progress("exporting USD", 1, 1)
