@@ -1,4 +1,4 @@
-"""The table of formats; what writes them is in ``write.py``, so that the table costs nothing to load."""
+"""Formats of takes and the programs that read them, as tables that cost nothing to load."""
 
 from __future__ import annotations
 
@@ -36,3 +36,79 @@ FORMATS: dict[str, Format] = {
     "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up"),
 }
 """By the names that settings and command lines use."""
+
+
+ROOT_MOTIONS = (
+    ("body", "On Hips", "The hips carry the travel over the ground"),
+    ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
+    ("place", "In Place", "The travel is left out"),
+)
+"""What carries the travel over the ground: identifier, label, description, as Blender's enumerations have them."""
+UNITS = (
+    ("m", "Metres", "One unit of the file is a metre"),
+    ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
+)
+"""Length units of FBX files."""
+UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up, as in Blender"))
+"""Axes of FBX files."""
+
+
+@dataclass(frozen=True)
+class FileLayout:
+    """How the skeleton is laid out in a file; BVH, FBX, glTF and USD keep to it as far as they can."""
+
+    unit: str = "m"
+    """Of ``UNITS``; formats other than FBX state their own."""
+    up: str = "Y"
+    """Of ``UP_AXES``; formats other than FBX state their own."""
+    root: str = "body"
+    """Of ``ROOT_MOTIONS``."""
+    fingers: bool = True
+    """Finger bones are kept where the body has them; without, hands carry their skin."""
+    node: str = ""
+    """Name of the skeleton's object in the file; "" for the armature's own."""
+
+    @property
+    def metres_a_unit(self) -> float:
+        """Metres of one unit of the file."""
+        return 0.01 if self.unit == "cm" else 1.0
+
+
+AS_RECORDED = FileLayout()
+"""Metres, Y up, the travel on the hips, fingers, the armature's own name."""
+
+
+@dataclass(frozen=True)
+class Destination:
+    """A program that takes are made for."""
+
+    label: str
+    """Its name."""
+    format: str
+    """Key of ``FORMATS``."""
+    description: str
+    """What the file holds, for people."""
+    layout: FileLayout
+
+
+DESTINATIONS: dict[str, Destination] = {
+    "unreal": Destination(
+        "Unreal", "fbx", "FBX in centimetres with root motion on a root bone",
+        FileLayout(unit="cm", root="root", node="Armature"),
+    ),
+    "unity": Destination(
+        "Unity", "fbx", "FBX in metres, with the travel on the hips as humanoid rigs expect it", FileLayout()
+    ),
+    "maya": Destination(
+        "Maya", "fbx", "FBX in centimetres, Y up, with the travel on the hips", FileLayout(unit="cm")
+    ),
+    "godot": Destination(
+        "Godot", "gltf", "glTF in metres with root motion on a root bone", FileLayout(root="root")
+    ),
+    "blender": Destination(
+        "Blender", "blend", "Blender file with the rig, its controls, its skin and the take, to append or link",
+        FileLayout(up="Z"),
+    ),
+}  # fmt: skip
+"""By the names that settings and command lines use. Unreal's importer passes over an object named Armature, so that the
+root bone is the skeleton's root."""

@@ -23,8 +23,7 @@ from ..body.shape import all_sliders, shaped_vertices
 from ..conventions.skeleton import BodyLayout, layout_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
-from .pose_samples import PoseSamples, sample_joints
-from .take import ExportTake, uniform_scale
+from .take import ExportTake, PoseSamples, sample_joints, uniform_scale
 
 
 def plain_copy(

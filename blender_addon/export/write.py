@@ -9,15 +9,13 @@ from pathlib import Path
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress, silent
 from ..errors import NothingToExport
-from .destinations import FileLayout
-from .formats import FORMATS, Format
+from .formats import FORMATS, FileLayout, Format
 from .take import ExportTake
 from .writers.alembic import export_alembic
 from .writers.amass import export_amass, export_amass_x
 from .writers.blend import export_blend
 from .writers.blender_exporters import export_fbx, export_gltf, export_usd
-from .writers.bvh import export_bvh
-from .writers.joint_tables import export_csv, export_trc
+from .writers.joint_tables import export_bvh, export_csv, export_trc
 
 WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,

@@ -10,11 +10,11 @@ from pathlib import Path
 from ..backend_environment import backend_command, environment_for_child
 from ..errors import PythonUnsuitable
 
-_TIMEOUT_S = 60
+_SOLVER_TIMEOUT_S = 60
 """Seconds that an interpreter has to answer; chosen by hand."""
 _LEAST = (3, 11)
 """Version of Python that the solver needs, as pyproject.toml has it."""
-_PROBE = """
+_SOLVER_PROBE = """
 import json, sys
 found = {"python": sys.version.split()[0], "numpy": "", "torch": "", "devices": [], "solver": ""}
 if sys.version_info >= (3, 11):
@@ -64,7 +64,7 @@ def probe_python(python: Path | None) -> PythonFound:
     executable = backend_command(python)[0]
     try:
         done = subprocess.run(
-            [executable, "-c", _PROBE], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False,
+            [executable, "-c", _SOLVER_PROBE], capture_output=True, text=True, timeout=_SOLVER_TIMEOUT_S, check=False,
             env=environment_for_child(python), stdin=subprocess.DEVNULL,
         )  # fmt: skip
         values = json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 and done.stdout.strip() else None

@@ -17,8 +17,7 @@ from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...errors import NothingToExport
 from ..plain_take import is_body
-from ..pose_samples import PoseSamples, sample_joints
-from ..take import ExportTake, uniform_scale
+from ..take import ExportTake, PoseSamples, sample_joints, uniform_scale
 
 _BODY = 1 + SMPL.num_solved
 """Joints that AMASS shares with SMPL."""

@@ -12,8 +12,7 @@ from ..._exchange.diagnostics import sentence
 from ..._exchange.errors import OutputNotWritable
 from ..._exchange.marker_formats import MARKER_FORMATS
 from ...conventions.file_paths import absolute
-from ...export.destinations import ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
-from ...export.formats import FORMATS
+from ...export.formats import FORMATS, ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
 from ..acquisition_properties import allowed_address
 from ..project_files import usable
 from ..setting_properties import choice, number, switch, text

@@ -135,7 +135,7 @@ def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
 @operator("Feet to Floor", TAKE, EDITABLE)
 def feet_to_floor(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Set Floor Offset so that the lower sole is on the floor in half of the frames."""
-    from ...review.floor_height import sole_height
+    from ...review.ranges import sole_height
 
     review = context.scene.mocap.review
     height = sole_height(context.scene, review.armature, review.take, _SAMPLES)

@@ -5,8 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..._exchange.marker_formats import MARKER_FORMATS
-from ...export.destinations import DESTINATIONS
-from ...export.formats import FORMATS
+from ...export.formats import DESTINATIONS, FORMATS
 from ..layout import draw_button, draw_lines, draw_next, is_slim, wrapped
 from ..operators.export import exported_armature
 from ..operators.imports import foreign_actor

@@ -15,8 +15,7 @@ from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.errors import NothingToExport
-from blender_addon.export.destinations import DESTINATIONS, FileLayout
-from blender_addon.export.formats import FORMATS
+from blender_addon.export.formats import DESTINATIONS, FORMATS, FileLayout
 from blender_addon.export.take import ExportTake, take_of
 from blender_addon.export.write import export_take
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take

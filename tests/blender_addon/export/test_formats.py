@@ -26,7 +26,7 @@ from blender_addon.export.take import take_of
 from blender_addon.export.write import WRITERS, export_take, file_names
 from blender_addon.export.writers import alembic, usd
 from blender_addon.export.writers.blender_exporters import run_exporter
-from blender_addon.export.writers.bvh import euler_zxy
+from blender_addon.export.writers.joint_tables import euler_zxy
 from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh
 from tests.support.full_disk import full_disk

@@ -13,7 +13,7 @@ from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.lanes import read_lane
 from blender_addon.errors import TakeMissing
-from blender_addon.review.floor_height import sole_height
+from blender_addon.review.ranges import sole_height
 from blender_addon.ui.scene_job import prepare_job
 from blender_addon.ui.setting_properties import ROWS
 from tests.support.narrow_layout import NarrowContext

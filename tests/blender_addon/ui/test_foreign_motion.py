@@ -15,7 +15,7 @@ from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
-from blender_addon.review.floor_height import sole_height
+from blender_addon.review.ranges import sole_height
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.imports import remarks
 from solver_backend.body.body import load_body
