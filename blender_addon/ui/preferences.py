@@ -90,14 +90,14 @@ def _chosen(context: bpy.types.Context, name: str) -> Path | None:
 
 def detector_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with MediaPipe: the chosen one, or the one that was set up."""
-    from ..solving.detector.find_python import made_python
+    from ..solving.pythons import made_python
 
     return named_detector(context) or made_python()
 
 
 def litert_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with LiteRT: the one that was set up, or the chosen one."""
-    from ..solving.detector.find_python import made_litert_python
+    from ..solving.pythons import made_litert_python
 
     return made_litert_python() or named_detector(context)
 
@@ -136,7 +136,7 @@ def _has_own_environment(detector: str) -> bool:
 
 def note_detector(context: bpy.types.Context, python: Path) -> str:
     """Start a detector's Python, and keep and return its versions."""
-    from ..solving.detector.find_python import probe_detector
+    from ..solving.pythons import probe_detector
 
     found = _tested[str(python)] = f"Detector: {probe_detector(python)}"
     return found

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
     from ...animation.takes import SolveFiles
     from ...review.ranges import SceneRange
-    from ...solving.python_probe import PythonFound
+    from ...solving.pythons import PythonFound
 
 
 _EDITS = (
@@ -261,7 +261,7 @@ def write_log() -> bpy.types.Text:
 @operator("Test Python", options=INTERNAL)
 def test_python(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Start the chosen Python and report its versions and devices, without installing anything."""
-    from ...solving.python_probe import probe_python
+    from ...solving.pythons import probe_python
 
     preferences = preferences_of(context)
     if preferences is None:

@@ -231,7 +231,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         return context.window_manager.invoke_props_dialog(self, width=_WIDTH_PX)
 
     def draw(self, context: bpy.types.Context) -> None:
-        from ...solving.detector.find_python import environment_folder
+        from ...solving.pythons import environment_folder
 
         column = self.layout.column()
         column.row().prop(self, "kind", expand=True)
@@ -246,18 +246,18 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         import sys
 
-        from ...solving.detector import find_python, make_environment
+        from ...solving import pythons
         from ...solving.run import start_script
 
         if not self.wheels and not getattr(bpy.app, "online_access", True):
             hint = "Allow Online Access in Blender's preferences (System), or choose a folder of wheels."
             raise PythonUnsuitable("Blender is set to stay offline.", where="Set Up Detector", hint=hint)
-        folder = find_python.environment_folder(self.kind)
+        folder = pythons.environment_folder(self.kind)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        python = find_python.python_to_make_with(self.kind)
+        python = pythons.python_to_make_with(self.kind)
         words = [str(folder), self.kind, *([str(absolute(self.wheels))] if self.wheels else [])]
         own = python if python != Path(sys.executable) else None
-        script = Path(make_environment.__file__)
+        script = Path(pythons.__file__)
         return self.follow(context, start_script(self.verb, script, words, own, folder.parent))
 
     def received(self, context: bpy.types.Context, result: DetectorResult) -> str:

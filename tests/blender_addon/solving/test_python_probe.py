@@ -12,7 +12,7 @@ import pytest
 import solver_backend
 from blender_addon._exchange.errors import BackendMissing
 from blender_addon.errors import PythonUnsuitable
-from blender_addon.solving.python_probe import probe_python
+from blender_addon.solving.pythons import probe_python
 
 
 def test_this_python_can_solve():

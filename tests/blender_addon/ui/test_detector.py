@@ -11,7 +11,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.detectors import DETECTORS, NamedDetector
-from blender_addon.solving.detector import find_python
+from blender_addon.solving import pythons
 from blender_addon.ui import preferences
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.videos import MOCAP_OT_set_up_detector
@@ -25,8 +25,8 @@ SHIPPED = [*(ROOT / "solver_backend").rglob("*.py"), *(ROOT / "blender_addon").r
 
 @pytest.fixture
 def home(mocap, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.setattr(find_python, "environment_folder", lambda kind="mediapipe": tmp_path / "Benützer" / kind)
-    monkeypatch.setattr(find_python, "backend_folder", lambda: tmp_path)
+    monkeypatch.setattr(pythons, "environment_folder", lambda kind="mediapipe": tmp_path / "Benützer" / kind)
+    monkeypatch.setattr(pythons, "backend_folder", lambda: tmp_path)
     monkeypatch.delenv("MANIFOLD_MOCAP_DETECTOR_PYTHON", raising=False)
     return tmp_path
 
@@ -60,7 +60,7 @@ def test_the_question_fits_its_window_and_names_source_and_folder(home, kind: st
     layout = Layout()
     for wheels in ("", str(home)):
         MOCAP_OT_set_up_detector.draw(SimpleNamespace(layout=layout, kind=kind, wheels=wheels), bpy.context)
-    folder = f"into {find_python.environment_folder(kind)}"
+    folder = f"into {pythons.environment_folder(kind)}"
     texts = [text.removeprefix("label:") for text in layout.drawn]
     assert {"the package registry (pypi.org)", "the folder below", folder} <= set(texts)
     assert max(len(text) for text in texts if text != folder) < 72, "letters that 440 px hold"
@@ -75,7 +75,7 @@ def test_a_model_file_needs_the_python_that_runs_it(home) -> None:
 
 
 def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
-    python = find_python.environment_folder() / "bin" / "python"
+    python = pythons.environment_folder() / "bin" / "python"
     python.parent.mkdir(parents=True)
     python.symlink_to(sys.executable)
     assert any("not tested yet" in text for text in drawn())
@@ -102,39 +102,39 @@ def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Pat
     videos = bpy.context.scene.mocap.videos
     assert "--hand-model" not in videos.arguments()
     assert bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(wheels)) == {"FINISHED"}
-    folder = find_python.environment_folder("litert")
-    assert find_python.made_litert_python() == folder / find_python._BELOW
-    assert find_python.made_python() is None, "no MediaPipe"
+    folder = pythons.environment_folder("litert")
+    assert pythons.made_litert_python() == folder / pythons._BELOW
+    assert pythons.made_python() is None, "no MediaPipe"
     models = ["hand_landmark_full.tflite", "pose_landmark_full.tflite", "pose_landmark_lite.tflite"]
     assert sorted(path.name for path in (folder / "models").iterdir()) == models
     assert videos.detector == "model" and Path(videos.model) == folder / "models" / models[1]
-    assert preferences.detector_for(bpy.context) == find_python.made_litert_python()
+    assert preferences.detector_for(bpy.context) == pythons.made_litert_python()
     assert any("LiteRT 2.3.0" in text for text in drawn()) and not any("No detector" in text for text in drawn())
     assert Path(videos.hands) == folder / "models" / "hand_landmark_full.tflite"
     assert videos.arguments()[-2:] == ["--hand-model", videos.hands]
-    assert preferences.litert_python(bpy.context) == find_python.made_litert_python()
+    assert preferences.litert_python(bpy.context) == pythons.made_litert_python()
 
 
 @pytest.mark.slow
 def test_a_detector_that_cannot_be_made_leaves_the_earlier_one(home, tmp_path: Path) -> None:
     """A failed or cancelled set-up is no detector, and one that worked is still there."""
-    earlier = find_python.environment_folder("litert") / find_python._BELOW
+    earlier = pythons.environment_folder("litert") / pythons._BELOW
     earlier.parent.mkdir(parents=True)
     earlier.write_text("an earlier one")
     (tmp_path / "wheels").mkdir()
     with pytest.raises(RuntimeError, match="could not be installed from the folder of wheels"):
         bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(tmp_path / "wheels"))
-    assert find_python.made_litert_python() == earlier and earlier.read_text() == "an earlier one"
-    assert find_python.made_python() is None
+    assert pythons.made_litert_python() == earlier and earlier.read_text() == "an earlier one"
+    assert pythons.made_python() is None
 
 
 def test_a_python_that_makes_no_environments_is_named(home, monkeypatch) -> None:
     """Debian's Python has no ensurepip: Blender's own cannot be used there, and the free space is not at fault."""
-    monkeypatch.setattr(find_python, "find_spec", lambda name: None)
-    monkeypatch.setattr(find_python, "_candidates", lambda *_: ())
+    monkeypatch.setattr(pythons, "find_spec", lambda name: None)
+    monkeypatch.setattr(pythons, "_candidates", lambda *_: ())
     with pytest.raises(RuntimeError, match="ensurepip is missing.*python3-venv"):
         bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(home))
-    assert not find_python.environment_folder("litert").exists()
+    assert not pythons.environment_folder("litert").exists()
 
 
 @pytest.mark.slow
