@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Protocol
 
 import numpy as np
 
@@ -42,38 +41,6 @@ from solver_backend.geometry.screw import ScrewPath
 from solver_backend.priors.base import PosePrior
 
 
-class RootCurve(Protocol):
-    """Rotations and translations of W·n frames, row after row, and their derivatives by the windows' k keys."""
-
-    @property
-    def quat(self) -> Array:
-        """(W, n, 4) rotations."""
-        ...
-
-    @property
-    def rotation(self) -> Array:
-        """(W·n, 3, 3)."""
-        ...
-
-    @property
-    def transl(self) -> Array:
-        """(W·n, 3) metres."""
-        ...
-
-    def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations.
-
-        Args:
-            by_turn: (W·n, 3) by left turns of the frames.
-            by_transl: (W·n, 3) by their translations.
-        """
-        ...
-
-    def jacobian(self, key: int) -> Array:
-        """Return (W·n, 6, 6): left turns and translations of frames by those of one of the keys."""
-        ...
-
-
 @dataclass(frozen=True)
 class ApartRoot:
     """A curve of quaternions, and a polynomial or spline of translations (thesis eq. 6.10)."""
@@ -100,7 +67,12 @@ class ApartRoot:
         return combined(self.weights, self.keys.transl)
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """See ``RootCurve``."""
+        """Return (W, k, 4) by the keys' quaternions and (W, k, 3) by their translations.
+
+        Args:
+            by_turn: (W·n, 3) by left turns of the frames.
+            by_transl: (W·n, 3) by their translations.
+        """
         xp, shape = array_namespace(by_turn), self.weights.shape[:2]
         # A turn d of the frame changes its quaternion q by 1/2 (0, d) q; (d q)·q* goes the other way.
         turn = xp.reshape(by_turn, (*shape, 3, 1))
@@ -108,7 +80,7 @@ class ApartRoot:
         return xp.sum(self.quats.vjp(by_quat), axis=1), shared(self.weights, by_transl)
 
     def jacobian(self, key: int) -> Array:
-        """See ``RootCurve``."""
+        """Return (W·n, 6, 6): left turns and translations of frames by those of one key."""
         xp = array_namespace(self.weights)
         # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
         G_T = xp.matrix_transpose(quat_left_tangent(self.quats.value))
@@ -150,14 +122,18 @@ class ScrewRoot:
         return self.path.transl
 
     def vjp(self, by_turn: Array, by_transl: Array) -> tuple[Array, Array]:
-        """See ``RootCurve``."""
+        """See ``ApartRoot``."""
         by_turns, by_places = self.path.vjp(by_turn, by_transl)
         by_quat = array_namespace(by_turn).matmul(4.0 * quat_left_tangent(self.keys.quat), by_turns[..., None])
         return by_quat[..., 0], by_places
 
     def jacobian(self, key: int) -> Array:
-        """See ``RootCurve``."""
+        """See ``ApartRoot``."""
         return rows_of(self.path.by_keys[:, :, key])
+
+
+RootCurve = ApartRoot | ScrewRoot
+"""Root of W·n frames, row after row, and its derivatives by the windows' k keys."""
 
 
 @dataclass(frozen=True)

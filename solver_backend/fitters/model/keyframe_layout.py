@@ -1,4 +1,4 @@
-"""Where keyframes stand in time, and the frames of their windows (thesis 6.2.5)."""
+"""Times of keyframes, and the frames of their windows (thesis 6.2.5)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant, to_
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames; window w uses the keys n w, ..., n w + n, its neighbours share the end keys.
+    """N windows over F frames; window w uses the keys n w, ..., n w + n and shares its end keys with its neighbours.
 
-    The whole-take method, its terms over keys and its splines are for n = 2.
+    The whole-take method with its terms over keys and its splines needs n = 2.
     """
 
     bounds: np.ndarray
-    """(N + 1,) frame numbers at which windows meet, rising; the first and the last are the ends of the frames."""
+    """(N + 1,) ascending frame numbers at which windows meet; the first and last are the ends of the frames."""
     free: int = 2
-    """n, the keys that a window adds: of SIDER-n."""
+    """n, the keys that a window adds, as in SIDER-n."""
 
     @classmethod
     def even(cls, num_frames: int, window: int, first: int = 0, free: int = 2) -> KeyframeLayout:
@@ -63,11 +63,10 @@ class KeyframeLayout:
         return window, (times - self.bounds[window]) / np.diff(self.bounds)[window]
 
     def spline_shares(self, window: np.ndarray, time: np.ndarray) -> np.ndarray:
-        """Return (..., 5) weights of the control points 2w - 1 .. 2w + 3 on the spline at places of the same shape.
+        """Return (..., 5) weights of the control points 2w - 1 .. 2w + 3 on the spline at these positions.
 
-        ``Σ_k B_k(t) c_k`` with the cubic B-splines whose knots are the keys' times: velocity and acceleration are
-        continuous. Beyond both ends stands a point more, ``3 c_0 - 3 c_1 + c_2``, so that as many points are free as
-        there are keys.
+        ``Σ_k B_k(t) c_k`` with cubic B-splines on the keys' times has continuous velocity and acceleration. One more
+        point beyond each end, ``3 c_0 - 3 c_1 + c_2``, leaves as many free points as keys.
 
         Reference: de Boor 1972, "On calculating with B-splines".
         """
@@ -75,7 +74,7 @@ class KeyframeLayout:
         key, u, last = 2 * window + late, 2.0 * time - late, self.num_keys - 1
         steps = np.diff(self.key_times)
         knots = np.concatenate([[steps[0]] * 3, steps, [steps[-1]] * 3]).cumsum()
-        knots = np.concatenate([[0.0], knots])  # the key k stands at 3 + k
+        knots = np.concatenate([[0.0], knots])  # key k is at 3 + k
         at = knots[key + 3] + u * (knots[key + 4] - knots[key + 3])
         basis, none = [np.ones_like(at)], np.zeros_like(at)
         for degree in (1, 2, 3):
@@ -94,7 +93,7 @@ class KeyframeLayout:
         return shares
 
     def rows(self, stride: int = 1) -> WindowRows:
-        """Return every ``stride``-th frame of each window, each frame standing for the ones left out."""
+        """Return every ``stride``-th frame of each window, weighted for the frames left out."""
         first, last = self.bounds[:-1] + 1, self.bounds[1:]
         first[0] -= 1
         width = int((last - first).max()) // stride + 1
@@ -107,8 +106,7 @@ class KeyframeLayout:
     def gaps(self, seen: np.ndarray) -> np.ndarray:
         """Return (2N,) bool: none of the frames from one key to the next is ``seen``, (F,) of the whole take."""
         before = np.concatenate([[0], np.cumsum(seen)])
-        times = self.key_times
-        first, last = np.ceil(times[:-1]).astype(int), np.floor(times[1:]).astype(int)
+        first, last = np.ceil(self.key_times[:-1]).astype(int), np.floor(self.key_times[1:]).astype(int)
         return before[last + 1] == before[first]
 
     def part(self, windows: slice) -> KeyframeLayout:
@@ -118,29 +116,29 @@ class KeyframeLayout:
 
 @dataclass(frozen=True)
 class WindowRows:
-    """Frames laid out window by window: N rows of n frames, the shorter rows padded with frames of no weight."""
+    """Frames by window: N rows of n frames; shorter rows are padded with frames of weight 0."""
 
     frames: np.ndarray
     """(N, n) frame numbers."""
     time: np.ndarray
     """(N, n) positions in the window, 0..1."""
     weight: np.ndarray
-    """(N, n) how many frames each one stands for; 0 in the padding."""
+    """(N, n) number of frames that each frame represents; 0 in the padding."""
 
     def blocks(self, num_frames: int) -> list[slice]:
-        """Return ranges of windows, alike in length, even in number, with ``num_frames`` frames each at most."""
+        """Return an even number of ranges of windows of similar length, with at most ``num_frames`` frames each."""
         count, width = self.frames.shape
         pairs = -(-count * width // (2 * num_frames))
         bounds = np.round(np.linspace(0, count, min(2 * pairs, count) + 1)).astype(int)
         return [slice(a, b) for a, b in itertools.pairwise(bounds.tolist())]
 
     def columns(self, count: int) -> np.ndarray:
-        """Return about ``count`` columns spread over the rows; more where the shortest row would have fewer."""
+        """Return about ``count`` columns spread over the rows, more if the shortest row would get fewer."""
         stride = max(1, int((self.weight > 0).sum(axis=1).min()) // count)
         return np.arange((stride - 1) // 2, self.frames.shape[1], stride)
 
     def sampled(self, columns: np.ndarray) -> WindowRows:
-        """Return the frames of these columns, standing for those of the others."""
+        """Return the frames of these columns, weighted for the others."""
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
@@ -203,17 +201,17 @@ def shared(weights: Array, by_frames: Array) -> Array:
 
 
 _STEPS = 60
-"""Steps of conjugate gradients at most; chosen by hand."""
+"""Largest number of conjugate-gradient steps; chosen by hand."""
 _TOLERANCE = 1e-10
-"""Residual against the right-hand side at which the steps end; chosen by hand."""
+"""Relative residual at which the steps end; chosen by hand."""
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
-    """Return as many control points, whose spline lies nearest to the parabolas through the keys.
+    """Return as many control points, with the spline nearest to the parabolas through the keys.
 
     ``argmin_c Σ_f |Σ_k B_k(f) c_k - Σ_k w_k(f) x_k|²`` over the frames f, with cubic B-splines B (see
-    ``KeyframeLayout.spline_shares``) and Lagrange's w; neighbouring keys lie close together, so codes and quaternions
-    are taken as points of space. Control points are off the spheres that the spline's points are brought back to.
+    ``KeyframeLayout.spline_shares``) and Lagrange's w. Neighbouring keys are close, so codes and quaternions count as
+    points of space; the spline's points are normalised later.
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
@@ -224,7 +222,7 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
 
 
 def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
-    """Return (F, d) numbers of all frames on that spline, of numbers (K, d) that are no points of a sphere."""
+    """Return (F, d) numbers of all frames on that spline, of numbers (K, d) in flat space."""
     points, rows, shares = _spline(keys, layout)
     padded = np.pad(points, ((1, 1), (0, 0)))
     fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)
@@ -242,7 +240,7 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
     """Return (K, d) control points, by conjugate gradients from the keys (Hestenes and Stiefel 1952).
 
-    What the frames do not determine, where keys are denser than they, stays as the keys have it.
+    Where keys are denser than frames, what the frames leave open stays as in the keys.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares
@@ -264,7 +262,7 @@ def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarr
 
 
 def _applied(normal: np.ndarray, x: np.ndarray) -> np.ndarray:
-    """Return the (N, 5, 5) matrices of the windows applied to (2 N + 3, d) points, one more at either end."""
+    """Return the windows' (N, 5, 5) matrices applied to (2 N + 3, d) points, one more at either end."""
     fives = np.stack([x[i : len(x) - 4 + i : 2] for i in range(5)], axis=1)
     return _summed(normal @ fives)
 

@@ -1,10 +1,10 @@
-"""Latent keyframes: a code, the root's rotation and place, and rotations off the manifold (thesis 6.2.5)."""
+"""States of frames and latent keyframes: code, root, translation and rotations off the manifold (thesis 6.2.5)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Self
 
 import numpy as np
 
@@ -16,17 +16,15 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.types import Motion
 
 CODES = ZeroMeanSphere()
-"""Where codes live: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
-
-
+"""Manifold of the codes: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
 ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
 """Free blocks of poses that the prior decodes."""
 OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
-"""Every joint may leave the prior's manifold by a small rotation."""
+"""Every joint may also leave the prior's manifold by a small rotation."""
 
 
 def state_layout(prior: PosePrior) -> StateLayout:
-    """Return where the parts of a state stand that the prior decodes to a pose."""
+    """Return the layout of a state that the prior decodes to a pose."""
     return StateLayout.of(CODES.dimension(prior.latent_dim), len(prior.joints), prior.uncovered)
 
 
@@ -60,7 +58,7 @@ def decoded_with_vjp(
 
 
 def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
-    """Return ``exp(ρ_j) R_j`` of decoded poses (F, J, 3, 3) that stay, and its vector-Jacobian product by ρ alone."""
+    """Return ``exp(ρ_j) R_j`` of fixed decoded poses (F, J, 3, 3), and its vector-Jacobian product by ρ."""
     bend = left_jacobian_so3(residual)
     turned = array_namespace(local).matmul(exp_so3(residual), local)
     return turned, lambda by_joints: (None, _transposed(bend, by_joints))
@@ -87,10 +85,7 @@ def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) 
 
 
 def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
-    """Return (F, p, n): the pose tangents of spherical codes by the tangents of their own states.
-
-    Without the code's block the decoder's derivative is not formed.
-    """
+    """Return (F, p, n): pose tangents by the tangents of their own states; without a code block none is decoded."""
     if CODE not in layout:
         return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
     by_code, by_residual = decoder_jacobian(prior, z, residual)
@@ -108,10 +103,10 @@ def d_pose_d_state(
     """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
 
     Args:
-        by_code: (F, 3 J, c) of the J joints by the code; None where it is no unknown.
-        by_root: (F, 6, 6) of the root's turn and translation by the state's; the identity if None.
-        weight: (F,) share of the state's rotation vectors; one if None.
-        by_residual: (F, J, 3, 3) of each joint by its rotation vector; None where joints stay on the manifold.
+        by_code: (F, 3 J, c) joints by the code; None if it is fixed.
+        by_root: (F, 6, 6) turn and translation of the root by the state's; None for the identity.
+        weight: (F,) share of the state's rotation vectors; None for one.
+        by_residual: (F, J, 3, 3) joints by their rotation vectors; None on the manifold.
     """
     like = by_residual if by_code is None else by_code
     assert like is not None
@@ -135,7 +130,46 @@ def d_pose_d_state(
 
 
 @dataclass(frozen=True)
-class Keyframes:
+class Rows:
+    """Arrays with one row per frame or key; fields that are None stay None."""
+
+    @property
+    def arrays(self) -> tuple[Array | None, ...]:
+        """The fields, in their order."""
+        return tuple(getattr(self, field.name) for field in fields(self))
+
+    def _replaced_by(self, values: Iterable[Array | None]) -> Self:
+        return replace(self, **dict(zip((field.name for field in fields(self)), values, strict=True)))
+
+    def select(self, rows: Any) -> Self:
+        """Return the rows at these indices, of this slice or where this mask is true."""
+        return self._replaced_by(None if part is None else part[rows] for part in self.arrays)
+
+    def astype(self, precision: Any) -> Self:
+        """Return the rows in a precision."""
+        return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
+
+    def where(self, mask: Array, other: Self) -> Self:
+        """Return these rows where the mask is true, and the other's elsewhere."""
+        xp = array_namespace(mask)
+
+        def pick(own: Array | None, others: Array | None) -> Array | None:
+            if own is None or others is None:
+                return own
+            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
+
+        return self._replaced_by(map(pick, self.arrays, other.arrays))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[Self]) -> Self:
+        """Return the rows of all parts, one part after the other."""
+        columns = list(zip(*(part.arrays for part in parts), strict=True))
+        xp = array_namespace(columns[0][0])
+        return parts[0]._replaced_by(None if column[0] is None else xp.concat(column) for column in columns)
+
+
+@dataclass(frozen=True)
+class Keyframes(Rows):
     """K keyframes."""
 
     z: Array
@@ -147,45 +181,23 @@ class Keyframes:
     residual: Array
     """(K, 21, 3) rotations off the manifold, radians."""
 
-    def select(self, keys: np.ndarray | slice) -> Keyframes:
-        """Return the keys at these indices."""
-        return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
-
-    def where(self, mask: Array, other: Keyframes) -> Keyframes:
-        """Return these keys where the (K,) mask is true, and the other's elsewhere."""
-        xp = array_namespace(self.z)
-        return Keyframes(
-            xp.where(mask[:, None], self.z, other.z),
-            xp.where(mask[:, None], self.quat, other.quat),
-            xp.where(mask[:, None], self.transl, other.transl),
-            xp.where(mask[:, None, None], self.residual, other.residual),
-        )
-
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
-        """Return (W, n + 1) keys: those of each of these windows, which have n free ones each."""
+        """Return (W, n + 1) keys of each of these windows, which have n free keys."""
         return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
-        """Return (W, 5) keys: of each of these windows, with one more on either side; the ends are repeated."""
+        """Return (W, 5) keys of each of these windows and one more on both sides; the ends are repeated."""
         keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
         return self.select(index(keys, self.z))
 
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
         """Return the keys with those of a range taken from ``new``."""
         xp = array_namespace(self.z)
-
-        def spliced(name: str) -> Array:
-            old = getattr(self, name)
-            return xp.concat([old[: keys.start], getattr(new, name), old[keys.stop :]])
-
-        return Keyframes(*(spliced(name) for name in ("z", "quat", "transl", "residual")))
-
-    def astype(self, precision: Any) -> Keyframes:
-        """Return the keys in a precision."""
-        return Keyframes(*(astype(part, precision) for part in (self.z, self.quat, self.transl, self.residual)))
+        pairs = zip(self.arrays, new.arrays, strict=True)
+        return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:
-        """Return the keys moved by (K, n) steps of this layout; what it has no block for stays."""
+        """Return the keys moved by (K, n) steps of this layout; blocks that it lacks do not move."""
         xp, z, residual = array_namespace(step), self.z, self.residual
         if CODE in layout:
             along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
@@ -208,7 +220,7 @@ def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
 
 
 def hemisphere_aligned(keys: Keyframes) -> Keyframes:
-    """Return the keys with signs of the root quaternions chosen so that neighbours lie in one hemisphere."""
+    """Return the keys with root quaternions of neighbours in one hemisphere."""
     xp = array_namespace(keys.quat)
     dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
     signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
@@ -217,7 +229,7 @@ def hemisphere_aligned(keys: Keyframes) -> Keyframes:
 
 
 @dataclass(frozen=True)
-class FrameStates:
+class FrameStates(Rows):
     """Unknowns of F independent frames."""
 
     z: Array
@@ -226,29 +238,8 @@ class FrameStates:
     """(F, 3, 3) body to world."""
     transl: Array
     """(F, 3) metres."""
-
     residual: Array | None = None
-    """(F, J, 3) rotation vectors beside the code, radians; None where joints stay on the prior's manifold."""
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[FrameStates]) -> FrameStates:
-        """Return the frames of all parts, one part after the other."""
-        xp = array_namespace(parts[0].z)
-        columns = zip(*(part.arrays for part in parts), strict=True)
-        return cls(*(None if column[0] is None else xp.concat(column) for column in columns))
-
-    @property
-    def arrays(self) -> tuple[Array | None, ...]:
-        """Codes, roots, translations and rotation vectors."""
-        return self.z, self.root, self.transl, self.residual
-
-    def select(self, frames: Any) -> FrameStates:
-        """Return the states at these indices or of this slice."""
-        return FrameStates(*(None if part is None else part[frames] for part in self.arrays))
-
-    def astype(self, precision: Any) -> FrameStates:
-        """Return the states in a precision."""
-        return FrameStates(*(None if part is None else astype(part, precision) for part in self.arrays))
+    """(F, J, 3) rotations off the manifold, radians; None where joints stay on it."""
 
     def retract(self, step: Array, layout: StateLayout) -> FrameStates:
         """Return the states moved by (F, n) steps of this layout."""
@@ -259,24 +250,13 @@ class FrameStates:
             residual = residual + rotations_of(step, layout, residual.shape[1])
         return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
 
-    def where(self, mask: Array, other: FrameStates) -> FrameStates:
-        """Return these states where the (F,) mask is true, and the other's elsewhere."""
-        xp = array_namespace(mask)
-
-        def pick(own: Array | None, others: Array | None) -> Array | None:
-            if own is None or others is None:
-                return own
-            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
-
-        return FrameStates(*(pick(*pair) for pair in zip(self.arrays, other.arrays, strict=True)))
-
 
 BLOCK_POSES = 500
-"""Frames posed at a time; changes time and memory, no result."""
+"""Frames posed at a time; affects time and memory only."""
 
 
 @dataclass(frozen=True)
-class PosedFrames:
+class PosedFrames(Rows):
     """Poses of F frames."""
 
     root: Array
@@ -288,34 +268,15 @@ class PosedFrames:
 
     @property
     def layout(self) -> PoseLayout:
-        """Where the parts of a frame's tangent stand."""
+        """Layout of a frame's tangent."""
         return PoseLayout(self.local.shape[1])
 
     @classmethod
     def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
-        """Return a motion's poses, with the rotations of the joints that a solve turns."""
+        """Return a motion's poses, of the joints that a solve turns."""
         vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
         root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
         return cls(root, local, constant(motion.transl, like))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[PosedFrames]) -> PosedFrames:
-        """Return the frames of all parts, one part after the other."""
-        xp = array_namespace(parts[0].transl)
-        return cls(*(xp.concat([getattr(part, name) for part in parts]) for name in ("root", "local", "transl")))
-
-    def select(self, frames: Any) -> PosedFrames:
-        """Return the poses at these indices, of this slice or where this mask is true."""
-        return PosedFrames(self.root[frames], self.local[frames], self.transl[frames])
-
-    def where(self, mask: Array, other: PosedFrames) -> PosedFrames:
-        """Return these poses where the (F,) mask is true, and the other's elsewhere."""
-        xp = array_namespace(mask)
-        return PosedFrames(
-            xp.where(mask[:, None, None], self.root, other.root),
-            xp.where(mask[:, None, None, None], self.local, other.local),
-            xp.where(mask[:, None], self.transl, other.transl),
-        )
 
     def retract(self, step: Array) -> PosedFrames:
         """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseLayout``."""

@@ -24,24 +24,25 @@ from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
 
 @dataclass(frozen=True)
 class FrameObjective:
-    """The terms of F frames."""
+    """The terms on F frames."""
 
     points: tuple[PointTerm, ...]
     """On landmark positions; at least one."""
     poses: tuple[PoseTerm, ...] = ()
     """On the joints' rotations."""
     relative: tuple[PointTerm, ...] = ()
-    """On landmark positions but for a shift that all of them share."""
+    """On landmark positions except for a common shift."""
 
     def select(self, frames: Any) -> FrameObjective:
-        """Return the terms of the frames at these indices (or of this slice)."""
-        points, relative = (tuple(term.select(frames) for term in terms) for terms in (self.points, self.relative))
-        return FrameObjective(points, tuple(term.select(frames) for term in self.poses), relative)
+        """Return the terms of the frames at these indices or of this slice."""
+        return self._each(lambda term: term.select(frames))
 
     def astype(self, precision: Any) -> FrameObjective:
         """Return the terms in a precision."""
-        points, relative = (tuple(term.astype(precision) for term in terms) for terms in (self.points, self.relative))
-        return FrameObjective(points, tuple(term.astype(precision) for term in self.poses), relative)
+        return self._each(lambda term: term.astype(precision))
+
+    def _each(self, change: Callable[[Any], Any]) -> FrameObjective:
+        return FrameObjective(*(tuple(map(change, terms)) for terms in (self.points, self.poses, self.relative)))
 
     def of_points(self, points: Array, scale: float) -> PointEvidence:
         """Return the sum of the point terms at (F, L, 3) positions; ``scale`` is the robust scale."""
@@ -50,7 +51,7 @@ class FrameObjective:
 
 @dataclass(frozen=True)
 class Subject:
-    """Everything that does not change over the take."""
+    """The person: all that does not change over the take."""
 
     body: Body
     landmarks: Landmarks
@@ -81,23 +82,14 @@ class FrameEquations:
 
     @cached_property
     def hessian(self) -> Array:
-        """(F, p, p), or those of the chosen frames; formed when asked for."""
+        """(F, p, p), or those of the chosen frames; formed on demand."""
         return self._form()
 
 
 def pose(subject: Subject, frames: PosedFrames, *, jacobian: bool = False, by_shape: bool = True) -> PosedLandmarks:
     """Return the subject's landmarks in these poses; see ``pose_landmarks``."""
-    return pose_landmarks(
-        subject.body,
-        subject.landmarks,
-        subject.betas,
-        frames.root,
-        frames.local,
-        frames.transl,
-        offsets=subject.offsets,
-        jacobian=jacobian,
-        by_shape=by_shape,
-    )
+    person, poses = (subject.body, subject.landmarks, subject.betas), (frames.root, frames.local, frames.transl)
+    return pose_landmarks(*person, *poses, offsets=subject.offsets, jacobian=jacobian, by_shape=by_shape)
 
 
 def points_of(subject: Subject, frames: PosedFrames) -> Array:
@@ -117,16 +109,15 @@ def frame_equations(
     """Return ``g = Jᵀ e`` and ``H = Jᵀ Λ J`` of every frame's objective by the tangent of its pose, see ``PoseLayout``.
 
     Args:
-        objective: what evaluates them.
-        hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all,
-            in the poses' own.
+        objective: of these frames.
+        hessian_frames: frames whose matrices are formed, in single precision, as they only steer the steps; None forms
+            all in the poses' precision.
     """
     posed = pose(subject, frames, jacobian=True, by_shape=False)
     xp = array_namespace(posed.points)
     count = posed.points.shape[0]
-    data = objective.of_points(posed.points, scale)
     shifted = [term(posed.points, scale) for term in objective.relative]
-    data = reduce(add, shifted, data)
+    data = reduce(add, shifted, objective.of_points(posed.points, scale))
     poses = [term(frames.local) for term in objective.poses]
     J = posed.by_rotations
     assert J is not None

@@ -1,11 +1,10 @@
-"""A take as its recipe works on it: keys, the person, the objective of the keys, and what was learned so far."""
+"""A take in the hands of its recipe: keys, person, objective, and what was learned so far."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Protocol
 
 import numpy as np
 
@@ -38,30 +37,15 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import DataTerm
 
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
-"""Joints leave the manifold from where it was reached. Exact markers of a known person constrain a pose through
-its joints: a code that is free beside the residual rotations is determined twice, and Gauss-Newton's steps overshoot
-along what nothing determines. The decoder leaves the loop."""
-
-
-class Solve(Protocol):
-    """Minimises a model over keys."""
-
-    def __call__(
-        self,
-        model: BundleModel,
-        layout: KeyframeLayout,
-        start: Keyframes,
-        schedule: Schedule,
-        *,
-        alive: Callable[[], None],
-    ) -> KeySolution:
-        """Return the solution; ``alive`` is called before each linearisation."""
-        ...
+"""Joints leave the manifold from where it was reached. Exact markers of a known person determine a pose through its
+joints. A code free beside the residual rotations is determined twice, and Gauss-Newton overshoots."""
+Solve = Callable[..., KeySolution]
+"""Minimises (model, layout, start, schedule) over the keys; ``alive`` is called before each linearisation."""
 
 
 @dataclass(frozen=True)
 class PosedKeys:
-    """Keys of a person, and the poses and landmarks that they make, formed when first asked for."""
+    """Keys of a person with their poses and landmarks, formed on demand."""
 
     subject: Subject
     prior: PosePrior
@@ -69,11 +53,11 @@ class PosedKeys:
     keys: Keyframes
     residuals: bool
     frames: np.ndarray | None
-    """Numbers of the frames that are looked at; None for all."""
+    """Numbers of the evaluated frames; None for all."""
 
     @cached_property
     def poses(self) -> PosedFrames:
-        """Poses of the frames that are looked at."""
+        """Poses of the evaluated frames."""
         return key_poses(self.prior, self.keys, self.layout, self.frames, residuals=self.residuals)
 
     @cached_property
@@ -97,20 +81,20 @@ class Bundle:
     posed: PosedKeys
     window: int
     schedule: Schedule
-    """Of the pass that the keys are from, or of the one to come."""
+    """Of the last pass, or of the next before the first."""
     solve: Solve
     restart: Start
     """Makes the keys of windows from single frames."""
     data: DataTerm
-    """The measurements, with the variances that were learned."""
+    """Data term with the learned variances."""
     free: StateLayout
-    """The unknowns of the pass that the keys are from."""
+    """Unknowns of the last pass."""
     objective: BundleObjective
-    """What that pass minimised."""
+    """Of the last pass."""
     contacts: Contacts | None = None
-    """Feet that stand, where they were looked for."""
+    """Standing feet, once they were detected."""
     solution: KeySolution | None = None
-    """How that pass ended; None before the first."""
+    """Of the last pass; None before the first."""
 
     @classmethod
     def start(
@@ -126,7 +110,7 @@ class Bundle:
         restart: Start,
         frames: np.ndarray | None = None,
     ) -> Bundle:
-        """Return a bundle before its first pass, which fits keys on the manifold to the data."""
+        """Return a bundle before its first pass, with keys on the manifold."""
         free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
         posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
         objective = bundle_objective(problem, layout, window, (data,), settings, residuals=False)
@@ -147,17 +131,18 @@ class Bundle:
         """Return the bundle with the objective that follows from what was learned so far.
 
         Args:
-            free: names of the blocks that are unknowns.
+            free: names of the unknown blocks.
             looseness: see ``bundle_objective``.
-            contacts: hold the feet that stand.
+            contacts: hold standing feet.
         """
         held = self.contacts if contacts else None
         term = () if held is None else (held.term(self.posed.keys.z, self.settings.foot_lock),)
+        points = (self.data, *term)
         objective = bundle_objective(
             self.problem,
             self.posed.layout,
             self.window,
-            (self.data, *term),
+            points,
             self.settings,
             residuals=RESIDUAL in free,
             looseness=looseness,
@@ -167,7 +152,7 @@ class Bundle:
 
 
 Step = Callable[[Bundle], Bundle]
-"""Learns something again from the poses that there are; ``steps`` has them."""
+"""Learns something from the current poses."""
 
 
 @dataclass(frozen=True)
@@ -176,14 +161,14 @@ class Pass:
 
     schedule: Schedule
     free: tuple[str, ...]
-    """Blocks of the state that are unknowns."""
+    """Unknown blocks of the state."""
     before: tuple[Step, ...] = ()
-    """What is learned again before it, in this order."""
+    """Steps before the pass, in this order."""
     looseness: float = OFF_MANIFOLD
-    """How far joints may leave the manifold, in the prior's own deviations."""
+    """Factor on the prior's deviations by which joints may leave the manifold."""
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
-        """Return the bundle with the keys that this pass finds; ``alive`` is called before each linearisation."""
+        """Return the bundle with the keys of this pass; ``alive`` is called before each linearisation."""
         for step in self.before:
             bundle = step(bundle)
         bundle = bundle.with_objective(self.free, self.looseness)
@@ -194,14 +179,7 @@ class Pass:
 def run_passes(
     bundle: Bundle, passes: Sequence[Pass], progress: Progress, stage: str, after: Sequence[Step] = ()
 ) -> Bundle:
-    """Return the bundle after all passes, and the steps that follow the last.
-
-    Args:
-        bundle: where to start.
-        passes: one after the other.
-        stage: its name.
-        after: what is done with the keys of the last pass.
-    """
+    """Return the bundle after all passes and the steps in ``after``; ``stage`` names them to ``progress``."""
     for number, one in enumerate(passes):
         bundle = one.run(bundle, partial(progress, stage, number, len(passes)))
     for step in after:
@@ -213,11 +191,7 @@ def run_passes(
 def start_take(
     problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches, progress: Progress
 ) -> Bundle:
-    """Return the bundle before its first pass.
-
-    Args:
-        schedule: of the first pass.
-    """
+    """Return the bundle before its first pass, whose schedule is given."""
     window = problem.frames_of(settings.refine_window)
     layout = KeyframeLayout.even(problem.num_frames, window)
     keys = initial_keys(problem, subject, layout, progress)
@@ -251,9 +225,9 @@ def space_keys(bundle: Bundle) -> Bundle:
 
 
 def resolve_lost_limbs(bundle: Bundle) -> Bundle:
-    """Solve keys again around limbs that the body lost; noise that is learned later must not hold them for noisy."""
+    """Solve lost limbs again, before noise is learned: lost limbs must not count as noise."""
     posed = bundle.posed
-    # A limb that stands elsewhere has another code, so codes are free here whatever the pass freed.
+    # A limb in another place has another code, so codes are free here in every pass.
     free = state_layout(bundle.problem.prior).only([CODE, *(block.name for block in bundle.free.blocks)])
     keys = lost_limbs.resolve_lost_limbs(
         bundle.problem.measurements,
@@ -269,7 +243,7 @@ def resolve_lost_limbs(bundle: Bundle) -> Bundle:
 
 
 def resolve_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
-    """Solve keys again around markers that the body left far behind, from scales at which they draw."""
+    """Solve keys again around distant markers, from wide robust scales on."""
     posed = bundle.posed
     frames = posed.layout.frames if posed.frames is None else posed.frames
     measured = bundle.problem.measurements
@@ -278,7 +252,7 @@ def resolve_outlier_markers(bundle: Bundle, schedule: Schedule) -> Bundle:
 
 
 def refit_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
-    """Estimate the shape, and if asked each landmark's offset, from a sample of the poses."""
+    """Estimate the shape, and on request the landmarks' offsets, from a sample of the poses."""
     problem, posed = bundle.problem, bundle.posed
     sample = posed.poses.select(index(problem.sample, posed.keys.z))
     known = ShapePrior(free_betas=bundle.settings.betas is None, free_offsets=offsets)
@@ -288,36 +262,30 @@ def refit_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
 
 
 def learn_noise(bundle: Bundle) -> Bundle:
-    """Learn how reliable the measurements are, as their source has it."""
+    """Learn the reliability of the measurements by their source's rule."""
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
 def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None) -> Bundle:
-    """Find where feet stand, to hold them there; ``sight`` (F, 3) is the direction of a single camera."""
+    """Find standing feet, to hold them; ``sight`` (F, 3) is the viewing direction of a single camera."""
     if not bundle.settings.contacts:
         return bundle
-    posed = bundle.posed
-    names, fps = posed.subject.landmarks.names, bundle.problem.fps
-    contacts = find_contacts(to_numpy(posed.points), names, fps, sight=sight)
-    return replace(bundle, contacts=contacts)
+    points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
+    return replace(bundle, contacts=find_contacts(points, names, bundle.problem.fps, sight=sight))
 
 
 STAGE = "Global bundle"
 """Name of the passes over a whole take."""
 SPREAD = "Estimating deviations"
-"""Name of what follows them."""
+"""Name of the stage after them."""
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
-    """Return the poses of all frames and how the last pass ended.
-
-    Args:
-        stride: see ``joint_covariance``.
-    """
+    """Return the poses of all frames, and how the last pass ended; for ``stride`` see ``joint_covariance``."""
     assert bundle.solution is not None
     problem, settings, posed, model = bundle.problem, bundle.settings, bundle.posed, bundle.model
     layout, keys, names = posed.layout, hemisphere_aligned(posed.keys), posed.subject.landmarks.names
-    # Solved on a smooth curve itself, with the parabolas' sparser matrix, feet slip: contacts are too stiff for it.
+    # Solving on the spline itself, with the parabolas' sparser matrix, makes feet slip: contacts are too stiff for it.
     frames = model.poses(control_points(keys, layout), layout, spline=True)
     points, scale = points_of(posed.subject, frames), settings.robust_scale
     inflation = noise_inflation(points, problem.measurements.term, scale, max(1, bundle.window // 2))
@@ -325,7 +293,7 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     if contacts is None and settings.contacts:
         contacts = find_contacts(to_numpy(points), names, problem.fps)
     give_back_freed_memory()
-    # Standing feet steady the solution, but how sure it is follows from what was measured.
+    # Held feet steady the solution, but its uncertainty follows from the measurements.
     measured = bundle.with_objective([block.name for block in bundle.free.blocks], contacts=False).model
     constant_m = problem.measurements.source.constant_m(problem.body.layout.recorded)
     covariance = covariance_of_joints(

@@ -52,12 +52,11 @@ def solve_range(
     settings: SolveSettings,
     progress: Progress,
 ) -> tuple[SolvedRange, SolvedFrames]:
-    """Return some frames of a motion solved again, and the poses of the whole take with them in their places.
+    """Solve a frame range of a motion again; return it, and the poses of the whole take with it.
 
-    Keys stand at the range's ends and at the pins, whose poses are fixed, and evenly between. A window on either side
-    of the range is fixed too, so that speed and direction carry on. Of two starts, the motion as it is and single
-    frames fitted anew, the one that ends lower is kept; then feet that stand in it are drawn to where they stand, those
-    that stand beyond the range to where they stand there.
+    Keys are at the range's ends, at the pins, whose poses are fixed, and evenly between. A fixed window on both sides
+    of the range keeps speed and direction. The better of two starts is kept: the motion as it is, or fits of single
+    frames. Then standing feet are held, by their places outside the range where they stand there too.
 
     Raises:
         JobInvalid: the take does not have the frame range.
@@ -71,8 +70,7 @@ def solve_range(
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     sampled, objective = before.select(sample), problem.objective.select(sample)
     learns = not problem.measurements.knows_person
-    person = ShapePrior(free_betas=False, free_offsets=learns)
-    subject = refit_shape(subject, sampled, objective, scale, person)
+    subject = refit_shape(subject, sampled, objective, scale, ShapePrior(free_betas=False, free_offsets=learns))
     layout, moving = range_layout(frame_range, motion.num_frames, window)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
     anew = hemisphere_aligned(_mixed(moving, initial_keys(problem, subject, layout), fixed))
@@ -90,9 +88,8 @@ def solve_range(
         keys_of_frames(problem, subject, layout),
     )
     bundle = replace(bundle, data=with_learned_noise(problem, subject, sampled, settings))
-    found = [
-        both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in enumerate((fixed, anew))
-    ]
+    starts = enumerate((fixed, anew))
+    found = [both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in starts]
     best = min(found, key=cost_of)
     if settings.contacts and learns:
 
@@ -111,7 +108,7 @@ def solve_range(
 
 
 def cost_of(bundle: Bundle) -> float:
-    """Return what the last pass left."""
+    """Return the cost after the last pass."""
     assert bundle.solution is not None
     return bundle.solution.cost
 
@@ -163,10 +160,9 @@ def _pinned(keys: Keyframes, problem: Problem, layout: KeyframeLayout, frame_ran
 
 
 def _mixed(free: np.ndarray, anew: Keyframes, fixed: Keyframes) -> Keyframes:
-    """Return the keys that move from ``anew`` and the others from ``fixed``."""
+    """Return the keys that move from ``anew``, all others from ``fixed``."""
     order = np.where(free, np.arange(len(free)), len(free) + np.arange(len(free)))
-    joined = anew.replaced(slice(len(free), len(free)), fixed)
-    return joined.select(order)
+    return anew.replaced(slice(len(free), len(free)), fixed).select(order)
 
 
 def solve_again(
@@ -177,12 +173,7 @@ def solve_again(
     settings: SolveSettings,
     progress: Progress,
 ) -> Solution:
-    """Return the motion with a frame range solved again; all other frames stay as they are, bit for bit.
-
-    Raises:
-        JobInvalid: the take does not have the frame range.
-        MotionInvalid: the motion belongs to another take or body.
-    """
+    """Return the motion with a frame range solved again; all other frames stay bit for bit. Errors: ``solve_range``."""
     from solver_backend.fitters.hands.solve_hands import HandRange, solve_hands_again
 
     body = without_fingers(motion)

@@ -1,4 +1,4 @@
-"""Live from markers: those that are seen where they are, the others where the network has them, variances learned."""
+"""Fit live frames: seen markers where they are, unseen markers where the network puts them, with learned variances."""
 
 from __future__ import annotations
 
@@ -30,29 +30,28 @@ from solver_backend.residuals.terms import PointTerm
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 TURN_RAD_S, MOVE_M_S = 4.0, 6.0
-"""Standard deviations of how joints and the body leave where the last frames were going, a second."""
+"""Standard deviations by which joints and body leave their predicted motion, per second."""
 VELOCITY_S = 0.1
-"""Time in which the velocity that predicts the next frame fades (0.05 and 0.1 s differ by 0.1 mm)."""
+"""Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm)."""
 USUAL_SHAPE = 2.0
-"""Pull towards the mean shape: places that are off by a centimetre must not make another person. Chosen
-by hand."""
+"""Pull towards the mean shape, against markers misplaced by a centimetre. Chosen by hand."""
 START_STEPS, START_PART, STEPS = 24, 3, 2
-"""Steps of a start in all, those of a frame of it, so that none comes late by it, and those of later frames."""
+"""Gauss-Newton steps of a start, of one frame of a start, which keeps it on time, and of later frames."""
 SHORT_S = 0.012
-"""Frames that follow sooner need one step; chosen by hand."""
+"""Frames at shorter intervals need one step; chosen by hand."""
 SHAPE_FRAMES = 240
-"""Frames over which the shape is learned; then it stays. Two seconds at 120 Hz, chosen by hand."""
+"""Frames over which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand."""
 NEW_SHARE = 0.02
-"""Share of a frame in the shape's information: the errors of placed markers are the same in all frames."""
+"""Share of a frame in the shape's information: misplaced markers have the same error in all frames."""
 ROBUST_SCALE = np.inf
 """The learned variances are robust enough; no further kernel."""
 
 
 class PersonFollower:
-    """Fits frames one after the other; the state between them is a pose, its velocity and the shape."""
+    """Fits frames one after the other. It keeps a pose, its velocity and the shape."""
 
     def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
-        """Take the person, and the (10,) shape where it is known."""
+        """Take the person, and the (10,) shape if it is known."""
         self.subject = subject
         self._shape_frames = 0
         if betas is not None:
@@ -67,31 +66,31 @@ class PersonFollower:
 
     @property
     def known_shape(self) -> np.ndarray | None:
-        """(10,) shape that will not change any more; None while it is learned."""
+        """(10,) shape once it is fixed; None while it is learned."""
         return self.subject.betas if self._shape_frames >= SHAPE_FRAMES else None
 
     @property
     def rest(self) -> np.ndarray:
-        """(1, n, 3, 3) no joint turned."""
+        """(1, n, 3, 3) identity rotations."""
         return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
 
     def restart(self) -> None:
-        """Forget the pose: the next frame starts again."""
+        """Forget the pose, so that the next frame starts again."""
         self.pose = None
 
     @property
     def is_starting(self) -> bool:
-        """Whether the next frame is part of a start."""
+        """The next frame is part of a start."""
         return self.pose is None or self._steps_to_start > 0
 
     def follow(
         self, term: PointTerm, dt: float, start: Callable[[], PosedFrames], steps: int | None = None
     ) -> PosedLandmarks:
-        """Fit a frame and return where it has the landmarks.
+        """Fit a frame and return its landmarks.
 
         Args:
             dt: seconds since the last frame.
-            steps: at least, of Gauss-Newton; as few as follow a person if None.
+            steps: smallest number of Gauss-Newton steps; None for the usual few.
         """
         if self.pose is None:
             self._steps_to_start = START_STEPS
@@ -109,10 +108,9 @@ class PersonFollower:
         return posed
 
     def deviations(self) -> np.ndarray:
-        """Return the (24,) standard deviation of each joint in metres, as the last frame and its prediction have it.
+        """Return the (24,) standard deviation of each joint in metres: ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)``.
 
-        ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)`` with the Gauss-Newton matrix H of the frame and the precision T of the
-        prediction; what nothing measures is as unsure as the prior and the time since it was seen leave it.
+        H is the Gauss-Newton matrix of the last frame and its prior, T the precision of its prediction.
         """
         if self.pose is None or not len(self._precision):
             return np.full(len(self._joints), np.nan)
@@ -133,11 +131,10 @@ class PersonFollower:
     def _step(
         self, last: PosedFrames, term: PointTerm, dt: float, count: int, *, still: bool
     ) -> tuple[PosedFrames, np.ndarray]:
-        """Return the pose after some Gauss-Newton steps from where the last ones were going.
+        """Return the pose after some Gauss-Newton steps from the prediction: ``(H + T) δ = -(g + T m)``.
 
-        ``(H + T) δ = -(g + T m)`` with the precision T of the prediction and what was moved since it, m. Its motion is
-        returned with the shares ``H / (H + T)`` that the frame itself knows of it: what only the prior moves, as an
-        unseen limb, must not gain speed by it.
+        T is the precision of the prediction and m the motion since it. Also return the motion times the shares
+        ``H / (H + T)`` that the frame determines: what only the prior moves must not gain speed.
         """
         objective = FrameObjective((term,), (self._prior,))
         rotations = 3 * (1 + last.local.shape[1])
@@ -155,10 +152,10 @@ class PersonFollower:
         return frame, observed * (ahead + moved)
 
     def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
-        """Step the shape by one frame's landmarks, and return the tangent by which the pose follows it.
+        """Step the shape by one frame's landmarks, and return the tangent by which the pose follows.
 
         ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B``, the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et al.
-        2000, section 6.1); the pose's own gradient is zero where it was fitted.
+        2000, section 6.1); the gradient of the fitted pose is zero.
         """
         assert posed.by_rotations is not None and posed.by_betas is not None
         found = term(posed.points, ROBUST_SCALE)
@@ -180,29 +177,28 @@ class PersonFollower:
 
 
 MARKER_SIGMA_M = 0.012
-"""First standard deviation of a seen marker per axis: how far an uncalibrated body has it from where it is."""
+"""First standard deviation of a seen marker per axis: its error on an uncalibrated body."""
 LEAST_SIGMA_M = 0.02
-"""The network's positions are never trusted more than this; chosen by hand."""
+"""Smallest standard deviation of the network's positions; chosen by hand."""
 SAME_ERROR_S = 1.0
-"""Time over which the network's positions of unseen markers have the same error: repeated, they add no information.
-
-Deviations 1, 10 and 1,000 times the network's gave joints 21.7, 19.1 and 20.5 mm off in three of decision 26's takes,
-at 60 and 120 Hz, where 1 s is 8 and 11 times."""
+"""Time over which the network's errors are correlated, so that repetition adds no information. Deviations 1, 10 and
+1,000 times the network's gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26 at 60 and 120 Hz,
+where 1 s is 8 and 11 times."""
 _TRUNK = ("C7", "T10", "T4", "LAV", "TRN", "SHO", "FWT", "BWT")
-"""Ends of the names of markers that a start is laid over."""
+"""Last letters of the markers to which a start is aligned."""
 
 
 @dataclass(frozen=True)
 class LiveFrame:
-    """One frame, fitted."""
+    """A fitted frame."""
 
     pose: PosedFrames
     landmarks: np.ndarray
-    """(53, 3) metres: where the body has the markers."""
+    """(53, 3) metres: the markers on the body."""
     off_m: float
-    """Median distance of the seen markers; NaN where none is."""
+    """Median distance of the seen markers; NaN if none is seen."""
     markers_off_m: np.ndarray
-    """(53,) metres between each seen marker and where the body has it; NaN where it is not seen."""
+    """(53,) metres between each seen marker and its place on the body; NaN if it is not seen."""
 
 
 class LiveFit(PersonFollower):
@@ -215,7 +211,7 @@ class LiveFit(PersonFollower):
         offsets: np.ndarray | None = None,
         betas: np.ndarray | None = None,
     ) -> None:
-        """Take the body, and where a person was calibrated, the 53 landmarks, their offsets and the shape."""
+        """Take the body, and of a calibrated person the 53 landmarks, their offsets and the shape."""
         subject = Subject.average(body, landmarks or marker_landmarks(body, MARKERS), np.zeros(0))
         super().__init__(subject if offsets is None else replace(subject, offsets=offsets), betas)
 
@@ -226,10 +222,10 @@ class LiveFit(PersonFollower):
 
         Args:
             points: (53, 3) metres, NaN where a marker is not seen.
-            guess: (53, 3) where the network has the markers.
+            guess: (53, 3) the network's positions.
             guess_sigma: (53,) metres.
             dt: seconds since the last frame.
-            steps: at least, of Gauss-Newton; as few as follow a person if None.
+            steps: smallest number of Gauss-Newton steps; None for the usual few.
         """
         seen = np.isfinite(points[:, 0])
         same = 1.0 if self.is_starting else max(SAME_ERROR_S / dt, 1.0) ** 0.5
@@ -250,39 +246,38 @@ class LiveFit(PersonFollower):
 
 
 def fit_average_person() -> LiveFit:
-    """Return a fit of the body that ships, whose shape is learned."""
+    """Return a fit of the shipped body, with its shape learned."""
     return LiveFit(load_body())
 
 
 SIGMA_PX = 4.0
-"""Standard deviation of a detection per axis at 720 lines, before its variance is learned; detectors have 3 to 6."""
+"""First standard deviation of a detection per axis at 720 lines; detectors have 3 to 6."""
 LINES = 720.0
-"""Height of a picture that ``SIGMA_PX`` is for."""
+"""Picture height that ``SIGMA_PX`` applies to."""
 FEWEST = 6
-"""Located keypoints without which a moment has no pose of its own, as in a solve."""
-
+"""Fewest located keypoints for a pose, as in a solve."""
 UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Root of a body that stands with Z up."""
+"""Root of a standing body with Z up."""
 
 
 @dataclass(frozen=True)
 class ViewsFrame:
-    """One moment, fitted."""
+    """A fitted moment."""
 
     pose: PosedFrames
     points: np.ndarray
     """(L, 3) metres: located keypoints, NaN where fewer than two views agree."""
     landmarks: np.ndarray
-    """(L, 3) metres: where the body has the keypoints."""
+    """(L, 3) metres: the keypoints on the body."""
     points_off_m: np.ndarray
-    """(L,) metres between each of them and where the body has it; NaN where it is not located."""
+    """(L,) metres between both; NaN where a keypoint is not located."""
 
 
 class LiveViewsFit(PersonFollower):
     """Follows a person by the keypoints of calibrated views."""
 
     def __init__(self, body: Body, cameras: Cameras, joint_set: JointSet, betas: np.ndarray | None = None) -> None:
-        """Take the body, the cameras, what is detected, and the (10,) shape of a person who is known."""
+        """Take the body, the cameras, the detected keypoints, and the (10,) shape if it is known."""
         super().__init__(Subject.average(body, keypoint_landmarks(body, joint_set), np.zeros(0)), betas)
         self.cameras, self.joint_set = cameras, joint_set
         self._sigma_px = SIGMA_PX * float(np.median(cameras.image_size[:, 1])) / LINES
@@ -290,34 +285,21 @@ class LiveViewsFit(PersonFollower):
         self._penalty = LearnedVariances().penalty
 
     def locate(self, xy: np.ndarray, confidence: np.ndarray) -> Triangulation:
-        """Return one moment's keypoints in space.
-
-        Args:
-            xy: (C, L, 2) px, NaN where missing.
-            confidence: (C, L), 0 where missing.
-        """
+        """Triangulate one moment's keypoints (C, L, 2) px, NaN where missing, with confidences (C, L)."""
         return triangulate(self.cameras, xy[:, None], confidence[:, None], self._sigma_px)
 
     def step(self, xy: np.ndarray, confidence: np.ndarray, located: Triangulation, dt: float) -> ViewsFrame:
-        """Fit a moment.
-
-        Args:
-            xy: (C, L, 2) px, NaN where missing.
-            confidence: (C, L), 0 where missing.
-            located: what ``locate`` returns of them; at least ``FEWEST`` points.
-            dt: seconds since the last moment.
-        """
+        """Fit a moment; ``xy`` and ``confidence`` are as in ``locate``, whose result has at least ``FEWEST`` points."""
         points = np.asarray(located.points)
         keypoints = Keypoints2D(xy[:, None], confidence[:, None], self.joint_set, 1.0)
         sigma = fit_sigma_px(self.cameras, points, np.asarray(located.sigma_px))
         term = replace(ReprojectionTerm.of(self.cameras, keypoints, sigma, points), penalty=self._penalty)
         landmarks = self.follow(term, dt, partial(self._start, points)).points[0]
-        off = np.linalg.norm(landmarks - points[0], axis=-1)
         assert self.pose is not None
-        return ViewsFrame(self.pose, points[0], landmarks, off)
+        return ViewsFrame(self.pose, points[0], landmarks, np.linalg.norm(landmarks - points[0], axis=-1))
 
     def _start(self, points: np.ndarray) -> PosedFrames:
-        """Return the pose that the lifter sees in (1, L, 3) points, or the rest pose at their middle."""
+        """Return the lifter's pose of (1, L, 3) points, or the rest pose at their middle."""
         seen = np.isfinite(points).all(-1)
         lifted = load_lifter()(np.where(seen[..., None], points, 0.0), seen, self.subject.landmarks.names)
         rest = self.subject.body.rest_joints(self.subject.betas)[0]

@@ -1,4 +1,4 @@
-"""The noise-aware method: landmarks whose reliability is estimated with the pose, frame by frame (thesis chapter 5)."""
+"""The noise-aware method: estimate each landmark's reliability with the pose, frame by frame (thesis chapter 5)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, State
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.optimise import Stretches
-from solver_backend.fitters.model.states import FrameStates, PosedFrames
+from solver_backend.fitters.model.states import FrameStates, PosedFrames, Rows
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed, sample_frames
@@ -39,7 +39,7 @@ class FitWeights:
 
 
 @dataclass(frozen=True)
-class CodedFrames:
+class CodedFrames(Rows):
     """Poses of F frames by their codes."""
 
     z: np.ndarray
@@ -50,20 +50,15 @@ class CodedFrames:
     """(F, 3) metres."""
 
     def posed(self, prior: GaussianVAE) -> PosedFrames:
-        """Return the poses that the codes decode to."""
+        """Return the decoded poses."""
         return PosedFrames(self.root, prior.decode(self.z), self.transl)
-
-    def select(self, frames: np.ndarray | slice) -> CodedFrames:
-        """Return the states of some frames."""
-        return CodedFrames(self.z[frames], self.root[frames], self.transl[frames])
 
 
 @dataclass(frozen=True)
 class LandmarkFit:
-    """What stays while the poses of F frames are fitted."""
+    """The fixed parts of a fit of the poses of F frames; landmarks are on the person at their layout's places."""
 
     subject: Subject
-    """The person; landmarks sit where their layout places them."""
     prior: GaussianVAE
     start: CodedFrames
     points: np.ndarray
@@ -74,16 +69,12 @@ class LandmarkFit:
 
     @property
     def layout(self) -> StateLayout:
-        """Where the parts of a frame's unknowns stand; codes are points of flat space."""
+        """Layout of a frame's unknowns; codes are points of flat space."""
         return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
 
     def select(self, frames: np.ndarray | slice) -> LandmarkFit:
         """Return the fit of some of the frames."""
         return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
-
-    def posed(self) -> PosedFrames:
-        """Return the poses of the start."""
-        return self.start.posed(self.prior)
 
     def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
         """Return the (F, 38 + n) unknowns of the start."""
@@ -136,7 +127,7 @@ class LandmarkFit:
         return self.states(found.x), found
 
     def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, CodedFrames]:
-        """Fit the shape and the poses of all frames together; the loss has no unknowns of its own."""
+        """Fit the shape and the poses of all frames together; the loss must have no unknowns of its own."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
 
@@ -150,7 +141,7 @@ class LandmarkFit:
             by_betas = np.stack([part[2].sum(axis=0) for part in fits]) + 2.0 * self.weights.shape * own
             return cost, np.concatenate([np.stack([part[1].ravel() for part in fits]), by_betas], axis=1)
 
-        posed = pose(self.subject, self.posed(), jacobian=True)
+        posed = pose(self.subject, self.start.posed(self.prior), jacobian=True)
         assert posed.by_betas is not None
         by_betas = (self.seen[..., None, None] * posed.by_betas**2).sum((0, 1, 2)) / SIGMA_M**2
         scale = np.concatenate([self.scale(loss).ravel(), 1.0 / (by_betas + 2.0 * self.weights.shape)])[None]
@@ -160,7 +151,7 @@ class LandmarkFit:
 
 
 SHAPE_FRAMES = 12
-"""Frames that the shape is found from, as in MoSh++ (Mahmood et al. 2019)."""
+"""Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019)."""
 STEPS = QuasiNewtonSettings()
 """Of both stages."""
 
@@ -174,10 +165,10 @@ def pose_prior() -> GaussianVAE:
 def solve_noise_aware(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3); unseen frames are bridged between their neighbours.
+    """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3) and interpolate unseen frames.
 
-    Shape, poses and translations come first, with fixed variances: the shape from ``SHAPE_FRAMES`` frames, as a take
-    has one; then, with the shape held, poses, translations and each landmark's log-variance in each frame.
+    First fit shape, poses and translations with fixed variances, the shape from ``SHAPE_FRAMES`` frames. Then hold the
+    shape and fit poses, translations and each landmark's log-variance in each frame.
     """
     return solve_in_stages(problem, subject, settings, progress, LearnedVariances())
 
@@ -185,12 +176,7 @@ def solve_noise_aware(
 def solve_in_stages(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, loss: LandmarkLoss
 ) -> MethodResult:
-    """Fit shape and poses by least squares, then poses by a loss.
-
-    Args:
-        subject: whose shape is found, if neither the settings nor a subject file know it.
-        loss: of the second stage.
-    """
+    """Fit shape, unless it is known, and poses by least squares, then the poses by ``loss``."""
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))
     prior, seen = pose_prior(), np.flatnonzero(measured.seen)
