@@ -14,7 +14,7 @@ from solver_backend.exchange.verbs import SOLVING
 SHARED = 4
 """An option that so many verbs take is listed once."""
 _HEAD = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
-blender_addon/headless/verb_table.py; edit those. -->
+blender_addon/headless/verbs.json; edit those. -->
 
 # Command line
 

@@ -12,8 +12,6 @@ from .._exchange.progress import Progress
 from ..errors import EngineMissing
 from .result import CommandResult
 
-DAYS = 365
-"""Days that a certificate is valid by default; chosen by hand."""
 _KEY, _CERTIFICATE, _AUTHORITY = CERTIFICATES["CLIENT__KEY"], CERTIFICATES["CLIENT__CERT"], CERTIFICATES["CA_FILE"]
 _OWNER_ALONE = 0o600
 """Permissions: its owner reads and writes it."""

@@ -76,19 +76,17 @@ def _value(key: str, value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def _read() -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
-    table = json.loads(Path(__file__).with_suffix(".json").read_text(encoding="utf-8"))
-    shared: dict[str, tuple[Setting, ...]] = {
-        "READING": READING,
-        "SOLVING": SOLVING,
-        "WORLD": tuple(settings_of_class(WorldSettings).values()),
-        "SOLVING_OF_VIDEOS": tuple(row for row in SOLVING if row.name != "layout"),
-        **{f"SolveSettings.{name}": (row,) for name, row in SOLVE_ROWS.items()},
-        **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
-    }
+def read_verbs(path: Path, named: Named) -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
+    """Return the named settings and the verbs of a table.
+
+    Args:
+        path: JSON file with ``shared``, lists of settings by name, and ``verbs``, fields of ``Verb`` by task and name.
+        named: settings that the table refers to by name.
+    """
+    table = json.loads(path.read_text(encoding="utf-8"))
+    shared, verbs = {name: tuple(rows) for name, rows in named.items()}, dict[str, Verb]()
     for name, items in table["shared"].items():
         shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared))
-    verbs = {}
     for task, rows in table["verbs"].items():
         for name, row in rows.items():
             settings = tuple(read_rows(row.pop("settings", ()), shared))
@@ -96,5 +94,13 @@ def _read() -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
     return shared, verbs
 
 
-SHARED, VERBS = _read()
+_NAMED: Named = {
+    "READING": READING,
+    "SOLVING": SOLVING,
+    "WORLD": tuple(settings_of_class(WorldSettings).values()),
+    "SOLVING_OF_VIDEOS": tuple(row for row in SOLVING if row.name != "layout"),
+    **{f"SolveSettings.{name}": (row,) for name, row in SOLVE_ROWS.items()},
+    **{f"VideoSettings.{name}": (row,) for name, row in VIDEO_ROWS.items()},
+}
+SHARED, VERBS = read_verbs(Path(__file__).with_suffix(".json"), _NAMED)
 """Settings that several verbs take, and verbs by name, in the order in which help lists them."""
