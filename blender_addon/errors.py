@@ -78,6 +78,14 @@ class SolverStopped(MocapError):
         self.exit_code = ExitCode(exit_code) if exit_code in passed_on else ExitCode.FAILED
 
 
+class SolverDied(MocapError):
+    """The solver's process ended without a message."""
+
+
+class SolverNotUnderstood(MocapError):
+    """Another program, or another version of the solver, wrote in the solver's place."""
+
+
 class WindowClosed(MocapError):
     """The window in which a run was started is closed, and with it what follows the run."""
 

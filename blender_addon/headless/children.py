@@ -14,8 +14,7 @@ from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.errors import Cancelled, MocapError
 from .._exchange.progress import Progress
 from ..errors import SolverStopped
-from ..solving.child import SolverProcess
-from ..solving.run import Run, start
+from ..solving.run import Run, run_of, start
 from .blender_command import COMMAND
 from .result import CommandResult
 
@@ -88,9 +87,7 @@ def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
     command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
     known = os.environ.get("PYTHONPATH", "")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(_PACKAGE.parent), known)))}
-    run = Run(verb, SolverProcess(command, environment, folder))
-    run.log.append(f"> {' '.join(command)}")
-    return run
+    return run_of(verb, command, environment, folder)
 
 
 def command_line() -> list[str]:

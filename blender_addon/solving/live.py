@@ -16,6 +16,7 @@ from .._exchange.body_layout import SMPL, SMPL_HANDS
 from .._exchange.errors import ErrorEvent, sentence
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
+from ..errors import SolverDied
 from .child import SolverProcess
 
 NUM_BETAS = 10
@@ -99,16 +100,11 @@ class LiveRun:
             self.finished = True
             stopped_first = self.process.cancelling and self.latest is None  # nothing was recorded that could be lost
             if self.result is None and self.error is None and not stopped_first:
-                self.error = {
-                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds its last messages.",
-                    "message": f"The live solver ended without a message (exit code {code}).",
-                }  # fmt: skip
-        if newest is None:
-            return None
-        pose = read_pose_line(newest)
-        if pose is None:
-            return None
-        self.shown, self.latest = self.shown + 1, pose
+                message = f"The live solver ended without a message (exit code {code})."
+                self.error = SolverDied(message, hint="The log holds its last messages.").as_event()
+        pose = None if newest is None else read_pose_line(newest)
+        if pose is not None:
+            self.shown, self.latest = self.shown + 1, pose
         return pose
 
     def stop(self) -> None:
@@ -165,9 +161,9 @@ def read_pose_line(line: str) -> LivePose | None:
         rotvec[0], rotvec[1 : 1 + layout.num_solved] = root, pose.reshape(-1, 3)[: layout.num_solved]
     return LivePose(
         rotvec, transl, points, plain(values["state"]), plain(str(values.get("why", ""))),
-        math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
+        math.nan if off is None else float(off[0]), _by_name(values.get("coverage"), 0.0, 1.0),
         *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
-        face=_channels(values.get("face")), off_m=_metres(values.get("cloud_off_mm"), len(points)),
+        face=_by_name(values.get("face")), off_m=_metres(values.get("cloud_off_mm"), len(points)),
         sigma_m=None if len(sigma := _metres(values.get("sigma_mm"), SMPL.num_joints)) == 0 else sigma,
         dropped=_count(values.get("dropped")), views=_count(values.get("views")),
         views_left_out=_count(values.get("views_left_out")),
@@ -175,13 +171,13 @@ def read_pose_line(line: str) -> LivePose | None:
 
 
 def _count(value: Any) -> int:
-    """Return a number of things, 0 for what is none."""
+    """Return a number of things, 0 for anything else."""
     found = _number(value)
     return 0 if math.isnan(found) else max(int(found), 0)
 
 
 def _metres(values: Any, count: int) -> np.ndarray:
-    """Return so many millimetres as metres, NaN where there is no number; (0,) for anything else."""
+    """Return a list of this many millimetres as metres, NaN for other values; (0,) for any other list."""
     if not isinstance(values, list) or len(values) != count:
         return np.zeros(0)
     return np.array([1e-3 * max(_number(value), 0.0) for value in values])
@@ -193,23 +189,11 @@ def _number(value: Any) -> float:
     return math.nan if found is None else float(found[0])
 
 
-def _channels(values: Any) -> dict[str, float]:
-    """Return the finite values of a face by name; what is none is left out."""
-    if not isinstance(values, dict):
-        return {}
-    found = {plain(str(name)): _number(value) for name, value in values.items()}
-    return {name: value for name, value in found.items() if not math.isnan(value)}
-
-
-def _shares(values: Any) -> dict[str, float]:
-    """Return shares of 0 to 1 by name; what is none is left out."""
-    if not isinstance(values, dict):
-        return {}
-    return {
-        plain(str(name)): float(share)
-        for name, share in values.items()
-        if isinstance(share, float | int) and 0 <= share <= 1
-    }
+def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dict[str, float]:
+    """Return the numbers of an object that are in a range, by name."""
+    pairs = values.items() if isinstance(values, dict) else ()
+    found = {plain(str(name)): _number(value) for name, value in pairs}
+    return {name: value for name, value in found.items() if low <= value <= high}
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
@@ -223,60 +207,29 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 
 
 def start_live(
-    source: Path | str, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
-    options: Sequence[str] = (),
-) -> LiveRun:  # fmt: skip
-    """Start a live run of a recording or a motion, replayed at its own rate, or of another program's poses.
+    verb: str,
+    words: Sequence[str],
+    python: Path | None,
+    folder: Path,
+    *,
+    subject: Path | None = None,
+    record: Path | None = None,
+    grace_s: float | None = None,
+) -> LiveRun:
+    """Start a live run of the solver in a working folder.
 
     Args:
-        source: the file, or the address that poses come to.
+        verb: ``live``, ``camera-live`` or ``sensors-live``.
+        words: arguments of the verb.
         python: interpreter to use; None for Blender's own.
         subject: calibrated person.
-        record: where the points or poses are recorded.
-        options: further arguments of the verb.
+        record: file to record to.
+        grace_s: see ``SolverProcess``.
 
     Raises:
         SolverMissing: solver or interpreter are not there.
     """
-    command = [*backend_command(python), "live", str(source), "--with-points", "--json", "--parent-pipe", *options]
+    command = [*backend_command(python), verb, *words, "--with-points", "--json", "--parent-pipe"]
     command += [] if subject is None else ["--subject", str(subject)]
     command += [] if record is None else ["--record", str(record)]
-    return LiveRun(SolverProcess(command, environment_for_child(python), folder))
-
-
-def start_cameras(
-    sources: Sequence[str], calibration: Path, python: Path | None, folder: Path, *, subject: Path | None = None,
-    record: Path | None = None, options: Sequence[str] = (),
-) -> LiveRun:  # fmt: skip
-    """Start a live run of cameras that film a person.
-
-    Args:
-        sources: cameras or videos, as the verb ``camera-live`` takes them.
-        calibration: of these.
-        python: interpreter to use; None for Blender's own.
-        subject: calibrated person.
-        record: where keypoints are recorded as a capture.
-        options: further arguments of the verb: the detector, and where poses are sent.
-
-    Raises:
-        SolverMissing: solver or interpreter are not there.
-    """
-    command = [*backend_command(python), "camera-live", *sources, "--calibration", str(calibration), "--with-points"]
-    command += ["--json", "--parent-pipe", *options]
-    command += [] if subject is None else ["--subject", str(subject)]
-    command += [] if record is None else ["--record", str(record)]
-    return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))
-
-
-def start_sensors(options: Sequence[str], python: Path | None, folder: Path) -> LiveRun:
-    """Start sensors: points, and poses or a wand's coverage, while it happens.
-
-    Args:
-        options: sensors and what is done with them, as the verb ``sensors-live`` takes them.
-        python: interpreter to use; None for Blender's own.
-
-    Raises:
-        SolverMissing: solver or interpreter are not there.
-    """
-    command = [*backend_command(python), "sensors-live", *options, "--with-points", "--json", "--parent-pipe"]
-    return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))
+    return LiveRun(SolverProcess(command, environment_for_child(python), folder, grace_s))

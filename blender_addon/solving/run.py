@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import time
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import ErrorEvent, sentence
+from .._exchange.errors import Cancelled, ErrorEvent, sentence
 from .._exchange.events import what_is_wrong
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
+from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
 _LOG_LINES = 2000
@@ -97,13 +98,9 @@ class Run:
 
     def _take_nonsense(self, wrong: str) -> None:
         """Keep as an error what another program, or another version of the solver, writes in the solver's place."""
-        self.error = {
-            "event": "error",
-            "code": "solver_not_understood",
-            "message": f"The solver sent a message that is not understood: {wrong}.",
-            "where": "",
-            "hint": "Check whether the chosen Python has another version of the solver. The log holds its messages.",
-        }
+        message = f"The solver sent a message that is not understood: {wrong}."
+        hint = "Check whether the chosen Python has another version of the solver. The log holds its messages."
+        self.error = SolverNotUnderstood(message, hint=hint).as_event()
         self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(self.error)}")
 
 
@@ -117,41 +114,41 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
         SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
-    run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
+    return run_of(verb, command, environment_for_child(python), folder)
+
+
+def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Run:
+    """Start a program that writes the solver's events, and return its run.
+
+    Raises:
+        SolverMissing: it cannot be started.
+    """
+    run = Run(verb, SolverProcess(command, environment, folder))
     run.log.append(f"> {' '.join(command)}")
     return run
 
 
 def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start a script that writes the solver's events and needs nothing of it.
+    """Start a script that writes the solver's events without using the solver.
 
     Args:
-        verb: what the run is called.
-        script: the file.
-        arguments: what follows it.
+        verb: name of the run.
         python: interpreter to use; None for Blender's own.
 
     Raises:
         SolverMissing: the interpreter is not there.
     """
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
-    run = Run(verb, SolverProcess(command, environment_for_child(python), folder))
-    run.log.append(f"> {' '.join(command)}")
-    return run
+    return run_of(verb, command, environment_for_child(python), folder)
 
 
 def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
     """Return the error event of a process that ended without a message."""
     if cancelled:
-        return {"event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "", "hint": ""}
+        return Cancelled("The work was cancelled.").as_event()
     how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
-    return {
-        "event": "error",
-        "code": "solver_died",
-        "message": f"The solver ended without a result: {how}.",
-        "where": "",
-        "hint": "The log holds its last messages; your scene and earlier takes are untouched.",
-    }
+    hint = "The log holds its last messages; your scene and earlier takes are untouched."
+    return SolverDied(f"The solver ended without a result: {how}.", hint=hint).as_event()
 
 
 def _duration(seconds: float) -> str:

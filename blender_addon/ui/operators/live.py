@@ -253,12 +253,13 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
     folder = usable(files_folder(scene))
     record = next_path(folder, "live", suffix) if settings.record and suffix else None
     person = absolute(subject) if subject else None
-    return start_live(source, chosen_python(context), folder, subject=person, record=record, options=sending)
+    words = [str(source), *sending]
+    return start_live("live", words, chosen_python(context), folder, subject=person, record=record)
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
     """Start a run of cameras."""
-    from ...solving.live import start_cameras
+    from ...solving.live import SENSORS_GRACE_S, start_live
 
     scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
     require_there(settings.calibration)
@@ -270,7 +271,9 @@ def _cameras(context: bpy.types.Context) -> LiveRun:
     calibration, python = absolute(settings.calibration), chosen_python(context)
     subject = absolute(settings.subject) if settings.subject else None
     record = next_path(folder, "live", ".npz") if settings.record else None
-    return start_cameras(sources, calibration, python, folder, subject=subject, record=record, options=words)
+    words = [*sources, "--calibration", str(calibration), *words]
+    files = {"subject": subject, "record": record}
+    return start_live("camera-live", words, python, folder, **files, grace_s=SENSORS_GRACE_S)
 
 
 def _video(text: str) -> str:
@@ -329,7 +332,7 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
         return PARTS[properties.part][1]
 
     def work(self, context: bpy.types.Context) -> None:
-        from ...solving.live import start_sensors
+        from ...solving.live import SENSORS_GRACE_S, start_live
 
         scene, sensors, part = context.scene, context.scene.mocap.sensors, self.part
         require_there(sensors.subject, sensors.source if sensors.kind == "FOLDER" else "")
@@ -339,7 +342,8 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
             words += sending_options(sensors) + options(subject=sensors.subject and absolute(sensors.subject))
         if sensors.record:
             words += options(record=next_path(folder, PARTS[part][2]))
-        run = start_sensors([*sensors.sensors(), *words], chosen_python(context), folder)
+        words, python = [*sensors.sensors(), *words], chosen_python(context)
+        run = start_live("sensors-live", words, python, folder, grace_s=SENSORS_GRACE_S)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
 
 

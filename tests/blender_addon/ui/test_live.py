@@ -164,8 +164,7 @@ def asked(monkeypatch) -> list:
         calls.append((arguments, options))
         raise Refused("not started")
 
-    for name in ("start_live", "start_cameras"):
-        monkeypatch.setattr(f"blender_addon.solving.live.{name}", start)
+    monkeypatch.setattr("blender_addon.solving.live.start_live", start)
     return calls
 
 
@@ -181,9 +180,9 @@ def test_cameras_and_videos_are_passed_on_with_calibration_detector_and_recordin
     with pytest.raises(RuntimeError, match="not started"):
         bpy.ops.mocap.live_start()
     [(arguments, options)] = asked
-    assert arguments[0] == ["left=webcam:0", "oak:14442C", f"right={video}"]
-    assert arguments[1] == calibration
-    assert options["options"][:2] == ["--detector", "mediapipe"]
+    cameras = ["left=webcam:0", "oak:14442C", f"right={video}"]
+    assert arguments[0] == "camera-live"
+    assert arguments[1][:7] == [*cameras, "--calibration", str(calibration), "--detector", "mediapipe"]
     assert options["record"].suffix == ".npz"
 
 
@@ -192,8 +191,8 @@ def test_a_face_is_recorded_as_a_table_and_shows_no_body(mocap, asked):
     with pytest.raises(RuntimeError, match="not started"):
         bpy.ops.mocap.live_start()
     [(arguments, options)] = asked
-    assert arguments[0] == "livelink://127.0.0.1:11111"
-    assert options["record"].suffix == ".csv" and options["options"] == []
+    assert arguments[:2] == ("live", ["livelink://127.0.0.1:11111"])
+    assert options["record"].suffix == ".csv"
     mocap.live.listen = "nonsense://"
     with pytest.raises(RuntimeError, match="not an address"):
         bpy.ops.mocap.live_start()
