@@ -1,4 +1,4 @@
-"""Find, probe or make the Python that solves or detects."""
+"""Find and probe Pythons that solve or detect."""
 
 from __future__ import annotations
 
@@ -7,10 +7,7 @@ import os
 import shutil
 import subprocess
 import sys
-import tarfile
-import threading
-import venv
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
@@ -20,6 +17,7 @@ from ..conventions.file_paths import sessions_folder
 from ..errors import PythonUnsuitable
 
 _TIMEOUT_S = 60
+"""Seconds that an interpreter has to answer; chosen by hand."""
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
 """Where an environment has its Python."""
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
@@ -88,10 +86,7 @@ def probe_detector(python: Path) -> DetectorFound:
     """
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     try:
-        done = subprocess.run(
-            [str(python), "-c", _PROBE], capture_output=True, text=True, timeout=_TIMEOUT_S, check=False,
-            stdin=subprocess.DEVNULL, env=kept,
-        )  # fmt: skip
+        done = _ask(str(python), _PROBE, kept)
         return DetectorFound(**json.loads(done.stdout.splitlines()[-1]))
     except (OSError, ValueError, IndexError, TypeError, subprocess.TimeoutExpired) as error:
         hint = "Choose another Python, or press Set Up Detector."
@@ -141,125 +136,6 @@ def _minor(python: str) -> int:
     return minor if major == 3 else -1
 
 
-MEDIAPIPE = "mediapipe==0.10.21"
-IMPORTED = (
-    "numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23", "matplotlib>=3.8,<4",
-    "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1",
-)  # fmt: skip
-"""What its pose and holistic models import, as in ``supply.detectors``."""
-PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
-LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
-LITERT_PROBE = "import ai_edge_litert.interpreter"
-NO_PIP = (
-    "Its part ensurepip is missing: install python3-venv (Debian, Ubuntu), or use a Blender or Python from its maker."
-)
-LARGEST_MODEL = 64_000_000
-"""Bytes; the largest that is known has 27 million."""
-
-
-@dataclass(frozen=True)
-class Kind:
-    """A detector that can be set up."""
-
-    name: str
-    alone: tuple[str, ...]
-    """Packages that are installed without what they ask for."""
-    packages: tuple[str, ...]
-    probe: str
-    """Program that starts it."""
-
-
-KINDS = {
-    "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE), "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
-}  # fmt: skip
-STAGES = ("Making the environment", "Installing the detector", "Installing what it needs", "Testing")
-
-
-def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
-    """Make the environment and return the exit code."""
-    progress(0)
-    unfinished = folder.with_name(f"{folder.name} unfinished")
-    try:
-        venv.create(unfinished, clear=True, with_pip=True)
-    except subprocess.CalledProcessError:
-        return fail(f"Python {sys.version.split()[0]} cannot make environments.", Path(sys.executable), NO_PIP)
-    except OSError as error:
-        return fail(f"The environment could not be made: {error}", folder, "Check the free space and the rights there.")
-    python = Path("Scripts/python.exe" if os.name == "nt" else "bin/python")
-    source = [] if wheels is None else ["--no-index", "--find-links", str(wheels)]
-    pip = [str(unfinished / python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *source]
-    alone = [[*pip, "--no-deps", *kind.alone]] if kind.alone else []
-    for number, command in enumerate([*alone, [*pip, *kind.packages]], start=1):
-        progress(number)
-        if wrong := run(command):
-            where = "the folder of wheels" if wheels is not None else "the package registry that pip is set up for"
-            return fail(
-                f"A package could not be installed from {where}: {wrong}", folder, "See the log, then try again."
-            )
-    progress(3)
-    if wrong := run([str(unfinished / python), "-c", kind.probe]):
-        return fail(f"{kind.name} is installed and does not start: {wrong}", folder, "See the log.")
-    models = [] if wheels is None else unpacked_models(wheels, unfinished / "models")
-    shutil.rmtree(folder, ignore_errors=True)
-    unfinished.replace(folder)
-    models = [folder / "models" / path.name for path in models]
-    write({"event": "result", "python": str(folder / python), "models": [str(path) for path in models]})
-    return 0
-
-
-def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Return the models of the npm packages in a folder, unpacked beside the environment; those too large are left."""
-    found = []
-    for package in sorted(wheels.glob("mediapipe-*.tgz")):
-        with tarfile.open(package) as members:
-            for member in members:
-                name = Path(member.name).name
-                if member.isfile() and name.endswith(".tflite") and member.size <= LARGEST_MODEL:
-                    stream = members.extractfile(member)
-                    if stream is not None:
-                        folder.mkdir(exist_ok=True)
-                        found.append(folder / name)
-                        found[-1].write_bytes(stream.read())
-    return found
-
-
-def run(command: list[str]) -> str:
-    """Run a command, its output in the log, and return the last line of what went wrong, "" where nothing did."""
-    done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
-    sys.stderr.write(done.stdout)
-    return "" if done.returncode == 0 else (done.stdout.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-
-
-def progress(done: int) -> None:
-    """Report the stage that begins."""
-    write({"event": "progress", "stage": STAGES[done], "done": done, "total": len(STAGES)})
-
-
-def fail(message: str, folder: Path, hint: str) -> int:
-    """Report an error and return the exit code."""
-    write({"event": "error", "code": "detector_not_made", "message": message, "where": str(folder), "hint": hint})
-    return 1
-
-
-def write(event: dict[str, object]) -> None:
-    """Write an event as a line."""
-    sys.stdout.write(json.dumps(event) + "\n")
-    sys.stdout.flush()
-
-
-def end_with_parent() -> None:
-    """End when standard input does: the program that started this has cancelled it or died."""
-    sys.stdin.read()
-    os._exit(130)
-
-
-if __name__ == "__main__":
-    threading.Thread(target=end_with_parent, daemon=True).start()
-    sys.exit(main(Path(sys.argv[1]), KINDS[sys.argv[2]], Path(sys.argv[3]) if len(sys.argv) > 3 else None))
-
-
-_SOLVER_TIMEOUT_S = 60
-"""Seconds that an interpreter has to answer; chosen by hand."""
 _LEAST = (3, 11)
 """Version of Python that the solver needs, as pyproject.toml has it."""
 _SOLVER_PROBE = """
@@ -311,10 +187,7 @@ def probe_python(python: Path | None) -> PythonFound:
     """
     executable = backend_command(python)[0]
     try:
-        done = subprocess.run(
-            [executable, "-c", _SOLVER_PROBE], capture_output=True, text=True, timeout=_SOLVER_TIMEOUT_S, check=False,
-            env=environment_for_child(python), stdin=subprocess.DEVNULL,
-        )  # fmt: skip
+        done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))
         values = json.loads(done.stdout.splitlines()[-1]) if done.returncode == 0 and done.stdout.strip() else None
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         raise _unsuitable(f"It does not answer as a Python does: {error}", executable) from error
@@ -326,6 +199,14 @@ def probe_python(python: Path | None) -> PythonFound:
     if not values["numpy"]:
         raise _unsuitable(f"This Python {values['python']} has no NumPy.", executable)
     return PythonFound(**{**values, "devices": tuple(values["devices"])})
+
+
+def _ask(python: str, program: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
+    """Run a program by a Python."""
+    words, no_input = [python, "-c", program], subprocess.DEVNULL
+    return subprocess.run(
+        words, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False, env=environment, stdin=no_input
+    )
 
 
 def _unsuitable(message: str, executable: str) -> PythonUnsuitable:

@@ -21,7 +21,7 @@ _OFFERED = "mocap.set_up_detector"
 
 def steps(user: Any) -> Any:
     """Play it."""
-    find_python = extension("solving.detector.find_python")
+    find_python = extension("solving.pythons")
     shutil.rmtree(find_python.environment_folder("litert"), ignore_errors=True)  # of an earlier run
     yield from user.open_tab("MoCap")
     yield from user.open_panel("VIEW3D_PT_mocap_videos")

@@ -246,7 +246,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         import sys
 
-        from ...solving import pythons
+        from ...solving import make_environment, pythons
         from ...solving.run import start_script
 
         if not self.wheels and not getattr(bpy.app, "online_access", True):
@@ -257,7 +257,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         python = pythons.python_to_make_with(self.kind)
         words = [str(folder), self.kind, *([str(absolute(self.wheels))] if self.wheels else [])]
         own = python if python != Path(sys.executable) else None
-        script = Path(pythons.__file__)
+        script = Path(make_environment.__file__)
         return self.follow(context, start_script(self.verb, script, words, own, folder.parent))
 
     def received(self, context: bpy.types.Context, result: DetectorResult) -> str:
