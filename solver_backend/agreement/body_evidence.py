@@ -143,7 +143,7 @@ def _upright(evidence: TakeEvidence, reading: Reading) -> float:
 
 
 def _handed(place: dict[str, np.ndarray], height: float) -> float:
-    """Return the log-likelihood that toes, knees and faces point forward; each kind counts once, whatever the take.
+    """Return the log-likelihood that toes, knees and faces point forward; each kind counts once in every take.
 
     With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward in a body and backward in its mirror image.
     """

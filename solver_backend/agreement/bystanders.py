@@ -1,4 +1,4 @@
-"""Frame ranges in which a view shows somebody else than the person that most views agree on."""
+"""Frame ranges in which a view shows another person than the person that most views agree on."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Cameras, Keypoints2D
 
 BRIEF_S = 0.25
-"""Fewer frames of somebody else are left to the robust penalty; sightings this close together are one range."""
+"""Fewer frames of another person are left to the robust penalty; sightings this close together are one range."""
 
 LEAST_TORSO = 3
 """Keypoints of head and trunk by which a contradiction is recognised."""
@@ -58,7 +58,7 @@ def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_fr
 
 
 def _bystander(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) where a view sees somebody who is not the person, and another view sees somebody too."""
+    """Return (C, F) where a view sees another person, and some other view sees anyone."""
     everybody = Detections(
         cameras.names, keypoints.xy[:, :, None], keypoints.confidence[:, :, None], keypoints.joint_set
     )

@@ -1,4 +1,4 @@
-"""Detections of everybody in every view, before one person is chosen."""
+"""Detections of all people in every view, before one person is chosen."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ class Detections:
     """What the detectors wrote: C cameras, F frames, up to P people, K keypoints."""
 
     cameras: tuple[str, ...]
-    """One name a camera, as the folders are called."""
+    """One name per camera, as the folders are called."""
     xy: np.ndarray
-    """(C, F, P, K, 2) float32 pixels; NaN where a keypoint or a person is missing."""
+    """(C, F, P, K, 2) float32 pixels. NaN where a keypoint or a person is missing."""
     confidence: np.ndarray
-    """(C, F, P, K) float32 in 0..1; 0 where missing."""
+    """(C, F, P, K) float32 in 0..1. 0 where missing."""
     joint_set: JointSet
     """Names of the keypoints."""
     hands: np.ndarray | None = None
-    """(C, F, P, 2, 21, 3) float32 x, y and confidence of hands, left first; None where no file holds any."""
+    """(C, F, P, 2, 21, 3) float32 x, y and confidence of hands, left first. None where no file holds any."""
     first_frame: int = 0
     """The number of the first frame in the files' own numbering."""
     first_frames: tuple[int, ...] = ()
-    """The same of each camera, where each was read from its own first; () where all begin with ``first_frame``."""
+    """The same of each camera, where each was read from its own first. () where all begin with ``first_frame``."""
     lengths: tuple[int, ...] = ()
-    """Frames from each camera's first to its last, then; () where all have as many."""
+    """Frames from each camera's first to its last, then. () where all have as many."""
     own: tuple[OwnPoint, ...] = ()
     """Keypoints behind those of the joint set."""
     notes: tuple[Diagnostic, ...] = ()
-    """What was found and assumed."""
+    """Findings and assumptions."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
+    """Warnings for the user."""
 
     @property
     def num_frames(self) -> int:
@@ -61,7 +61,7 @@ class Sightings:
     cameras: Cameras
     """C cameras."""
     xy: np.ndarray
-    """(C, F, P, J, 2) undistorted x/z, y/z; NaN where missing."""
+    """(C, F, P, J, 2) undistorted x/z, y/z. NaN where missing."""
     mirror: np.ndarray
     """(J,) the same keypoint of the other side."""
 
@@ -98,7 +98,7 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> tupl
     """Return xy (C, F, J, 2) px and confidence (C, F, J) of the largest person in each picture.
 
     Args:
-        detections: everybody.
+        detections: all people.
         every_keypoint: return all keypoints, not only those that every detector finds (``compared_keypoints``).
     """
     columns, _ = compared_keypoints(detections.joint_set)
@@ -115,7 +115,7 @@ def main_person(detections: Detections, *, every_keypoint: bool = False) -> tupl
 
 
 def well_seen_frames(confidence: np.ndarray) -> np.ndarray:
-    """Return up to ``_FRAMES`` frames in which most views see somebody, from confidence (C, F, J)."""
+    """Return up to ``_FRAMES`` frames in which most views see a person, from confidence (C, F, J)."""
     views = ((confidence >= MIN_CONFIDENCE).sum(-1) >= MIN_POINTS).sum(0)
     good = np.flatnonzero((views >= 2) & (views == views.max(initial=0)))
     return good[np.unique(np.linspace(0, len(good) - 1, min(len(good), _FRAMES)).astype(int))] if len(good) else good

@@ -26,7 +26,7 @@ FACTOR_SPREAD = 0.3
 TURN_SPREAD_RAD, LARGEST_TURN_RAD = 0.005, 0.015
 """How far calibrated cameras are turned from the true ones; beyond the second they are not what lenses explain."""
 OFF_PERSON = 0.006
-"""Least spread of detections by the person's extent in the picture, for those of somebody who stands still."""
+"""Least spread of detections by the person's extent in the picture, for those of a person who stands still."""
 MOMENTS = 6
 """Moments of a take between which errors of detections are independent; chosen so that ten simulated takes spread as
 far as their standard deviations state."""
@@ -102,7 +102,7 @@ class ComparedViews:
 
 
 def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, np.ndarray] | None:
-    """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen; None where they are too few.
+    """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen. None where they are too few.
 
     Args:
         cameras: in any unit.
@@ -225,7 +225,7 @@ def _share(frames: int) -> float:
 
 
 def _extent(xy: np.ndarray) -> float:
-    """Return the median diagonal of the person in a picture, px; 0 where nobody is seen."""
+    """Return the median diagonal of the person in a picture, px. 0 if no person is seen."""
     some = np.isfinite(xy).all(-1).any(-1)
     if not some.any():
         return 0.0
@@ -268,11 +268,11 @@ def report_focal_lengths(
 GAIN = 8.0
 """Twice the logarithm of how much likelier the views are without distortion, from which it is a finding: five recorded
 takes and the demo with lenses of k1 from -0.32 to 0.2 reach 4.7 where they are right. Undistorted they reach 9 to 33
-where somebody walks to the edge of pictures that bend by 9 px there; of somebody in the middle, moved by 1 to 2
+where a person walks to the edge of pictures that bend by 9 px there; of a person in the middle, moved by 1 to 2
 px where detectors are off by 5, nothing shows."""
 UNDISTORTED_LEFT_SHARE = 0.1
 """Of the gain that must be left in the mean without one camera: undistorted pixels leave 0.22 to 0.4 (four cameras), a
-camera that follows somebody who crosses -0.03."""
+camera that follows a person who crosses -0.03."""
 
 
 def report_undistorted(
@@ -297,7 +297,7 @@ def report_undistorted(
 
 
 def _gain(views: ComparedViews) -> float:
-    """Return twice the logarithm of how much likelier the views are without distortion; 0 where that is unknown."""
+    """Return twice the logarithm of how much likelier the views are without distortion. 0 where that is unknown."""
     chosen = views.cameras
     without = replace(chosen, distortion=np.zeros_like(chosen.distortion), models=(DEFAULT_MODEL,))
     fits = views.fit, fit_epipolar(without, views.xy)

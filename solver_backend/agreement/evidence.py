@@ -9,14 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from solver_backend.agreement.detections import MIN_CONFIDENCE, Detections, main_person
-from solver_backend.agreement.noise import (
-    BINS,
-    Noise,
-    count_in_bins,
-    expected_density,
-    fit_noise,
-    log_density,
-)
+from solver_backend.agreement.noise import BINS, Noise, count_in_bins, expected_density, fit_noise, log_density
 from solver_backend.agreement.reading import PictureReading, Pose, Reading, unmirror, unturn
 from solver_backend.cameras.camera_corrections import CameraCorrection, compared_pairs, corrected
 from solver_backend.cameras.projection import undistort

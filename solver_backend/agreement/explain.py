@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
-from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.detections import MIN_CONFIDENCE, Detections, main_person
 from solver_backend.agreement.evidence import BOUND, UNRELATED_NOISE, UNRELATED_OUTLIERS, TakeEvidence
 from solver_backend.agreement.hypotheses import (
     CAMERA_ROWS,
@@ -19,7 +19,8 @@ from solver_backend.agreement.hypotheses import (
     changes_of,
     cost_of,
 )
-from solver_backend.agreement.reading import Reading
+from solver_backend.agreement.reading import Reading, unturn
+from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.types import Cameras
 
 BEAM, ROUNDS = 5, 2
@@ -41,6 +42,10 @@ AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 """Least log-likelihoods of the body for this. Rotated pictures reach -8, mirror images at most -9."""
 
 
+LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
+"""Cosine of a camera's pitch and of the trunk's angle from which a single view shows how its pictures are turned."""
+LEAST_OUTSIDE, BEYOND_PICTURE = 0.02, 0.03
+"""Share of keypoints outside the calibrated picture from which it is turned, and widths that count as outside."""
 _OF_CAMERA = {
     "camera_placed": "{} was moved after the calibration", "camera_late": "{} is late",
     "camera_unexplained": "nothing explains {}",
@@ -131,6 +136,34 @@ def explain(cameras: Cameras, detections: Detections, *, names_stated: bool = Fa
     if search.agrees_as_written():
         return Explanation(written, (), agrees=True, margin=np.inf, runner_up="")
     return search.decide()
+
+
+def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, float] | None:
+    """Return the clockwise quarter turns of a single view's pictures, and the share of keypoints outside without them.
+
+    None unless the person leaves the calibrated picture and is upright only in a turned one.
+
+    Args:
+        camera: one calibrated camera.
+        detections: all people in its view.
+    """
+    xy, confidence = main_person(detections, every_keypoint=True)
+    points = np.where((confidence[0] >= MIN_CONFIDENCE)[..., None], xy[0], np.nan)
+    names, up, size = detections.joint_set.keypoints, -camera.R[0, :2, 2], camera.image_size[0]
+    if np.linalg.norm(up) < LEAST_LEVEL or not {"left_hip", "right_hip"} < set(names):
+        return None
+    scores, outside = list[float](), list[float]()
+    for turn in TURNS:
+        read = unturn(points, turn, size)
+        trunk = sum(read[:, names.index(f"{s}_hip")] - read[:, names.index(f"{s}_shoulder")] for s in ("left", "right"))
+        cosine = (trunk @ up) / np.maximum(np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up), 1e-9)
+        known = np.isfinite(read).all(-1)
+        beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
+        outside.append(float(beyond.sum() / max(known.sum(), 1)))
+        scores.append(float(np.nanmedian(cosine)) if np.isfinite(cosine).any() else -1.0)
+    best = int(np.argmax(scores))
+    clear = scores[best] > LEAST_UPRIGHT and scores[0] < 1 - LEAST_UPRIGHT
+    return (best, outside[0]) if clear and outside[0] > LEAST_OUTSIDE > outside[best] else None
 
 
 class _Search:
@@ -245,6 +278,8 @@ class _Search:
         ranked = self.search()
         likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
         likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
+        if self.is_alone and self.evidence.views > 2:  # every reading must beat one odd camera
+            likely += [replace(self.written, left_out=(view,)) for view in range(self.evidence.views)]
         table = sorted((self.score(r) for r in dict.fromkeys(likely)), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]

@@ -36,7 +36,7 @@ class Hypothesis:
 
 
 def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
-    """All files of a kind are written alike: poses, axes, sizes and turns of all pictures."""
+    """All files of a kind share one convention: poses, axes, sizes and turns of all pictures."""
     mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
@@ -114,10 +114,7 @@ def _left_out(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
 
 
 CONVENTIONS = Hypothesis("calibration_corrected", _conventions)
-ROWS = (
-    Hypothesis("calibration_corrected", _one_picture),
-    Hypothesis("camera_names_exchanged", _names),
-)
+ROWS = (Hypothesis("calibration_corrected", _one_picture), Hypothesis("camera_names_exchanged", _names))
 CAMERA_ROWS = (
     Hypothesis("camera_late", _late),
     Hypothesis("camera_placed", _moved),

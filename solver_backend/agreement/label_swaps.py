@@ -15,7 +15,7 @@ EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance."""
 VIEWS_WEIGHT = 0.3
-"""Weight of a frame's distances to the other views: a detector's errors are alike in neighbouring frames."""
+"""Weight of a frame's distances to the other views: neighbouring frames share a detector's errors."""
 STEP_PX_SHARE = 0.004
 """A keypoint's usual way from frame to frame at 60 fps as a share of the image width."""
 SWITCH_COST = 6.0
@@ -25,7 +25,7 @@ STATE_COST = 0.1
 LEAST_GAIN = 10.0
 """Gain in cost below which an exchange is left alone."""
 ROUNDS = 4
-"""Rounds of exchange at most; chosen by hand."""
+"""Rounds of exchange at most, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -50,7 +50,7 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
     For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are weighed by how far the
     detections are from where the other views expect them, its transitions by the way the detections would jump. Of
     exchanges that overlap in several views the one that explains most is undone first, and the others are evaluated
-    anew. What was found is in the order of view, limb and frame.
+    again. What was found is in the order of view, limb and frame.
 
     Args:
         cameras: C cameras.
@@ -211,7 +211,7 @@ def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
 def _again(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, swaps: list[LabelSwap]
 ) -> Triangulation:
-    """Return the triangulation with the exchanged limbs computed anew."""
+    """Return the triangulation with the exchanged limbs computed again."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
     for limb in EXCHANGED:

@@ -15,11 +15,11 @@ from solver_backend.types import UNSEEN_POINT, Keypoints2D
 NEAR_SHARE = 0.4
 """Median distance of keypoints from one frame to the next, over the person's extent, up to which it is one person."""
 GONE_S = 0.5
-"""Somebody who is not seen for longer is somebody new."""
+"""A person who is not seen for longer counts as a new one."""
 LEAST_SHARE = 0.25
 """Of the longest track's frames: shorter ones are passers-by."""
 LEAST_POINTS = 4
-"""Keypoints with confidence at which a person is there; chosen by hand."""
+"""Keypoints with confidence at which a person is there, chosen by hand."""
 
 
 @dataclass
@@ -39,7 +39,7 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         fps: frames per second.
 
     Raises:
-        NoDetections: nobody is detected.
+        NoDetections: no person is detected.
     """
     count = detections.joint_set.num_keypoints
     xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
@@ -108,7 +108,7 @@ def _append(track: _Track, frame: int, row: int, extent: np.ndarray) -> None:
 def _distance(
     xy: np.ndarray, confidence: np.ndarray, extent: np.ndarray, track: _Track, frame: int, row: int
 ) -> float:  # fmt: skip
-    """Return the median distance of the keypoints that both have, over the larger extent; inf where none are."""
+    """Return the median distance of the keypoints that both have, over the larger extent. Infinite where none are."""
     last, before = track.frames[-1], track.rows[-1]
     both = (confidence[frame, row] > 0) & (confidence[last, before] > 0)
     if not both.any():

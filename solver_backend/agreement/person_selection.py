@@ -47,7 +47,7 @@ class FollowedPeople:
 
 @dataclass(frozen=True)
 class FoundPerson:
-    """The person among everybody's detections."""
+    """The person among all people's detections."""
 
     people: PeopleInSpace
     """Everybody in space."""
@@ -67,7 +67,7 @@ def find_person(cameras: Cameras, detections: Detections, fps: float, progress: 
 
     Args:
         cameras: C cameras in the order of the detections' views.
-        detections: everybody in every view.
+        detections: all people in every view.
         fps: frames per second.
         progress: called with how many frames were compared.
 
@@ -111,7 +111,7 @@ def detections_of(
     Args:
         followed: everybody.
         person: index into ``followed.rows``.
-        detections: everybody in every view.
+        detections: all people in every view.
         fps: frames per second.
     """
     rows = followed.rows[person]
@@ -203,11 +203,11 @@ def _accepted(
 
 
 LEAST_S = 0.5
-"""Somebody that two views agree on for less than this, and for less than half of a shorter take, is not listed."""
+"""A person that two views agree on for less than this, and for less than half of a shorter take, is not listed."""
 LEAST_AGREEMENT = 0.4
 """Mean over a person's views of 1 - distance / tolerance: rays of different people meet by chance, hardly so well."""
 USUAL_NAME = "Person {}"
-"""What people are called until somebody names them, by the number of views and frames that agree on them."""
+"""Default names of people, by the number of views and frames that agree on them."""
 
 
 @dataclass(frozen=True)
@@ -215,7 +215,7 @@ class SeenPerson:
     """One of the people in a recording."""
 
     name: str
-    """What they are called."""
+    """Name of the person."""
     accepted: np.ndarray
     """(C, F, P) which detections are theirs; no detection is two people's."""
     fit: np.ndarray
@@ -231,7 +231,7 @@ def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float)
 
     Args:
         followed: people followed through space, see ``follow_people``; the first is always among those returned.
-        detections: everybody in every view.
+        detections: all people in every view.
         fps: frames per second.
     """
     least = min(LEAST_S * fps, 0.5 * detections.num_frames)
@@ -251,7 +251,7 @@ def _is_somebody(followed: FollowedPeople, rows: np.ndarray, least: float) -> bo
 
 
 AGREEING_SHARE = 0.65
-"""Fewer agreeing views than this share of those that see somebody are a problem."""
+"""Fewer agreeing views than this share of those that see a person are a problem."""
 
 
 @dataclass(frozen=True)
@@ -259,15 +259,15 @@ class SelectedPerson:
     """The detections of one person in every view."""
 
     name: str
-    """What they are called."""
+    """Name of the person."""
     keypoints: Keypoints2D
     """Detections of the person."""
     detection: np.ndarray
-    """(C, F) which detection is the person; -1 = none. Parts of a person that was detected in pieces are merged."""
+    """(C, F) which detection is the person. -1 = none. Parts of a person that was detected in pieces are merged."""
     notes: tuple[Diagnostic, ...] = ()
     """Who was chosen and what was left out."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
+    """Warnings for the user."""
 
 
 def select_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> SelectedPerson:
@@ -275,12 +275,12 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
 
     Detections of anybody else are dropped, wherever they stand in the files and however large or certain they are. A
     view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
-    or shows somebody else for a while is found out before a solve, by all of its detections.
+    or shows another person for a while is found out before a solve, by all of its detections.
 
     Args: those of ``find_person``.
 
     Raises:
-        NoDetections: nobody is detected, or no two views agree on anybody.
+        NoDetections: no person is detected, or no two views agree on anybody.
         TooFewViews: fewer than two views hold detections.
     """
     return select_people(cameras, detections, fps, progress)[0]

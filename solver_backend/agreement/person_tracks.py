@@ -175,7 +175,7 @@ CLEAR_RATIO = 2.0
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:
-    """Return (C, F, P) the number of the track each detection belongs to; -1 where there is none.
+    """Return (C, F, P) the number of the track each detection belongs to. -1 where there is none.
 
     Two detections of neighbouring frames are linked where each is the other's nearest by far; anything doubtful, such
     as two people who cross, ends a track. Numbers are unique over all views.
@@ -200,7 +200,7 @@ def view_tracks(seen: Sightings) -> np.ndarray:
 
 
 def _links(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P) for each detection of frames 1.. the detection of the frame before that it is; -1 = none.
+    """Return (F-1, P) for each detection of frames 1.. the detection of the frame before that it is. -1 = none.
 
     Args:
         xy: (F, P, J, 2) normalised coordinates of one view.
@@ -220,14 +220,14 @@ def _links(xy: np.ndarray) -> np.ndarray:
 
 
 def _second(cost: np.ndarray, axis: int) -> np.ndarray:
-    """Return the second smallest cost along an axis; inf where there is only one."""
+    """Return the second smallest cost along an axis. Infinite where there is only one."""
     if cost.shape[axis] < 2:
         return np.full(cost.shape[:axis] + cost.shape[axis + 1 :], np.inf)
     return np.take(np.partition(cost, 1, axis=axis), 1, axis=axis)
 
 
 def _costs(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P, P) mean distance of common keypoints over the size of the person; inf where none are common."""
+    """Return (F-1, P, P) mean distance of common keypoints over the person's size. Infinite if none are common."""
     known = np.isfinite(xy[..., 0])
     middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
     spread = np.where(known[..., None], xy - middle[..., None, :], 0.0)

@@ -67,7 +67,7 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
     """Return detections whose (C, F) repeated or skipped frames lie on the straight way from frame to new frame.
 
-    A repeated frame shows where somebody was, not where he is. Runs longer than ``LONGEST`` and those at the end of the
+    A repeated frame shows where a person was before. Runs longer than ``LONGEST`` and those at the end of the
     take show nothing instead.
     """
     views, frames = repeated.shape
@@ -167,7 +167,7 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 
 JUMP, CALM = 0.12, 0.25
 """How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
-it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames a second."""
+it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
 _LEAST_VIEWS = 2
 """Views that must see the person before and after a cut."""
 
@@ -181,7 +181,7 @@ def take_cuts(detections: Detections) -> list[int]:
     """Return the frames that begin another take.
 
     Args:
-        detections: everybody, in step; of each frame the largest person counts.
+        detections: all people, in step; of each frame the largest person counts.
     """
     xy, confidence = main_person(detections)
     if xy.shape[1] < 4:
@@ -205,7 +205,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
     """Return the warning that frames are in the order of texts (1, 10, 100, 2), where they move far less by number.
 
     Args:
-        detections: everybody, in step; of each frame the largest person counts.
+        detections: all people, in step; of each frame the largest person counts.
     """
     xy, confidence = main_person(detections)
     points, count = np.where((confidence >= MIN_CONFIDENCE)[..., None], xy, np.nan), xy.shape[1]
@@ -220,7 +220,7 @@ def report_order(detections: Detections) -> tuple[Diagnostic, ...]:
 
 
 def _walked(points: np.ndarray) -> float:
-    """Return how far keypoints (C, F, K, 2) move from a frame to the next in one frame of twenty; 0 of nothing."""
+    """Return how far keypoints (C, F, K, 2) move from a frame to the next in one frame of twenty. 0 of nothing."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
     return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0

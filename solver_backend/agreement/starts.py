@@ -216,7 +216,7 @@ def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, re
 
     Args:
         cameras: C cameras.
-        xy: (C, F, P, J, 2) normalised points of everybody, NaN where missing.
+        xy: (C, F, P, J, 2) normalised points of all people, NaN where missing.
         most_samples: frames of a view that are compared with all of another.
         reach: largest offset, every one if None.
     """
@@ -307,7 +307,7 @@ class StartEvidence(Enum):
     """What is known of when cameras started."""
 
     IN_STEP = "in step"
-    """They agree as they are numbered, or better nowhere with a margin."""
+    """They agree by their numbers, or better nowhere with a margin."""
     APART = "apart"
     """They agree far better at other offsets, and only there."""
     STILL = "still"
@@ -335,7 +335,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
     Args:
         cameras: C calibrated cameras.
-        detections: everybody; row 0 of a camera is the first frame that it recorded.
+        detections: all people; row 0 of a camera is the first frame that it recorded.
         fps: frames per second.
         numbered: (C,) offsets by the numbers of the frames.
     """
@@ -405,7 +405,7 @@ def matches(cameras: Cameras, detections: Detections) -> tuple[np.ndarray, np.nd
 
     Args:
         cameras: C cameras.
-        detections: everybody, each camera from its own first frame.
+        detections: all people, each camera from its own first frame.
     """
     step = max(1, -(-detections.num_frames // FEW_ROWS))
     thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None)
@@ -418,7 +418,7 @@ def read_out_of_step(cameras: Cameras, detections: Detections) -> Reading | None
 
     Args:
         cameras: C cameras as written.
-        detections: everybody, each camera from its own first frame.
+        detections: all people, each camera from its own first frame.
     """
     count, written = len(cameras), Reading.as_written(len(cameras))
     if not 2 <= count <= EACH or not (detections.people() > 0).any(axis=1).all():

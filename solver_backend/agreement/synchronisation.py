@@ -185,7 +185,7 @@ LARGEST_SIGMA_FRAMES = 0.2
 MEDIAN_FRAMES = 5
 """Length of the running median that takes outliers from the tracks before they are interpolated."""
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
-"""Kernel of the smoothing that follows; both are symmetric and alike in all views, so that they delay nothing."""
+"""Kernel of the smoothing that follows. Both are symmetric and the same in all views, so they delay nothing."""
 
 
 @dataclass(frozen=True)
@@ -193,11 +193,11 @@ class Delays:
     """How late each of C cameras is."""
 
     frames: np.ndarray
-    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0; NaN where unknown."""
+    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0. NaN where unknown."""
     sigma: np.ndarray
-    """(C,) standard deviation; NaN where too little moves."""
+    """(C,) standard deviation. NaN where too little moves."""
     drift: np.ndarray
-    """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first; 0 where
+    """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first. 0 where
     it is not sure."""
     beyond: np.ndarray
     """(C,) whether the views agree best at the end of what was looked for, so that the delay is larger or another."""
@@ -221,7 +221,7 @@ def estimate_delays(
         cameras: C cameras.
         keypoints: detections of one person.
         triangulation: of these detections.
-        others: detections of everybody else, in the same joint set: a delay is a camera's, whomever it films.
+        others: detections of all people else, in the same joint set: a delay is a camera's, whomever it films.
         progress: called as pairs of cameras are compared.
     """
     frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
@@ -408,5 +408,5 @@ def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
 
 
 def _median(values: np.ndarray) -> float:
-    """Return the lower median; 0 of nothing."""
+    """Return the lower median. 0 of nothing."""
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

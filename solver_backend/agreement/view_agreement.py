@@ -24,7 +24,7 @@ MAX_EXTENT_M = 1.6
 SMALLEST_ANGLE_SIN2 = 0.0076
 """Squared sine of the smallest angle between two rays that place a point: 5 degrees."""
 _FRAMES_AT_A_TIME = 400
-"""Frames that are compared at a time, which bounds memory; chosen by hand."""
+"""Frames that are compared at a time, which bounds memory, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -34,9 +34,9 @@ class PeopleInSpace:
     frame: np.ndarray
     """(H,) frame of each, ascending."""
     members: np.ndarray
-    """(H, C) which detection of each view is this person; -1 = none."""
+    """(H, C) which detection of each view is this person. -1 = none."""
     points: np.ndarray
-    """(H, J, 3) world metres of the compared keypoints; NaN where unknown."""
+    """(H, J, 3) world metres of the compared keypoints. NaN where unknown."""
     score: np.ndarray
     """(H,) sum over its views of 1 - distance / tolerance."""
 
@@ -175,7 +175,7 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last axis of what is not NaN; inf where fewer than ``MIN_POINTS`` are."""
+    """Return the median over the last axis of what is not NaN. Infinite where fewer than ``MIN_POINTS`` are."""
     enough = np.isfinite(values).sum(-1) >= MIN_POINTS
     return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 

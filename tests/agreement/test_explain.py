@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.explain import Explanation, explain
+from solver_backend.agreement.explain import Explanation, explain, turn_of_one_view
 from solver_backend.agreement.noise import count_in_bins, fit_noise
 from solver_backend.agreement.reading import PLAIN, PictureReading, Reading, apply_reading
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
@@ -285,3 +285,17 @@ def test_noise_and_outlier_rate_are_estimated() -> None:
     noise = fit_noise(count_in_bins(distance, np.ones(())))
     np.testing.assert_allclose(noise.sigma, [0.01, 0.04], rtol=0.1)
     np.testing.assert_allclose(noise.outliers, 0.1, atol=0.02)
+
+
+@pytest.mark.parametrize("turn", [1, 3])
+def test_turned_pictures_of_a_single_camera_are_found(turn: int) -> None:
+    seen = replace(
+        detections(), cameras=CAMERAS.names[:1], xy=detections().xy[:1], confidence=detections().confidence[:1]
+    )
+    camera = CAMERAS.subset([0])
+    assert turn_of_one_view(camera, seen) is None
+    width, height = CAMERAS.image_size[0].tolist()
+    u, v = np.moveaxis(seen.xy + [0 if turn == 1 else -300, 0], -1, 0)  # off the middle of the picture
+    xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
+    found = turn_of_one_view(camera, replace(seen, xy=xy))
+    assert found is not None and found[0] == turn and 0.02 < found[1] < 1.0

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.detections import Detections
-from solver_backend.agreement.explain import Applied, Explanation, explain
-from solver_backend.agreement.reading import Reading, apply_reading
+from solver_backend.agreement.explain import Applied, Explanation, explain, turn_of_one_view
+from solver_backend.agreement.reading import PictureReading, Reading, apply_reading
 from solver_backend.agreement.resampled import at_one_rate, rates_by_length, rates_match
 from solver_backend.agreement.starts import read_out_of_step
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -29,8 +29,8 @@ def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
     """Return (C,) frames of each camera for one of the take, by what the videos state.
 
     Args:
-        rates: (C,) frames a second that the videos state, None where they state nothing.
-        fps: frames a second of the take.
+        rates: (C,) frames per second that the videos state, None where they state nothing.
+        fps: frames per second of the take.
     """
     ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
     differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
@@ -59,7 +59,7 @@ def other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_op
 
     Args:
         ratios: (C,) frames of each for one of the take.
-        fps: frames a second of the take.
+        fps: frames per second of the take.
         is_open: the views leave open which cameras the stated rate is of.
     """
     rates = {name: ratio * fps for name, ratio in zip(detections.cameras, ratios.tolist(), strict=True) if ratio != 1.0}
@@ -116,7 +116,8 @@ def bring_to_agreement(
     """
     count = len(detections.cameras)
     if count == 1:
-        return Agreeing(calibration, InTime(detections), (False,))
+        files = _turn_one_view(_Files(calibration, detections), options)
+        return Agreeing(files.calibration, InTime(files.detections), (False,))
     if not np.ptp(calibration.cameras.centres, axis=0).any():
         raise CalibrationInvalid(
             "The calibration places all cameras in one point: it has intrinsics alone.", where=str(calibration.source),
@@ -197,6 +198,16 @@ def _read(files: _Files, reading: Reading, options: ReadOptions, problems: Seque
     if problems:
         calibration = replace(calibration, problems=(*calibration.problems, *problems))
     return _Files(calibration, detections, files.problems)
+
+
+def _turn_one_view(files: _Files, options: ReadOptions) -> _Files:
+    found = None if options.as_calibrated else turn_of_one_view(_in_file(files, options), files.detections)
+    if found is None:
+        return files
+    reading = Reading.as_written(1).with_picture(0, PictureReading(turn=found[0]))
+    values = {"meanings": reading.correction(0).meaning(), "percent": 100 * found[1]}
+    corrected = diagnostic("calibration_corrected", result="alone", cameras=files.detections.cameras, **values)
+    return _read(files, reading, options, [corrected])
 
 
 def _report(names: Sequence[str], found: Explanation) -> list[Diagnostic]:

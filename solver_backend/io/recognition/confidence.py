@@ -47,7 +47,7 @@ _SAMPLE = 20_000
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
-    """Return the (2,) place in pixels at which most kinds of keypoints stand at some time, None where there is none.
+    """Return the (2,) place in pixels at which most kinds of keypoints stand at some time, None if there is none.
 
     Args:
         xy: (..., K, 2) px.
@@ -81,7 +81,7 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     """Return detections in pixels: shares of width and height, from a corner or the centre, become pixels.
 
     Args:
-        detections: everybody in every view.
+        detections: all people in every view.
         image_size: (C, 2) width and height in pixels.
     """
     seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]

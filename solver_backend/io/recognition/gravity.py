@@ -27,7 +27,7 @@ AHEAD_M = 0.05
 CARRIES_M = 0.04
 """A foot so much above the other one still carries with a weight of ``exp(-1/2)``, where up is known well."""
 LEAST_HEIGHT = 0.7
-"""Of the centre of mass above the support, in lengths of the leg, for somebody who is on their feet."""
+"""Of the centre of mass above the support, in lengths of the leg, for a person who is on their feet."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ BALANCE_SIGMA = np.radians(3.5)
 """How far the direction from the support to the centre of mass is from gravity in the mean of a long take, per axis:
 what a person accelerates, and what keypoints make of the body's masses."""
 LEANS_SIGMA = np.radians(12.0)
-"""Frames that lean by more are of somebody who runs, leaps or turns over, which shows little."""
+"""Frames that lean by more are of a person who runs, leaps or turns over, which shows little."""
 APART_SIGMAS = 1.4
 """Beyond this many of ``BODY_SIGMA`` body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02
@@ -137,9 +137,9 @@ LOWEST = 0.15
 """Share of a foot's heights that lie below the floor's, by noise."""
 _ROUNDS, _PASSES = 40, 5
 _LARGEST_STEP = 0.15
-"""Change of the floor's slope in one step at most, radians; chosen by hand."""
+"""Change of the floor's slope in one step at most, radians, chosen by hand."""
 _SURE_TILT = np.radians(4.0)
-"""Tilt that counts as sure at least, radians; chosen by hand."""
+"""Tilt that counts as sure at least, radians, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -164,12 +164,12 @@ def upright_from_person(
     Three witnesses of gravity, each with its covariance: the direction from ankles to shoulders of a person who stands
     tall; the centre of mass, which in the mean is above what carries it; and the floor, a plane on which each kind of
     keypoint of the feet has a height of its own, the lowest 15 % of each below it by noise. The more the person walks
-    about, the more the floor counts; for somebody who only balances in one place, the balance counts.
+    about, the more the floor counts; for a person who only balances in one place, the balance counts.
 
     Args:
         points: (F, K, 3) metres, NaN where unknown.
         joint_set: names of the keypoints.
-        fps: frames a second; the nearer they are, the more of them show the same.
+        fps: frames per second; the nearer they are, the more of them show the same.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.
@@ -368,7 +368,7 @@ def measure_level(
         points: (F, K, 3) metres in the calibration's world, NaN where unknown.
         joint_set: names of the keypoints.
         cameras: C cameras in that world.
-        fps: frames a second.
+        fps: frames per second.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.

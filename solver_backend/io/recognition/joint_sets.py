@@ -138,7 +138,7 @@ def recognise_joint_set(
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:
-    """Return the median over people of the rms bone length over the height in the image; inf where nobody is seen.
+    """Return the median over people of the rms bone length over the height in the image. Infinite if no person is seen.
 
     Args:
         joint_set: the vocabulary to try.

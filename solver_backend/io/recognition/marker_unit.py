@@ -69,7 +69,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the largest side of the box that holds most markers, the median over frames; NaN where none are seen."""
+    """Return the largest side of the box that holds most markers, the median over frames. NaN where none are seen."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))

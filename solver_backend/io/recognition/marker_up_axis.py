@@ -56,14 +56,14 @@ UPRIGHT = 2.0
 LEANING = 1.2
 """The same in the axes of a camera that looks down, where nothing is at the level 0: up to 40 degrees."""
 FLOOR_M = 0.3
-"""Feet of somebody who stands are this near to the level 0."""
+"""Feet of a person who stands are this near to the level 0."""
 LYING_M = 0.4
-"""Somebody who lies on the floor is lower than this."""
+"""A person who lies on the floor is lower than this."""
 PERSON_FACTOR = 2.0
-"""By so much less and more than people's may two parts of a body be apart: those of somebody who is coiled up, and the
+"""By so much less and more than people's may two parts of a body be apart: those of a person who is coiled up, and the
 tallest in a unit that is not far off."""
 MARKER_M = (-0.05, 0.12)
-"""Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
+"""Height of the lowest markers of feet on the floor, where a person may also lie along the axis."""
 _USUAL = ("y", "z")
 """Axes that point up in nearly all files: who is long along another one may lie."""
 
@@ -218,12 +218,12 @@ def _above_floor(positions: np.ndarray) -> str | None:
 
 
 def _lowest(positions: np.ndarray, axis: str, share: float = 0.01) -> float:
-    """Return the height below which this share of all markers is, were this axis up; NaN where none are seen."""
+    """Return the height below which this share of all markers is, were this axis up. NaN where none are seen."""
     heights = positions[:: max(1, len(positions) // 500)] @ rotation_to_z_up(axis)[2]
     return float(quantile(heights.ravel(), share, 0, "nearest"))
 
 
 def _may_lie(positions: np.ndarray, axis: str, body: str) -> bool:
-    """Return whether somebody who is long along ``body`` may lie on the floor of a world whose ``axis`` is up."""
+    """Return whether a person who is long along ``body`` may lie on the floor of a world whose ``axis`` is up."""
     low = MARKER_M[0] < _lowest(positions, axis) and _lowest(positions, axis, 0.75) < LYING_M
     return low and not MARKER_M[0] < _lowest(positions, body) < MARKER_M[1]

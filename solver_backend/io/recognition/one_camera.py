@@ -26,9 +26,9 @@ class OneCameraWorld:
     camera: Cameras
     """One camera."""
     notes: tuple[Diagnostic, ...] = ()
-    """What was done because it was asked for."""
+    """Changes that the settings asked for."""
     problems: tuple[Diagnostic, ...] = ()
-    """What was done unasked."""
+    """Changes that nobody asked for."""
     from_person: bool = False
     """Up, floor and scale are the person's."""
 

@@ -38,7 +38,7 @@ STATURE_SIGMA_M = 0.005
 MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
 """Of adults, where it is not given (NCD-RisC 2016, both sexes)."""
 _ROUNDS = 20
-"""Rounds of reweighting; chosen by hand."""
+"""Rounds of reweighting, chosen by hand."""
 _LEAST_LENGTH = 1e-6
 """Of the longest bone by the size of the world, below which all keypoints are one point."""
 
@@ -183,7 +183,7 @@ class PersonUnit:
     to_plausible: float = 1.0
     """Factor by which people in these cameras are found: 1 where the person has a possible size."""
     problems: tuple[Diagnostic, ...] = ()
-    """What was corrected."""
+    """Corrections."""
 
 
 def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") -> PersonUnit:
@@ -191,7 +191,7 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
 
     Args:
         cameras: in metres as far as their calibration shows.
-        detections: of everybody; the largest person of each picture counts, if the views agree on that one.
+        detections: of all people; the largest person of each picture counts, if the views agree on that one.
         guessed: the unit that the calibration was read in, where only the cameras' distance suggests it; '' where it is
             known, and stays.
     """
@@ -212,7 +212,7 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
 
     Args:
         cameras: C cameras in any unit.
-        detections: of everybody.
+        detections: of all people.
     """
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
@@ -242,7 +242,7 @@ def _length(points: np.ndarray, names: list[str], upper: str, lower: str) -> flo
 
 
 def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
-    """Return cameras of any unit as wide apart as those of a room, with the factor; NaN where they are one place."""
+    """Return cameras of any unit as wide apart as those of a room, with the factor. NaN where they are one place."""
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
     if not width > 0:
         return cameras, float("nan")

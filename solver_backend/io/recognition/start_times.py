@@ -29,11 +29,11 @@ class InTime:
     detections: Detections
     """Of the frames that are kept."""
     first_rows: tuple[int, ...] = ()
-    """The row of each camera's own frames that comes first; () where all begin with their first."""
+    """The row of each camera's own frames that comes first. () where all begin with their first."""
     notes: tuple[Diagnostic, ...] = ()
-    """What was assumed."""
+    """Assumptions."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
+    """Warnings for the user."""
 
 
 def reads_apart(options: ReadOptions) -> bool:
@@ -50,7 +50,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     Args:
         cameras: C calibrated cameras.
         detections: as read, each camera from its own first frame where they differ.
-        fps: frames a second.
+        fps: frames per second.
         options: how the capture is read.
 
     Raises:
@@ -199,7 +199,7 @@ def _aligned(
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
-    """Return (C,) frames by which cameras started late, as the user gives them; None where none is given."""
+    """Return (C,) frames by which cameras started late, as the user gives them. None where none is given."""
     given = offsets_by_camera(texts)
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]

@@ -26,6 +26,8 @@ PLAUSIBLE_STATURE_M = (1.0, 2.3)
 LIMB_RATIOS = (0.65, 1.55)
 """Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
 the demo and of four recorded takes 0.95 to 1.19."""
+BENDS = 1.5
+"""Times the spread of the upper half's length by which the distance of a limb's ends spreads if it bends there."""
 _LIMBS = tuple(
     (f"{side} {limb}", *[f"{side}_{part}" for part in parts])
     for side in ("left", "right")
@@ -33,7 +35,7 @@ _LIMBS = tuple(
 )
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9
-"""Cosine of the angle to an axis below which somebody does not stand along it."""
+"""Cosine of the angle to an axis below which a person does not stand along it."""
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 FAR_OFF_PX = 100.0
@@ -65,7 +67,7 @@ def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 @dataclass(frozen=True)
 class WorldCheck:
-    """Figures of the triangulated person; NaN where they cannot be measured."""
+    """Figures of the triangulated person. NaN where they cannot be measured."""
 
     stature_m: float
     """From the lengths of thigh and shank."""
@@ -80,11 +82,11 @@ class WorldCheck:
     points: np.ndarray
     """(F, K, 3) keypoints of the sampled frames, metres."""
     fps: float
-    """Sampled frames a second."""
+    """Sampled frames per second."""
     off_px: dict[str, float]
     """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
     limbs: Mapping[str, float] = field(default_factory=dict)
-    """Of each arm and leg: length of the upper half against the lower one."""
+    """Length ratio of the halves of each arm and leg, unless the limb surely bends at its middle."""
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
@@ -200,12 +202,17 @@ def _biases(
 
 
 def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
-    """Return how long a limb's upper half is against its lower one, by medians; NaN where it is unseen."""
+    """Return the ratio of a limb's upper to its lower half, NaN if it is unseen or surely bends at its middle.
+
+    A limb that bends at its middle changes the distance of its ends, whatever a detector takes for its joints.
+    """
     if not {upper, middle, end} <= named.keys():
         return float("nan")
-    halves = (np.linalg.norm(named[a] - named[b], axis=-1) for a, b in ((upper, middle), (middle, end)))
-    lengths = [float(quantile(half, 0.5, axis=0)) for half in halves]
-    return lengths[0] / lengths[1]
+    pairs = (upper, middle), (middle, end), (upper, end)
+    lengths = [np.linalg.norm(named[a] - named[b], axis=-1) for a, b in pairs]
+    low, usual, high = (np.array([float(quantile(length, q, axis=0)) for length in lengths]) for q in (0.1, 0.5, 0.9))
+    bends = (high - low)[2] > BENDS * (high - low)[0]
+    return float("nan") if bends else float(usual[0] / usual[1])
 
 
 def _legs(named: dict[str, np.ndarray]) -> float:
@@ -242,9 +249,9 @@ class WorldFit:
     cameras: Cameras
     check: WorldCheck
     notes: tuple[Diagnostic, ...] = ()
-    """What was done because it was asked for."""
+    """Changes that the settings asked for."""
     problems: tuple[Diagnostic, ...] = ()
-    """What was done unasked."""
+    """Changes that nobody asked for."""
     from_person: bool = False
     """Up and floor of a single camera's world are the person's."""
 
@@ -366,7 +373,7 @@ def _level(
 
 
 def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
-    """Return whether cameras show that somebody along an axis lies: they stand level in the world as it is."""
+    """Return whether cameras show that a person along an axis lies: they stand level in the world as it is."""
     up = rotation_to_z_up(axis).T[:, 2]
     return roll_gain(_upright(cameras, rolls, up).R, up) <= -CONTRADICTS
 

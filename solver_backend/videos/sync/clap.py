@@ -11,15 +11,15 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.types import JointSet
 from solver_backend.videos.files.video import Sound, VideoInfo, read_pictures
 from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
-from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal, convolved
+from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal, smoothed
 from solver_backend.videos.sync.speeds import person_size
 
 RATE_HZ = 240.0
-"""The wrists are looked at at so many moments a second."""
+"""The wrists are looked at at so many moments per second."""
 FLOOR_S = 0.008
 """Standard deviation of a clap's moment in a view, which sees wrists and not palms."""
 SMOOTHING_S = 0.035
-"""Standard deviation of the smoothing: hands rush together for about a tenth of a second."""
+"""Standard deviation of the smoothing: hands rush together for about 0.1 s."""
 NEAR = 0.25
 """Wrists this near, in sizes of the person in the picture, may be meeting."""
 WRISTS = ("left_wrist", "right_wrist")
@@ -51,7 +51,7 @@ def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal
     fps = (len(times_s) - 1) / max(float(times_s[-1] - times_s[0]), 1e-9)
     apart = _median(apart, 2 * max(round(0.5 * MEDIAN_S * fps), 1) + 1)
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * RATE_HZ) + 1) / RATE_HZ
-    smooth = _smooth(at_times(apart, times_s, wanted))
+    smooth = smoothed(at_times(apart, times_s, wanted), SMOOTHING_S * RATE_HZ)
     turn = np.gradient(np.gradient(smooth)) * RATE_HZ**2
     sharp = np.where(np.isfinite(turn) & (smooth < NEAR), np.maximum(np.nan_to_num(turn), 0.0), 0.0)
     return Signal((sharp / max(float(np.sqrt((sharp**2).sum())), 1e-9))[:, None], RATE_HZ, float(times_s[0]))
@@ -64,15 +64,6 @@ def _median(values: np.ndarray, length: int) -> np.ndarray:
     count = np.isfinite(around).sum(-1)
     middle = np.take_along_axis(around, np.maximum(count - 1, 0)[:, None] // 2, axis=-1)[:, 0]
     return np.where(2 * count > length, middle, np.nan)
-
-
-def _smooth(values: np.ndarray) -> np.ndarray:
-    """Return (N,) values after a Gaussian over what is known, NaN where that is less than half."""
-    known = np.isfinite(values)
-    reach = round(3 * SMOOTHING_S * RATE_HZ)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
-    total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
-    return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
 
 
 def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: float) -> Clocks:
@@ -160,7 +151,7 @@ def _tops(values: np.ndarray) -> list[int]:
 
 
 def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
-    """Return the best lag near one in samples, between samples by a parabola, and how well it agrees; None if badly."""
+    """Return the best lag near one in samples, between samples by a parabola, and how well it agrees. None if badly."""
     middle, reach = len(agreement) // 2 + lag, round(0.5 * APART_S * RATE_HZ)
     low, high = max(middle - reach, 1), min(middle + reach + 1, len(agreement) - 1)
     if high <= low:
@@ -175,11 +166,11 @@ def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
 
 
 FLASH_RATE_HZ = 240.0
-"""Brightness is compared at so many moments a second."""
+"""Brightness is compared at so many moments per second."""
 COARSE = 16
 """Every so many rows and columns are looked at."""
 CLIP_SIGMAS = 8.0
-"""Spreads at which a change of brightness is clipped; chosen by hand."""
+"""Spreads at which a change of brightness is clipped, chosen by hand."""
 
 
 def brightness_signal(info: VideoInfo) -> Signal:
@@ -201,13 +192,13 @@ def brightness_signal(info: VideoInfo) -> Signal:
 
 
 SOUND_RATE_HZ = 2000
-"""Samples a second of the onsets: half a millisecond, and peaks are found between samples."""
+"""Samples per second of the onsets: half a millisecond, and peaks are found between samples."""
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
 PIECE_S = 8.0
 SOUND_FLOOR_S = 0.005
 """Sound needs 3 ms for a metre, and microphones stand some metres apart."""
 SOUND_SMOOTHING_S = 0.002
-"""Standard deviation of the smoothing of loudness, seconds; chosen by hand."""
+"""Standard deviation of the smoothing of loudness, seconds, chosen by hand."""
 
 
 def onsets(sound: Sound) -> Signal:

@@ -17,7 +17,7 @@ from solver_backend.videos.sync.signals import PairLag, SyncUnknown
 SIGMAS = 2.0
 """Standard deviations up to which a clock's difference is none: 95 %."""
 LARGEST_SIGMA_S = 1e-3
-"""A clock that is known less surely is not called in sync: at 60 frames a second a wrist at 3 m/s moves 3 mm in it."""
+"""A clock with a larger deviation is not called in sync. A wrist at 3 m/s moves 3 mm in this time."""
 
 
 @dataclass(frozen=True)
@@ -32,15 +32,15 @@ class Clocks:
     offset_s: np.ndarray
     """(C,) seconds at ``middle_s``."""
     rate: np.ndarray
-    """(C,) seconds a second; 1e-6 is one part in a million."""
+    """(C,) seconds per second; 1e-6 is one part in a million."""
     covariance: np.ndarray
-    """(C, 2, 2) of offset and rate; NaN where unknown."""
+    """(C, 2, 2) of offset and rate. NaN where unknown."""
     middle_s: float
     """t0, seconds."""
     method: str = "as filmed"
     """What they were estimated from."""
     findings: tuple[Diagnostic, ...] = ()
-    """What the user should know."""
+    """Warnings for the user."""
 
     @classmethod
     def alike(cls, names: tuple[str, ...]) -> Clocks:
@@ -220,7 +220,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
     Args:
         first_to_last: each video's first and last time on its own clock, which begins with its first picture.
         clocks: of the cameras, in the same order.
-        fps: moments a second.
+        fps: moments per second.
     """
     spans = [clocks.from_video(c, np.array(span)) for c, span in enumerate(first_to_last)]
     start, stop = max(span[0] for span in spans), min(span[1] for span in spans)
@@ -228,7 +228,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Return (N, ...) values at wanted moments, linear between neighbouring pictures; NaN where one of them is missing.
+    """Return (N, ...) values at wanted moments, linear between neighbouring pictures. NaN where one of them is missing.
 
     Args:
         values: (F, ...), NaN where missing.

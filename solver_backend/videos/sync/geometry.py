@@ -7,19 +7,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.agreement.starts import whole_lags
-from solver_backend.agreement.synchronisation import (
-    BLOCKS,
-    DelayStep,
-    delay_step,
-    place_in_take,
-    smoothed_tracks,
-)
+from solver_backend.agreement.synchronisation import BLOCKS, DelayStep, delay_step, place_in_take, smoothed_tracks
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
-from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved
+from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved, smoothed
 
 LAG_SIGMA_SHARE = 0.005
 """How far detections scatter where whole lags are compared, as a share of the picture's width."""
@@ -58,7 +52,7 @@ class FilmedTracks:
     joint_set: JointSet
     """Names of the K keypoints."""
     fps: float
-    """Pictures a second that all are compared at."""
+    """Pictures per second that all are compared at."""
 
 
 def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: float) -> Clocks:
@@ -106,7 +100,7 @@ def _by_whole_lags(filmed: FilmedTracks, clocks: Clocks, reach_s: float) -> Cloc
 
 
 def _disagreement_px(filmed: FilmedTracks, clocks: Clocks) -> float:
-    """Return how far the views' detections are from the points they make, px; inf where too little time is common."""
+    """Return the distance of detections from triangulated points, px. Infinite if too little time is common."""
     wanted = common_times([(float(w[0]), float(w[-1])) for w in filmed.times_s], clocks, filmed.fps)
     shortest = min(float(when[-1] - when[0]) for when in filmed.times_s)
     if len(wanted) < max(LEAST_FRAMES, filmed.fps * min(LEAST_COMMON_S, LEAST_COMMON_SHARE * shortest)):
@@ -197,7 +191,9 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
     seen = np.isfinite(xy[..., 0]).astype(float)
     located = triangulate(cameras, xy, seen)
     points = np.asarray(located.points)
-    px, path = (project(cameras, at) for at in (points, _smooth_path(points)))
+    known = np.isfinite(points).all(-1, keepdims=True)
+    path = project(cameras, smoothed(np.where(known, points, np.nan), PATH_FRAMES))
+    px = project(cameras, points)
     velocity = np.full_like(xy, np.nan)
     velocity[:, 1:-1] = 0.5 * (path[:, 2:] - path[:, :-2])
     error, m = xy - px, WHITENED_FRAMES
@@ -212,15 +208,6 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
         cameras, (px[:, m:] + error)[:, kept], velocity[:, kept], points[frames], place, spread[:, kept],
         drifting=True, blocks=max(BLOCKS, len(kept) // BLOCK_FRAMES),
     )  # fmt: skip
-
-
-def _smooth_path(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points after a Gaussian low-pass over what is known of them, NaN where that is little."""
-    reach = 3 * PATH_FRAMES
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / PATH_FRAMES) ** 2)
-    known = np.isfinite(points).all(-1)
-    total, share = (convolved(a, kernel) for a in (np.where(known[..., None], points, 0.0), known.astype(float)))
-    return np.where((share > 0.5 * kernel.sum())[..., None], total / np.maximum(share, 1e-9)[..., None], np.nan)
 
 
 def _local_spread(error: np.ndarray, usual: float) -> np.ndarray:

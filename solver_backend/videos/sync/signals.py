@@ -15,9 +15,9 @@ LEAST_OVERLAP = 0.3
 RATE_SIGMA = 25e-6
 """Standard deviation of what a camera's rate is off, before anything is measured: quartz keeps within 50 ppm."""
 ROUNDS = 5
-"""Rounds of reweighting; chosen by hand."""
+"""Rounds of reweighting, chosen by hand."""
 HUBER_SIGMAS = 2.0
-"""Spreads at which a residual begins to lose weight; chosen by hand."""
+"""Spreads at which a residual begins to lose weight, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Signal:
     values: np.ndarray
     """(N, D), finite, zero mean."""
     rate_hz: float
-    """Samples a second."""
+    """Samples per second."""
     start_s: float = 0.0
     """When the first sample was taken."""
 
@@ -39,7 +39,7 @@ class PairLag:
     lag_s: float
     """At ``middle_s``."""
     rate: float
-    """Seconds a second."""
+    """Seconds per second."""
     covariance: np.ndarray
     """(2, 2) of both."""
     middle_s: float
@@ -49,7 +49,7 @@ class PairLag:
 
 
 def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:
-    """Return the lag of two signals of the same rate; None where they do not agree.
+    """Return the lag of two signals of the same rate. None where they do not agree.
 
     What happens at t on the first one's clock is at ``t + lag`` on the second one's. The whole is correlated by FFT,
     normalised by the energies that overlap; then every piece by itself within half a piece's reach of that, its peak
@@ -123,7 +123,7 @@ def line_fit(
 def _correlation(
     a: np.ndarray, b: np.ndarray, shift_s: float, reach_s: float | None, rate_hz: float
 ) -> tuple[float, float] | None:
-    """Return the lag of b behind a in seconds and its normalised correlation; None where nothing overlaps enough."""
+    """Return the lag of b behind a in seconds and its normalised correlation. None where nothing overlaps enough."""
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
     product = np.fft.irfft(np.fft.rfft(b, size, axis=0) * np.conj(np.fft.rfft(a, size, axis=0)), size, axis=0).sum(-1)
     lags = np.arange(-(len(a) - 1), len(b))
@@ -164,6 +164,19 @@ def convolved(values: np.ndarray, kernel: np.ndarray, axis: int = 0) -> np.ndarr
         return np.convolve(row, kernel)[reach : reach + len(row)]
 
     return np.apply_along_axis(one, axis, np.asarray(values, dtype=np.float64))
+
+
+def smoothed(values: np.ndarray, sigma: float) -> np.ndarray:
+    """Return (N, ...) values after a Gaussian over the known ones, NaN where less than half of it is known.
+
+    Args:
+        values: NaN where unknown.
+        sigma: standard deviation in samples.
+    """
+    reach = max(round(3 * sigma), 1)
+    kernel, known = np.exp(-0.5 * (np.arange(-reach, reach + 1) / sigma) ** 2), np.isfinite(values)
+    total, share = (convolved(a, kernel) for a in (np.where(known, values, 0.0), known.astype(float)))
+    return np.where(share > 0.5 * kernel.sum(), total / np.maximum(share, 1e-9), np.nan)
 
 
 class SyncUnknown(MocapError):

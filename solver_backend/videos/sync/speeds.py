@@ -8,17 +8,17 @@ import numpy as np
 
 from solver_backend.types import FEET, LIMBS, JointSet
 from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
-from solver_backend.videos.sync.signals import Signal, convolved, pair_lag
+from solver_backend.videos.sync.signals import Signal, pair_lag, smoothed
 
 RATE_HZ = 120.0
-"""Speeds are compared at so many moments a second."""
+"""Speeds are compared at so many moments per second."""
 PIECE_S = 6.0
 FLOOR_S = 0.002
 """What perspective makes of a speed shifts its peak by this."""
 SMOOTHING_S = 0.04
-"""Standard deviation of the smoothing, alike for all cameras."""
+"""Standard deviation of the smoothing, the same for all cameras."""
 CLIP_SIGMAS = 4.0
-"""Spreads at which a speed is clipped; chosen by hand."""
+"""Spreads at which a speed is clipped, chosen by hand."""
 
 
 def clocks_by_speeds(
@@ -46,7 +46,7 @@ def clocks_by_speeds(
 
 
 def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return the upward speed of each limb's keypoint in sizes of the person a second; 0 where unknown."""
+    """Return the upward speed of each limb's keypoint in sizes of the person a second. 0 where unknown."""
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
     columns = [k for k, name in enumerate(joint_set.keypoints) if name.endswith(compared)]
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * RATE_HZ) + 1) / RATE_HZ
@@ -55,12 +55,7 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     points = at_times(track[:, columns], times_s, wanted)
     known = np.isfinite(points).all(-1)
     size = person_size(points)
-    reach = max(round(3 * SMOOTHING_S * RATE_HZ), 1)
-    kernel = np.exp(-0.5 * (np.arange(-reach, reach + 1) / (SMOOTHING_S * RATE_HZ)) ** 2)
-    # The derivative of normalised smoothing over what is known.
-    filled = np.where(known, points[..., 1], 0.0)
-    smooth, share = (convolved(a, kernel) for a in (filled, known.astype(float)))
-    height = np.where(share > 0.5 * kernel.sum(), smooth / np.maximum(share, 1e-9), np.nan)
+    height = smoothed(np.where(known, points[..., 1], np.nan), SMOOTHING_S * RATE_HZ)
     speed = -np.gradient(height, axis=0) * RATE_HZ / size
     speed = np.where(np.isfinite(speed), speed, 0.0)
     spread = np.sqrt((speed**2).mean(axis=0))

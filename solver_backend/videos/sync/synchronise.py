@@ -39,7 +39,7 @@ def synchronise(
 
     Args:
         found: what was found in each camera's video.
-        cameras: calibrated cameras in the same order; None where there is no calibration yet.
+        cameras: calibrated cameras in the same order. None where there is no calibration yet.
         way: one of ``WAYS``.
         progress: called as stages advance.
 
@@ -154,7 +154,7 @@ def _of_signals(
 
 
 def in_step(clocks: Clocks, fps: float) -> Clocks:
-    """Return clocks as they are, or alike where what was found is no more than its own uncertainty.
+    """Return the clocks, or equal ones if their differences are no more than their uncertainty.
 
     Detections of cameras in step are then not resampled at all.
     """
