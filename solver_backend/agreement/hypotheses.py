@@ -41,6 +41,8 @@ def _conventions(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:
     for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
         pictures = (PictureReading(size, turn, mirrored),) * evidence.views
         yield replace(reading, pictures=pictures, pose=pose, graphics=graphics, sides=(False,) * evidence.views)
+    for shape in SHAPES:
+        yield replace(reading, pictures=(PictureReading(shape=shape),) * evidence.views)
 
 
 def _one_picture(evidence: TakeEvidence, reading: Reading) -> Iterator[Reading]:

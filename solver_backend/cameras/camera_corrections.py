@@ -126,10 +126,11 @@ def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
     scale, size = np.array([_WIDTHS.get(shape, 1.0), 1.0]), np.array([width, height], np.float64)
     if shape == "square":
         scale = np.array([height / width, 1.0])
+    long, short = size.max(), size.min()
     new = {
         **{middle: size * share for middle, share in _MIDDLES.items()},
-        "boxed": np.full(2, size.max()), "cut to 16:9": np.array([width, width * 9 / 16]),
-        "cut to 4:3": np.array([height * 4 / 3, height]), "cut to a square": np.full(2, size.min()),
+        "boxed": np.full(2, long), "cut to 16:9": np.where(size == long, long, long * 9 / 16),
+        "cut to 4:3": np.where(size == short, short, short * 4 / 3), "cut to a square": np.full(2, short),
     }.get(shape, size * scale)  # fmt: skip
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     K[c, :2] *= scale[:, None]
