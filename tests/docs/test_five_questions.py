@@ -18,7 +18,7 @@ MOST_CLICKS = 3
 QUESTIONS = {
     "I have four phone videos": (
         ("from videos",),
-        ("from-videos session", "One video a camera", "No calibration?", "bake session/mocap/motion.npz"),
+        ("from-videos session", "One video per camera", "Without a calibration", "bake session/mocap/motion.npz"),
     ),
     "I have a C3D": (("from markers",), ("solve take.c3d --out", "bake", "C3D")),
     "how accurate is it with three cameras": (
