@@ -1,4 +1,4 @@
-"""TakeEvidence of the body: the log-likelihood of the person that a reading triangulates."""
+"""Evidence of the body: the log-likelihood of the person that a reading triangulates."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ USUAL_STATURE_M = 1.75
 PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
 """Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
-"""Of the trunk's direction in upright pictures (von Mises); share of pictures that are mounted anyhow."""
+"""Concentration of the trunk's direction in upright pictures (von Mises), share of tilted cameras."""
 FORWARD_WRONG = 0.01
-"""Probability that a joint definition lies on the wrong side of the body."""
+"""Probability of a joint definition on the wrong side of the body."""
 BENT = 0.06
 """Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition."""
 SAME_BODY = 0.04
@@ -34,7 +34,7 @@ SAME_BODY = 0.04
 
 @dataclass(frozen=True)
 class BodyEvidence:
-    """What the triangulated person says about a reading."""
+    """Evidence of the triangulated person for a reading."""
 
     terms: dict[str, float]
     """Log-likelihoods in nats."""
@@ -62,10 +62,10 @@ class BodyEvidence:
 
 
 def judge_body(evidence: TakeEvidence, reading: Reading) -> BodyEvidence:
-    """Return what the triangulated person says about a reading.
+    """Return the evidence of the triangulated person for a reading.
 
-    Terms: ``bones`` are rigid over time; ``proportions`` are a person's; ``upright`` trunks in the pictures; ``handed``
-    toes, knees and faces point forward; ``in front`` of the cameras; ``inside`` the pictures.
+    Its terms: ``bones`` (rigid over time), ``proportions`` (of people), ``upright`` (trunks in the pictures),
+    ``handed`` (toes, knees and faces point forward), ``in front`` (of the cameras), ``inside`` (the pictures).
     """
     points, behind = triangulate_rays(evidence, reading)
     place = {name: points[:, k] for k, name in enumerate(evidence.names)}
@@ -108,7 +108,7 @@ def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray
 
 
 def _rigid(evidence: TakeEvidence, off: np.ndarray) -> float:
-    """Return the log-likelihood of log lengths (bones, P) less their medians; one pose says nothing."""
+    """Return the log-likelihood of log lengths (bones, P) less their medians. A single pose has none."""
     counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
     noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
     z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
@@ -125,7 +125,7 @@ def _heavy(off: np.ndarray, spread: float) -> float:
 
 
 def _upright(evidence: TakeEvidence, reading: Reading) -> float:
-    """Return the log-likelihood of the trunks' directions; how cameras are mounted counts per take, not per frame."""
+    """Return the log-likelihood of the trunks' directions. It counts per take, as the mounting of cameras does."""
     names, found = evidence.names, []
     trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
     if any(name not in names for pair in trunk for name in pair):
@@ -143,7 +143,7 @@ def _upright(evidence: TakeEvidence, reading: Reading) -> float:
 
 
 def _handed(place: dict[str, np.ndarray], height: float) -> float:
-    """Return the log-likelihood that toes, knees and faces point forward; each kind counts once in every take.
+    """Return the log-likelihood that toes, knees and faces point forward. Each kind counts once per take.
 
     With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward in a body and backward in its mirror image.
     """

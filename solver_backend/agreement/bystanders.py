@@ -1,4 +1,4 @@
-"""Frame ranges in which a view shows another person than the person that most views agree on."""
+"""Exclude frame ranges of views that show another person than most views do."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Cameras, Keypoints2D
 
 BRIEF_S = 0.25
-"""Fewer frames of another person are left to the robust penalty; sightings this close together are one range."""
+"""The robust penalty handles fewer frames of another person. Sightings this close are one range."""
 
 LEAST_TORSO = 3
-"""Keypoints of head and trunk by which a contradiction is recognised."""
+"""Least keypoints of head and trunk that show a contradiction."""
 
 
 def exclude_bystanders(
@@ -26,11 +26,11 @@ def exclude_bystanders(
 ) -> CheckedViews[ViewRange]:
     """Drop what a view shows while its detector took a passer-by for the person.
 
-    Views that agree on a passer-by may be as many as those that agree on the person, or more: the person is found by
-    following both through space and through each view (see ``find_person``). A view that is alone is believed.
+    As many views, or more, may agree on a passer-by. Following both through space and through each view finds the
+    person (see ``find_person``). A single view is believed.
 
     Args:
-        cameras: C cameras; with two, nothing is left out.
+        cameras: C cameras. With two, nothing is excluded.
         keypoints: detections of one person.
         triangulation: of these detections.
     """
@@ -49,7 +49,7 @@ def exclude_bystanders(
 
 
 def _torsos_apart(keypoints: Keypoints2D, triangulation: Triangulation, least_frames: float) -> bool:
-    """Return whether some view contradicts the others in what exchanged limbs do not move: only then following pays."""
+    """Return whether a view contradicts the others beyond exchanged limbs. Following people is slow."""
     limbs = [side for limb in EXCHANGED for side in limb_columns(keypoints.joint_set, limb)]
     columns = np.setdiff1d(np.arange(keypoints.joint_set.num_keypoints), np.concatenate(limbs))
     columns = columns if len(columns) >= LEAST_TORSO else np.arange(keypoints.joint_set.num_keypoints)

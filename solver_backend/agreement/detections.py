@@ -13,10 +13,10 @@ from solver_backend.types import LIMBS, Cameras, JointSet, OwnPoint
 
 @dataclass(frozen=True)
 class Detections:
-    """What the detectors wrote: C cameras, F frames, up to P people, K keypoints."""
+    """Output of the detectors: C cameras, F frames, up to P people, K keypoints."""
 
     cameras: tuple[str, ...]
-    """One name per camera, as the folders are called."""
+    """Name of each camera's folder."""
     xy: np.ndarray
     """(C, F, P, K, 2) float32 pixels. NaN where a keypoint or a person is missing."""
     confidence: np.ndarray
@@ -30,9 +30,9 @@ class Detections:
     first_frames: tuple[int, ...] = ()
     """The same of each camera, where each was read from its own first. () where all begin with ``first_frame``."""
     lengths: tuple[int, ...] = ()
-    """Frames from each camera's first to its last, then. () where all have as many."""
+    """Frames of each camera. Empty if all have the same number."""
     own: tuple[OwnPoint, ...] = ()
-    """Keypoints behind those of the joint set."""
+    """Further keypoints after the joint set."""
     notes: tuple[Diagnostic, ...] = ()
     """Findings and assumptions."""
     problems: tuple[Diagnostic, ...] = ()
@@ -51,7 +51,7 @@ class Detections:
 MIN_POINTS = 4
 """Keypoints two detections must share to be compared."""
 MIN_CONFIDENCE = 0.1
-"""Keypoints less certain than this are not compared."""
+"""Least confidence of compared keypoints."""
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
 
 
 _FRAMES = 40
-"""Frames that are looked at, spread over the take."""
+"""Most frames that are used, spread over the take."""
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> tuple[np.ndarray, np.ndarray]:

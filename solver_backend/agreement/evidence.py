@@ -22,7 +22,7 @@ POSES, FRAMES = 40, 120
 MOVED = 0.04
 """Least distance between two independent poses, in the person's size."""
 EACH, NEIGHBOURS = 8, 3
-"""Most cameras of which every pair is compared. In larger arrays each has so many neighbours on either side."""
+"""Most cameras with all pairs compared. In larger arrays, neighbours on either side."""
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person's sizes and outlier rate beyond which views do not show one body."""
 LEAST_JOINTS = 4
@@ -36,13 +36,13 @@ _BATCH = 256
 PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, picture, exchanged sides, frames late."""
 PoseKey = tuple[int, str, bool, Pose | None]
-"""Calibrated camera, and how its pose is read."""
+"""Calibrated camera, and the reading of its pose."""
 ViewKey = tuple[PointsKey, PoseKey]
 
 
 @dataclass(frozen=True)
 class ViewRays:
-    """What a view shows in one reading."""
+    """Rays of a view in one reading."""
 
     rays: np.ndarray
     """(P, J, 3) undistorted points (x, y, 1), NaN where unseen."""
@@ -106,7 +106,7 @@ class TakeEvidence:
         return few
 
     def without_view(self, view: int) -> TakeEvidence:
-        """Return the same evidence in which a view sees nothing."""
+        """Return the same evidence without the detections of a view."""
         few = object.__new__(TakeEvidence)
         few.__dict__.update(self.__dict__)
         few._xy = self._xy.copy()
@@ -115,13 +115,13 @@ class TakeEvidence:
         return few
 
     def points(self, key: PointsKey) -> ViewRays:
-        """Return what a view shows in a reading."""
+        """Return the rays of a view in a reading."""
         if key not in self._points:
             self._read(key[0], key[1], [key])
         return self._points[key]
 
     def _prepare(self, keys: Iterable[PointsKey]) -> None:
-        """Read several keys at once, those of one view and camera in one array."""
+        """Read several keys at once."""
         missing: dict[tuple[int, int], list[PointsKey]] = {}
         for key in dict.fromkeys(keys):
             if key not in self._points:
@@ -173,7 +173,7 @@ class TakeEvidence:
         return self._poses[key]
 
     def key(self, reading: Reading, view: int) -> ViewKey:
-        """Return what the evidence of a view depends on."""
+        """Return the cache key of a view's evidence."""
         late = reading.late[view] if reading.late else 0
         owner = reading.owners[view]
         points = (view, owner, reading.pictures[view], reading.sides[view], late)
@@ -260,7 +260,7 @@ class TakeEvidence:
         return float((seen * self.weight[:, None]).sum()) * share
 
     def design_effect(self, reading: Reading) -> float:
-        """Return how many distances say as much as one independent one.
+        """Return the number of distances per independent one.
 
         Errors that a pose shares, and constant offsets of a joint, are one observation each (Kish 1965).
         """

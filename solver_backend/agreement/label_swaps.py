@@ -1,4 +1,4 @@
-"""Left and right limbs that the detector exchanged in one view for a while: found by other views and time, undone."""
+"""Find and undo exchanges of left and right limbs in single views, by other views and time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROBUST_SIGMAS = 3.0
 VIEWS_WEIGHT = 0.3
 """Weight of a frame's distances to the other views: neighbouring frames share a detector's errors."""
 STEP_PX_SHARE = 0.004
-"""A keypoint's usual way from frame to frame at 60 fps as a share of the image width."""
+"""Usual step of a keypoint from frame to frame at 60 fps as a share of the image width."""
 SWITCH_COST = 6.0
 """Cost of an exchange that begins or ends."""
 STATE_COST = 0.1
@@ -41,16 +41,16 @@ class LabelSwap:
     last: int
     """Last exchanged frame."""
     gain: float
-    """By how much the frames' cost fell: twice the logarithm of a likelihood ratio, roughly."""
+    """Decrease of the frames' cost, roughly twice the logarithm of a likelihood ratio."""
 
 
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo exchanges of left and right limbs in single views.
 
-    For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are weighed by how far the
-    detections are from where the other views expect them, its transitions by the way the detections would jump. Of
-    exchanges that overlap in several views the one that explains most is undone first, and the others are evaluated
-    again. What was found is in the order of view, limb and frame.
+    Each view and pair of limbs has a two-state Markov chain over the frames. The cost of a state is the distance of the
+    detections from the other views' predictions, the cost of a transition is the jump of the detections. Among
+    overlapping exchanges of several views the best is undone first, and the others are evaluated again. The result is
+    ordered by view, limb and frame.
 
     Args:
         cameras: C cameras.
@@ -77,7 +77,7 @@ def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangul
 def _predictions(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray
 ) -> Predictions:
-    """Return where each view should see the limbs in these frames, in the order of ``_columns``."""
+    """Return predicted pixels of the limbs in these frames, in the order of ``_columns``."""
     columns = _columns(keypoints.joint_set)
     limbs = triangulation.of_keypoints(columns)
     return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
@@ -97,7 +97,7 @@ def _frames_of(swaps: list[LabelSwap], num_frames: int) -> np.ndarray:
 
 
 def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
-    """Return the detections with left and right exchanged where these swaps are."""
+    """Return the detections with these swaps applied."""
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
     for swap in swaps:
         left, right = limb_columns(keypoints.joint_set, swap.limb)
@@ -116,7 +116,7 @@ def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray
 
 
 def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
-    """Return every exchange that some view's best states hold, evaluated as if the other views were right."""
+    """Return every exchange in the best states of a view, given the other views."""
     columns = _columns(keypoints.joint_set)
     step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
@@ -140,10 +140,9 @@ def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictio
 def _against_views(
     a: np.ndarray, b: np.ndarray, predictions: Predictions, left: np.ndarray, right: np.ndarray
 ) -> np.ndarray:
-    """Return (C, F, 2) the cost of left and right as labelled and exchanged, by their distance to the predictions.
+    """Return (C, F, 2) costs of left and right as labelled and exchanged, by Mahalanobis distance from predictions.
 
-    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are measured with the mean of their
-    covariances, so that an uncertain side attracts nothing.
+    Both sides have the mean of their covariances, so that an uncertain side attracts nothing.
     """
     px, covariance = predictions.px, predictions.covariance
     spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
@@ -166,7 +165,7 @@ def _against_views(
 
 
 def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 2) the cost of the states of two neighbouring frames, by the way the detections go."""
+    """Return (C, F, 2, 2) costs of the states of two neighbouring frames, by the steps of the detections."""
     scale = step_px[:, None, None]
 
     def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
@@ -191,7 +190,7 @@ def _penalty(squared: np.ndarray) -> np.ndarray:
 
 
 def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> float:
-    """Return by how much a run of exchanged frames lowers a view's cost."""
+    """Return the decrease of a view's cost by a run of exchanged frames."""
     gain = (unary[first : last + 1, 0] - unary[first : last + 1, 1]).sum()
     gain += transition[first, 0, 0] - transition[first, 0, 1] if first else 0.0
     gain += transition[last + 1, 0, 0] - transition[last + 1, 1, 0] if last + 1 < len(transition) else 0.0
@@ -199,7 +198,7 @@ def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> f
 
 
 def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
-    """Return the exchanges that no better one of the same limbs overlaps in another view."""
+    """Return the exchanges without a better overlapping one of the same limbs in another view."""
     chosen: list[LabelSwap] = []
     for swap in sorted(candidates, key=lambda s: -s.gain):
         rivals = (c for c in chosen if c.limb == swap.limb and c.view != swap.view)
@@ -211,7 +210,7 @@ def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
 def _again(
     cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, swaps: list[LabelSwap]
 ) -> Triangulation:
-    """Return the triangulation with the exchanged limbs computed again."""
+    """Triangulate the exchanged limbs again."""
     points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
     inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
     for limb in EXCHANGED:

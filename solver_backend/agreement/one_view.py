@@ -1,4 +1,4 @@
-"""Who is in the picture of a single camera: people followed from frame to frame by where their keypoints are."""
+"""Follow people in a single view from frame to frame by their keypoints."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.types import UNSEEN_POINT, Keypoints2D
 
 NEAR_SHARE = 0.4
-"""Median distance of keypoints from one frame to the next, over the person's extent, up to which it is one person."""
+"""Largest median step of one person's keypoints, in the person's extent."""
 GONE_S = 0.5
-"""A person who is not seen for longer counts as a new one."""
+"""Longest absence of one person."""
 LEAST_SHARE = 0.25
-"""Of the longest track's frames: shorter ones are passers-by."""
+"""Least share of the longest track's frames. Shorter tracks are passers-by."""
 LEAST_POINTS = 4
-"""Keypoints with confidence at which a person is there, chosen by hand."""
+"""Least keypoints of a person."""
 
 
 @dataclass
@@ -32,7 +32,7 @@ class _Track:
 
 
 def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPerson, ...]:
-    """Return the people of one view, whoever is largest for longest first.
+    """Return the people of one view, ordered by size times duration.
 
     Args:
         detections: of one view.
@@ -76,7 +76,7 @@ def _notes(kept: list[_Track], count: int, frames: int) -> tuple[Diagnostic, ...
 
 
 def _followed(xy: np.ndarray, confidence: np.ndarray, gone: float) -> list[_Track]:
-    """Return the tracks through (F, P, K, 2) detections: nearest pairs first, whoever is left begins one."""
+    """Return the tracks through (F, P, K, 2) detections, linking nearest pairs first."""
     tracks: list[_Track] = []
     present = (confidence > 0).sum(axis=-1) >= LEAST_POINTS
     extent = _extents(xy, confidence)

@@ -1,4 +1,4 @@
-"""The detections of each person in every view, what was left out, and what is doubtful."""
+"""Select the detections of each person in every view."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
 REACH_S = 0.25
-"""A person that fewer than two views agree on is expected where they were, and will be, within this time."""
+"""Time within which a person is interpolated if fewer than two views agree."""
 SEPARATE_M = 0.3
-"""Two people in space whose common keypoints are this far apart are different people."""
+"""Distance of common keypoints that separates two people."""
 
 USUAL_TIMES = 4.0
-"""A detection further off than this many times the median is not the person ..."""
+"""Largest distance of a person's detection, in medians."""
 CLOSEST_M = 0.04
-"""... but nearer than this it may always be."""
+"""Distance that always suffices."""
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
-"""A view that sees one person in so many frames, accepted in fewer than so many, is itself in doubt."""
+"""Share of frames with one person, and share accepted among them, of a doubtful view."""
 TRUSTED_SHARE = 0.5
-"""Share of a view's track that must be the person for any of it to be ..."""
+"""Least share of a view's track that is the person."""
 SURE_SHARE = 0.8
-"""... and share from which detections that are further off than usual are believed too."""
+"""Share from which unusually distant detections of a track count, too."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +60,7 @@ class FoundPerson:
 
 
 def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
-    """Find the detections that are the person that most views agree on over the take.
+    """Find the person that most views agree on over the take.
 
     In each frame the detections of all views are grouped into people in space; these are tracked, and the person with
     the most agreement is chosen.
@@ -106,7 +106,7 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
 def detections_of(
     followed: FollowedPeople, person: int, detections: Detections, fps: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, P) which detections are a person, and how many keypoints of each lie where that person's are.
+    """Return (C, F, P) bool of a person's detections, and the number of matching keypoints of each.
 
     Args:
         followed: everybody.
@@ -121,7 +121,7 @@ def detections_of(
 
 
 def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
-    """Return the views that see one person alone, who is hardly ever accepted: the view itself is in doubt."""
+    """Return the views with one person who is rarely accepted."""
     people = detections.people()
     seen = (people > 0).sum(1)
     alone = (people == 1).sum(1) >= ALONE_SHARE * seen
@@ -144,7 +144,7 @@ def _require_two_views(detections: Detections) -> None:
 
 
 def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the person's keypoints are, (F, J, 3) interpolated in time, and (F,) where that is known."""
+    """Return the person's keypoints (F, J, 3), interpolated in time, and (F,) bool of known frames."""
     known_frames = people.frame[rows]
     every = np.arange(frames)
     points = np.full((frames, *people.points.shape[1:]), np.nan)
@@ -164,7 +164,7 @@ def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: 
 def _claimed_by_others(
     people: PeopleInSpace, rows: np.ndarray, points: np.ndarray, detections: Detections
 ) -> np.ndarray:
-    """Return (C, F, P) whether a detection belongs to people in space who stand apart from the person."""
+    """Return (C, F, P) bool of detections of people apart from the person."""
     claimed = np.zeros(detections.confidence.shape[:3], bool)
     other = np.setdiff1d(np.arange(len(people.frame)), rows)
     apart = np.linalg.norm(people.points[other] - points[people.frame[other]], axis=-1)
@@ -179,11 +179,10 @@ def _claimed_by_others(
 def _accepted(
     seen: Sightings, points: np.ndarray, near: np.ndarray, others: np.ndarray, tracks: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, P) which detections are the person, and how many keypoints each has where expected.
+    """Return (C, F, P) bool of the person's detections, and the number of matching keypoints of each.
 
-    A detection is the person if its keypoints lie where the person's are, as closely as is usual in this recording,
-    and if that holds for most of the view's own track it belongs to: someone who passes behind the person keeps their
-    track, and is known by the rest of it.
+    A detection is the person if its keypoints are as near as usual in this recording, and if most of its track in the
+    view is. People who pass behind the person are known by the rest of their track.
     """
     frames = np.flatnonzero(near)
     distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
@@ -203,9 +202,9 @@ def _accepted(
 
 
 LEAST_S = 0.5
-"""A person that two views agree on for less than this, and for less than half of a shorter take, is not listed."""
+"""Least time of a listed person, or half of a shorter take."""
 LEAST_AGREEMENT = 0.4
-"""Mean over a person's views of 1 - distance / tolerance: rays of different people meet by chance, hardly so well."""
+"""Least mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, less well."""
 USUAL_NAME = "Person {}"
 """Default names of people, by the number of views and frames that agree on them."""
 
@@ -217,17 +216,17 @@ class SeenPerson:
     name: str
     """Name of the person."""
     accepted: np.ndarray
-    """(C, F, P) which detections are theirs; no detection is two people's."""
+    """(C, F, P) bool of the person's own detections."""
     fit: np.ndarray
-    """(C, F, P) how many keypoints of each lie where theirs are expected."""
+    """(C, F, P) number of matching keypoints."""
     rows: np.ndarray
-    """Which of the people in space they are."""
+    """Rows of the people in space."""
 
 
 def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float) -> tuple[SeenPerson, ...]:
     """Return everybody that two or more views see for long enough, the most agreed on first.
 
-    A detection that lies where two people are expected, as when they embrace, goes to the one that it fits better.
+    A detection near two people goes to the one that it fits better.
 
     Args:
         followed: people followed through space, see ``follow_people``; the first is always among those returned.
@@ -251,7 +250,7 @@ def _is_somebody(followed: FollowedPeople, rows: np.ndarray, least: float) -> bo
 
 
 AGREEING_SHARE = 0.65
-"""Fewer agreeing views than this share of those that see a person are a problem."""
+"""Least share of agreeing views among views that see a person."""
 
 
 @dataclass(frozen=True)
@@ -263,9 +262,9 @@ class SelectedPerson:
     keypoints: Keypoints2D
     """Detections of the person."""
     detection: np.ndarray
-    """(C, F) which detection is the person. -1 = none. Parts of a person that was detected in pieces are merged."""
+    """(C, F) index of the person's detection, -1 without one. A person detected in pieces is merged."""
     notes: tuple[Diagnostic, ...] = ()
-    """Who was chosen and what was left out."""
+    """The chosen person and excluded detections."""
     problems: tuple[Diagnostic, ...] = ()
     """Warnings for the user."""
 
@@ -273,9 +272,8 @@ class SelectedPerson:
 def select_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> SelectedPerson:
     """Return the person that most views agree on over the take.
 
-    Detections of anybody else are dropped, wherever they stand in the files and however large or certain they are. A
-    view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
-    or shows another person for a while is found out before a solve, by all of its detections.
+    Detections of other people are dropped. A view that never shows two people at once is kept: the checks before a
+    solve need all of its detections to find other faults.
 
     Args: those of ``find_person``.
 
@@ -317,7 +315,7 @@ def select_people(
 
 
 def _alone(detections: Detections) -> np.ndarray:
-    """Return (C, F, P) the detections of views that show one person at a time, of three views or more."""
+    """Return (C, F, P) bool of detections in views with one person at a time, with three views or more."""
     people = detections.people()
     single = (people.max(axis=1) == 1) & (len(people) > 2)
     return (detections.confidence > 0).any(-1) & single[:, None, None]
@@ -328,8 +326,7 @@ def _merged(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
     """Return xy (C, F, K, 2), confidence (C, F, K) and hands of the person, and the (C, F) detection most are from.
 
-    A detector may find one person in two pieces (legs here, trunk there): the best-fitting piece comes first, and what
-    it lacks is taken from the next.
+    A detector may find one person in two pieces. The best-fitting piece is completed by the next.
     """
     order = np.argsort(np.where(accepted, -fit, np.inf), axis=-1, kind="stable")
     shape = (*detections.confidence.shape[:2], detections.confidence.shape[3])
@@ -356,7 +353,7 @@ def _report(
     people: tuple[SeenPerson, ...],
     accepted: np.ndarray,
 ) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return who was found, and who else; and what is doubtful about the first."""
+    """Report the chosen person, other people, and doubts about the first."""
     space, person = followed.people, people[0]
     views = (space.members[person.rows] >= 0).sum(1)
     notes = [

@@ -1,4 +1,4 @@
-"""From people frame by frame to persons over time: tracklets by nearness, then tracklets of one person joined."""
+"""Follow people over time: link them to tracklets by distance, then join tracklets of one person."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from solver_backend.agreement.detections import Sightings
 from solver_backend.agreement.view_agreement import PeopleInSpace
 
 STEP_M = 0.2
-"""A person's middle moves and is mismeasured by no more than this ..."""
+"""Largest error of a person's middle."""
 SPEED_M_S = 4.0
-"""... plus this speed times the time between two sightings; twice that where a view's own track holds both."""
+"""Largest speed between two sightings. Doubled for two sightings in one track of a view."""
 BRIDGE_S = 0.5
-"""Longer absences end a tracklet."""
+"""Longest absence within a tracklet."""
 OVERLAP_S = 0.1
-"""Two pieces of one person may overlap by this time, where a wrong pairing of detections prolonged the first."""
+"""Largest overlap of two pieces of one person after a wrong pairing of detections."""
 LIVELY_M = 0.15
-"""The keypoints of someone who moves range over this distance."""
+"""Range of the keypoints of a moving person."""
 JOIN_SPEED_M_S = 3.0
-"""Speed at which a person may have walked while no two views saw them."""
+"""Walking speed while fewer than two views see the person."""
 
 
 @dataclass
@@ -34,10 +34,10 @@ class _Tracklet:
 
 
 def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
-    """Return for each person the rows of ``people`` that are them, by frame; the most agreed on first.
+    """Return the rows of ``people`` of each person, by frame, the person with the most agreement first.
 
-    Persons are ordered by the sum over their rows of (score - 1)², where the score grows with the views that agree: a
-    frame seen by four views counts for nine seen by two. Who never moves, such as a mannequin, counts for half.
+    Agreement is the sum of (score - 1)² over the rows, so a frame in four views counts as nine in two. A person who
+    never moves, such as a mannequin, counts half.
 
     Args:
         people: people of all frames.
@@ -80,7 +80,7 @@ def _tracks_of(people: PeopleInSpace, tracks: np.ndarray) -> list[frozenset[int]
 
 
 def _once_a_frame(people: PeopleInSpace, rows: np.ndarray) -> np.ndarray:
-    """Return the rows by frame, the best where two are of one frame."""
+    """Return the best row of each frame."""
     ordered = rows[np.lexsort([-people.score[rows], people.frame[rows]])]
     return ordered[np.unique(people.frame[ordered], return_index=True)[1]]
 
@@ -134,9 +134,9 @@ def _distance(a: Sequence[float], b: Sequence[float]) -> float:
 def _joined(
     tracklets: list[np.ndarray], frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
 ) -> list[np.ndarray]:
-    """Join tracklets that follow each other in time; every end finds at most one beginning.
+    """Join tracklets that follow each other in time, at most one beginning per end.
 
-    First those that share tracks of views, which one camera may have gone on seeing, then those near enough.
+    Tracklets with common tracks of views come first, then near ones.
     """
     first = np.array([frames[rows[0]] for rows in tracklets])
     last = np.array([frames[rows[-1]] for rows in tracklets])
@@ -169,16 +169,16 @@ def _joined(
 
 
 STEP_SHARE = 0.2
-"""From frame to frame a person's keypoints move by less than this share of the person's size."""
+"""Largest step of a person's keypoints from frame to frame as a share of the person's size."""
 CLEAR_RATIO = 2.0
-"""A link is sure where the next candidate is this many times further away."""
+"""Least distance ratio of the second candidate to a sure link."""
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:
-    """Return (C, F, P) the number of the track each detection belongs to. -1 where there is none.
+    """Return (C, F, P) track numbers of detections, unique over all views, -1 without a detection.
 
-    Two detections of neighbouring frames are linked where each is the other's nearest by far; anything doubtful, such
-    as two people who cross, ends a track. Numbers are unique over all views.
+    Two detections of neighbouring frames are linked if each is the other's nearest by far. Doubtful frames, such as
+    those of two people who cross, end a track.
     """
     views, frames, people = seen.xy.shape[:3]
     present = seen.present()
@@ -200,7 +200,7 @@ def view_tracks(seen: Sightings) -> np.ndarray:
 
 
 def _links(xy: np.ndarray) -> np.ndarray:
-    """Return (F-1, P) for each detection of frames 1.. the detection of the frame before that it is. -1 = none.
+    """Return (F-1, P) the previous detection of each detection of frames 1.., -1 without one.
 
     Args:
         xy: (F, P, J, 2) normalised coordinates of one view.
@@ -246,7 +246,7 @@ def _costs(xy: np.ndarray) -> np.ndarray:
 
 
 def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:
-    """Return the people of several blocks of frames as one."""
+    """Join the people of several blocks of frames."""
     return PeopleInSpace(
         np.concatenate([b.frame for b in blocks]),
         np.concatenate([b.members for b in blocks]),
@@ -258,8 +258,8 @@ def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:
 def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
     """Return the best groups that share no detection, by frame.
 
-    A group's score is multiplied by how often its views' tracks agree over the whole take: the rays of two different
-    people meet in some frames, those of one person in all.
+    A group's score is multiplied by the share of frames with agreement of its views' tracks over the whole take. Rays
+    of different people meet in some frames only.
 
     Args:
         people: groups of all frames.

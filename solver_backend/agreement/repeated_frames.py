@@ -1,4 +1,4 @@
-"""Frames that a detector, or the video it read, shows again instead of new ones, or leaves out."""
+"""Find frames that are repeated, skipped, cut or out of order, and views that are left out."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
 LONGEST = 5
-"""Repetitions in a row that are bridged."""
+"""Repetitions in a row that are interpolated."""
 LEAST_REPEATED = 1.0
-"""Per cent of a view's frames that are shown again; fewer are bridged without a word."""
+"""Per cent of repeated frames in a view. Fewer are interpolated silently."""
 LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
-"""Frames in a row, and their share of the take, that a detector leaves out which looks at every second or third."""
+"""Frames in a row, and their share of the take, that a detector with a step of two or three skips."""
 STEP_PX = 0.5
-"""A person who stands still is no repetition: beside one, half of the keypoints move by more than this."""
+"""Half of the keypoints move by more than this beside a repetition. Standing still is none."""
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (C, F) bool: the view's detections are those of the frame before, to the last digit, though it moves.
+    """Return (C, F) bool: the view repeats the frame before exactly, although the person moves.
 
-    A run of like frames is a repetition where the view moves in the step after it; at the end of the take, before it.
+    A run of equal frames is a repetition if the view moves in the step after it, or before it at the end of the take.
 
     Args:
         keypoints: detections of C views.
@@ -50,9 +50,9 @@ def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
-    """Return (F,) bool: no view shows anybody, though all do just before and after, and so throughout the take.
+    """Return (F,) bool: no view shows a person, and neighbouring frames do, throughout the take.
 
-    A solver that looks at every second frame might look at none but these.
+    A solver that uses every second frame might use only these.
 
     Args:
         keypoints: detections of C views.
@@ -65,7 +65,7 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
 
 
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
-    """Return detections whose (C, F) repeated or skipped frames lie on the straight way from frame to new frame.
+    """Interpolate (C, F) repeated or skipped frames linearly.
 
     A repeated frame shows where a person was before. Runs longer than ``LONGEST`` and those at the end of the
     take show nothing instead.
@@ -93,18 +93,18 @@ _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 
 @dataclass(frozen=True)
 class LeftOut:
-    """A view that takes no part, in some frames or in all."""
+    """A view that is not used, in some frames or in all."""
 
     camera: str
     """Name of the camera."""
     first: int | None = None
-    """First frame, from 0; None for the whole take."""
+    """First frame, from 0. None for the whole take."""
     last: int | None = None
     """Last frame, included."""
 
     @classmethod
     def parse(cls, text: str) -> LeftOut:
-        """Return what ``CAMERA`` or ``CAMERA:FIRST-LAST`` means.
+        """Parse ``CAMERA`` or ``CAMERA:FIRST-LAST``.
 
         Raises:
             JobInvalid: it means nothing, or ends before it begins.
@@ -119,7 +119,7 @@ class LeftOut:
 
 
 def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
-    """Return a capture in which views take no part where they are to be left out.
+    """Return a capture without the views that are left out.
 
     Args:
         capture: calibrated cameras and keypoints.
@@ -140,7 +140,7 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
 
 
 def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> Bool[np.ndarray, "views frames"]:
-    """Return (C, F) which views of which frames are left out.
+    """Return (C, F) bool of left-out views.
 
     Args:
         texts: each ``CAMERA`` or ``CAMERA:FIRST-LAST``, frames from 0.
@@ -227,7 +227,7 @@ def _walked(points: np.ndarray) -> float:
 
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
-    """Return what is reported of cuts: nothing where there are none."""
+    """Report cuts, if there are any."""
     if not cuts:
         return ()
     return (

@@ -1,4 +1,4 @@
-"""By how many frames each camera is ahead of or behind the others, estimated from how the views disagree over time."""
+"""Estimate the delays and drifts of all cameras against each other."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ STAGE = "Comparing the clocks"
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure weights."""
 DEPTH_SIGMA_M = 0.5
-"""How far a point may lie from where it was triangulated."""
+"""Standard deviation of a triangulated point."""
 BLOCKS = 8
-"""Stretches of the take with independent errors, from whose disagreement the deviations are estimated."""
+"""Blocks of time with independent errors. Their spread gives the deviations."""
 
 MOST_NUMBERS = 4_000_000
-"""Of the rows that are in memory at once: 32 MB a copy; more views than that stand in several parts."""
+"""Most numbers of rows in memory at once: 32 MB per copy. More views are processed in parts."""
 
 
 @dataclass(frozen=True)
 class DelayStep:
-    """A Gauss-Newton step on the delays, and where the points move by it."""
+    """A Gauss-Newton step on delays and points."""
 
     delay: np.ndarray
     """(C,) frames."""
@@ -56,10 +56,10 @@ def delay_step(
 ) -> DelayStep:
     """Return one step on the delays of all cameras.
 
-    A detection of camera c that is read by ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. What is least in
-    ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over the delays δ, the drifts ε, the points' steps ξ and a constant b
-    for every view and keypoint, which an inexact calibration causes; only differences between cameras are estimated.
-    The covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, for errors of neighbouring frames are
+    A detection of camera c read ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. The step minimises
+    ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over delays δ, drifts ε, steps of points ξ, and a constant b for every
+    view and keypoint that absorbs errors of the calibration. Only differences between cameras are estimated. The
+    covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, because errors of neighbouring frames are
     correlated.
 
     Args:
@@ -69,8 +69,8 @@ def delay_step(
         points: (N, K, 3) metres, NaN where unknown.
         at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
         sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
-        drifting: look for drifts; else they are zero.
-        blocks: stretches of the take with independent errors; the deviations need several times as many as cameras.
+        drifting: estimate drifts, too.
+        blocks: blocks of time with independent errors. The deviations need several times as many as cameras.
 
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
     Liang and Zeger 1986 (the covariance).
@@ -141,7 +141,7 @@ def _equations(rows: _Rows, ramps: np.ndarray, count_of_blocks: int) -> tuple[np
 
 
 def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (kinds, C) and their deviations; each row has mean zero."""
+    """Return least-squares steps (kinds, C) of mean zero, and their deviations."""
     count = normal.shape[-1] // kinds
     total = normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
@@ -160,30 +160,30 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
 
 
 REACH_S, LEAST_REACH_FRAMES = 0.4, 20
-"""Largest lag between two cameras that is looked for, and at least so many frames."""
+"""Largest lag between two cameras, and least value of it in frames."""
 USUAL_SIGMA_SHARE = 0.005
 """Scatter of detections as a share of the image's width."""
 SAMPLED_FRAMES = 300
-"""Frames on which delays are estimated."""
+"""Frames that delays are estimated from."""
 FEW_VIEWS = 4
 """With more views fewer frames carry as much information."""
 LEAST_FRAMES = 24
-"""For shorter takes no delay is reported."""
+"""Shortest take with reported delays."""
 ROUNDS = 12
 IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
-"""Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
+"""Largest first estimates of cameras in step, and last step of the rounds otherwise."""
 MOTION_FRAMES = 4
 LEAST_MOTION, LEAST_MOVING = 6.0, 3
-"""Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone; and of how
-many keypoints it must be more."""
+"""Least mean square, in variances, of a keypoint's motion over twice so many frames, and least number of such
+keypoints."""
 LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
-"""Smaller drifts, and those that are not sure, are none: slow errors of a detector look like a drift."""
+"""Least drift, and in deviations: slow errors of a detector look like a drift."""
 TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0
 """Delays from which on "no delay" is tested, and standard errors by which they must explain the stretches better."""
 LARGEST_SIGMA_FRAMES = 0.2
-"""A delay less certain than this cannot be reported: too little moves."""
+"""Largest deviation of a reported delay."""
 MEDIAN_FRAMES = 5
-"""Length of the running median that takes outliers from the tracks before they are interpolated."""
+"""Length of the running median against outliers, before interpolation."""
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 """Kernel of the smoothing that follows. Both are symmetric and the same in all views, so they delay nothing."""
 
@@ -193,14 +193,13 @@ class Delays:
     """How late each of C cameras is."""
 
     frames: np.ndarray
-    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0. NaN where unknown."""
+    """(C,) frame f shows the moment ``f - delay``. The median is 0. NaN where unknown."""
     sigma: np.ndarray
     """(C,) standard deviation. NaN where too little moves."""
     drift: np.ndarray
-    """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first. 0 where
-    it is not sure."""
+    """(C,) increase of the delay from the middle to the last frame. 0 if it is uncertain."""
     beyond: np.ndarray
-    """(C,) whether the views agree best at the end of what was looked for, so that the delay is larger or another."""
+    """(C,) whether the views agree best at the largest lag, so that the delay is unknown."""
 
     def at(self, num_frames: int) -> np.ndarray:
         """Return (C, F) the delay in every frame."""
@@ -213,15 +212,14 @@ def estimate_delays(
 ) -> Delays:  # fmt: skip
     """Estimate the delays of all cameras against each other, in one.
 
-    Whole frames first, by epipolar lines (``whole_lags``), then the rest by Gauss-Newton steps on the reprojection
-    error (``delay_step``) of a sample of frames. Constant differences, such as those of an inexact calibration, do not
-    count.
+    Whole frames come from epipolar lines (``whole_lags``), the rest from Gauss-Newton steps on the reprojection error
+    (``delay_step``) of a sample of frames. Constant differences by errors of the calibration do not count.
 
     Args:
         cameras: C cameras.
         keypoints: detections of one person.
         triangulation: of these detections.
-        others: detections of all people else, in the same joint set: a delay is a camera's, whomever it films.
+        others: detections of other people, in the same joint set.
         progress: called as pairs of cameras are compared.
     """
     frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
@@ -339,7 +337,7 @@ class _DelaySearch:
 
 
 def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
-    """Return where frames lie in a take, -1 at its first and 1 at its last."""
+    """Return the place of frames in a take, -1 for the first and 1 for the last."""
     return 2.0 * frames / max(num_frames - 1, 1) - 1.0
 
 
@@ -363,7 +361,7 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C,) whether the person moves so that a view shows when."""
+    """Return (C,) whether the person moves enough in a view."""
     way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
     way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
     square = ((way / sigma_px[:, None]) ** 2).sum(-1)
@@ -373,7 +371,7 @@ def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.
 
 
 def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
-    """Return (C, F, K, 2) tracks after a running median and a low-pass; missing where fewer than three are near."""
+    """Return (C, F, K, 2) tracks after a running median and a low-pass, NaN with fewer than three values nearby."""
     around = _windows(xy, MEDIAN_FRAMES)
     count = np.isfinite(around[..., 0, :]).sum(-1)
     middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)

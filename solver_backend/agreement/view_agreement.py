@@ -1,9 +1,9 @@
-"""People in space: which detections of different views are the same person in one frame.
+"""Group detections of different views that are the same person in one frame.
 
-Every pair of detections from two views is intersected ray by ray (midpoint of the shortest segment between two rays).
-Pairs whose rays meet are carried into all other views, and each gathers the detections that lie where it is seen.
-Distances are metres at the person's depth, so one tolerance serves every lens and distance. Whether a detector
-swapped left and right does not matter: each comparison is made both ways.
+Rays of every pair of detections from two views are intersected (midpoint of the shortest segment between two rays).
+Pairs with intersecting rays are projected into all other views, where each gathers the nearest detections. Distances
+are metres at the person's depth, so one tolerance serves every lens and distance. Each comparison also tries exchanged
+sides.
 """
 
 from __future__ import annotations
@@ -18,31 +18,31 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
 TOLERANCE_M = 0.15
-"""Median distance over the keypoints up to which a detection belongs to a person."""
+"""Largest median distance over the keypoints of a person's detection."""
 MAX_EXTENT_M = 1.6
-"""No keypoint of a person is further from the middle of all."""
+"""Largest distance of a person's keypoint from the middle."""
 SMALLEST_ANGLE_SIN2 = 0.0076
 """Squared sine of the smallest angle between two rays that place a point: 5 degrees."""
 _FRAMES_AT_A_TIME = 400
-"""Frames that are compared at a time, which bounds memory, chosen by hand."""
+"""Frames that are compared at a time, a bound of memory."""
 
 
 @dataclass(frozen=True)
 class PeopleInSpace:
-    """H people, or groups of detections that may be people, each in one frame; several may share a frame."""
+    """H people, or groups of detections that may be people, each in one frame."""
 
     frame: np.ndarray
     """(H,) frame of each, ascending."""
     members: np.ndarray
-    """(H, C) which detection of each view is this person. -1 = none."""
+    """(H, C) index of each view's detection, -1 without one."""
     points: np.ndarray
-    """(H, J, 3) world metres of the compared keypoints. NaN where unknown."""
+    """(H, J, 3) world metres of the compared keypoints, NaN where unknown."""
     score: np.ndarray
     """(H,) sum over its views of 1 - distance / tolerance."""
 
 
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
-    """Yield the frames done so far and, for each block of frames, every group of detections that may be one person.
+    """Yield the number of finished frames and all candidates, for each block of frames.
 
     Groups may share detections: two rays of different people can meet by chance. ``assigned_exclusively`` decides.
     """
@@ -111,7 +111,7 @@ def _directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
 
 
 def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return which detection of each view is the person at ``points``, and how well the views agree.
+    """Return the detections of the person at ``points`` in all views, and their agreement.
 
     Args:
         seen: all detections.
@@ -175,13 +175,13 @@ def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np
 
 
 def _median(values: np.ndarray) -> np.ndarray:
-    """Return the median over the last axis of what is not NaN. Infinite where fewer than ``MIN_POINTS`` are."""
+    """Return the median of known values over the last axis, infinite with fewer than ``MIN_POINTS``."""
     enough = np.isfinite(values).sum(-1) >= MIN_POINTS
     return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
 
 
 def _is_person_sized(points: np.ndarray) -> np.ndarray:
-    """Return (N,) whether no point is too far from the middle of all, but for a few stray ones."""
+    """Return (N,) whether nearly all points are near their middle."""
     known = np.isfinite(points[..., 0])
     count = np.maximum(known.sum(-1), 1)
     middle = np.where(known[..., None], points, 0.0).sum(-2) / count[:, None]
@@ -192,7 +192,7 @@ def _is_person_sized(points: np.ndarray) -> np.ndarray:
 def _without_copies(
     frame: np.ndarray, members: np.ndarray, swapped: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return each combination of detections once, of those with at least two views, by frame."""
+    """Return each combination of detections of at least two views once, by frame."""
     several = (members >= 0).sum(1) >= 2
     rows, first = np.unique(np.column_stack([frame[several], members[several]]), axis=0, return_index=True)
     return rows[:, 0], rows[:, 1:], swapped[several][first]

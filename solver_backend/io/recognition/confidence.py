@@ -1,4 +1,4 @@
-"""Confidences on the scale 0..1, whatever scale a detector wrote them on."""
+"""Bring confidences to 0..1 and detections to pixels."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT = 100.0
 _LOW, _SURE = 0.5, 0.95
-"""Confidences are relative: if this quantile of those that are seen is below the first, it is taken as certain."""
+"""Confidences are relative: if this quantile of the seen keypoints is below the first number, it counts as certain."""
 _TYPICAL_PER_CENT = 10.0
-"""Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
+"""Per cent are typically above this. Other scores beyond 1 reach a few units."""
 _FEWEST = 100
 """Points that show a scale."""
 
@@ -39,11 +39,11 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
 
 
 _LEAST_SHARE = 0.01
-"""Share of all points from which one and the same place is looked at."""
+"""Least share of all points in one place."""
 _MOST_KEYPOINTS = 0.5
-"""Share of the keypoints that stand there at some time: of a body that is there hardly two keypoints meet."""
+"""Least share of the kinds of keypoints that are there at some time. A body has no two keypoints in one place."""
 _SAMPLE = 20_000
-"""Points by which the place is found."""
+"""Points that are searched."""
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
@@ -70,15 +70,15 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
 
 
 _LARGEST = 2.0
-"""Shares lie in 0..1, a little beyond for what is out of the picture; a person two pixels large is none."""
+"""Shares of the picture are within 0..1 or a little outside. No person is two pixels large."""
 _QUANTILE = 0.99
 """Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures."""
 _CENTRED = 0.1
-"""Share of coordinates below 0 from which shares count from the picture's centre: beyond its edges lie few."""
+"""Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges."""
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Return detections in pixels: shares of width and height, from a corner or the centre, become pixels.
+    """Convert shares of width and height, from a corner or the centre, to pixels.
 
     Args:
         detections: all people in every view.

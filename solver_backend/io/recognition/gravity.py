@@ -1,4 +1,4 @@
-"""Which way is up and where the floor is, from a person who stands and walks."""
+"""Estimate up and the floor from a person who stands and walks."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ SEGMENTS = (
     (0.435, "shoulder", "hip", 0.45), (0.0271, "shoulder", "elbow", 0.577), (0.0223, "elbow", "wrist", 0.68),
     (0.1416, "hip", "knee", 0.41), (0.0570, "knee", "ankle", 0.55),
 )  # fmt: skip
-"""Share of the body's mass (of the trunk at once, else of one side's), ends, and where between them it lies; the hand
-goes with the forearm and the foot with the shank (de Leva 1996, mean of both sexes)."""
+"""Share of the body's mass (whole trunk, else one side), ends, and place between them. Hands count with forearms, feet
+with shanks (de Leva 1996, mean of both sexes)."""
 HEAD_MASS = 0.068
 CARRIES_AT = 0.45
-"""Where between heel and toe a sole carries who stands still; in the middle, recorded people who stand seem to lean."""
+"""Place between heel and toe that carries a standing person. With the middle, recorded people seem to lean."""
 AHEAD_M = 0.05
-"""How far in front of the ankle a sole carries, where neither heels nor toes are known."""
+"""Distance of that place in front of the ankle if neither heels nor toes are known."""
 CARRIES_M = 0.04
-"""A foot so much above the other one still carries with a weight of ``exp(-1/2)``, where up is known well."""
+"""Height above the other foot at which a foot carries with a weight of ``exp(-1/2)`` if up is known well."""
 LEAST_HEIGHT = 0.7
-"""Of the centre of mass above the support, in lengths of the leg, for a person who is on their feet."""
+"""Least height of the centre of mass above the feet of a standing person, in lengths of the leg."""
 
 
 @dataclass(frozen=True)
 class BalancePoints:
-    """What is needed of F frames in which all of it is known, in the points' unit."""
+    """Mass and support of F frames, in the points' unit."""
 
     centre: Float[np.ndarray, "frames 3"]
     """(F, 3) centre of mass."""
     feet: Float[np.ndarray, "2 frames 3"]
-    """(2, F, 3) where the left and the right sole carry."""
+    """(2, F, 3) supporting points of the left and the right sole."""
     leg: float
     """Length of a leg, hip to ankle."""
 
 
 def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
-    """Return centre of mass and soles of the frames in which they are known; F may be 0."""
+    """Return centre of mass and soles of the frames that show them. F may be 0."""
     at = {name: points[:, k] for k, name in enumerate(joint_set.keypoints)}
     both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("shoulder", "hip", "ankle")}
     total, mass = np.zeros_like(both["hip"]), 0.0
@@ -67,7 +67,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
-    """Return (F, 3) where a sole carries: between heel and toe, else a little before the ankle."""
+    """Return (F, 3) supporting points of a sole: between heel and toe, else a little before the ankle."""
     ankle, heel, toe = (at.get(f"{side}_{part}") for part in ("ankle", "heel", "big_toe"))
     assert ankle is not None
     across = at["left_hip"] - at["right_hip"]
@@ -81,16 +81,15 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
 
 
 def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
-    """Return how far the centre of mass is from above its support, as slopes ``d / h``, of frames on the feet.
+    """Return horizontal distances of the centre of mass from its support, as slopes ``d / h``, in frames on the feet.
 
-    The support is the lower foot or, as the other one is nearly as low, the point between both that is nearest to
-    below the centre of mass. How low is low depends on how well up is known: feet that are far apart are at unequal
-    heights where it is tilted.
+    The support is the lower foot or, if the other one is nearly as low, the point between both that is nearest to
+    below the centre of mass. The tolerance grows with the uncertainty of up, which changes the heights of feet apart.
 
     Args:
         body: of F frames.
-        up: unit vector, as known so far.
-        tilt_sigma: how well, radians.
+        up: unit vector.
+        tilt_sigma: its standard deviation, radians.
     """
     level = np.eye(3) - np.outer(up, up)
     left_lower = ((body.feet[0] - body.feet[1]) @ up < 0)[:, None]
@@ -107,7 +106,7 @@ def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float)
 
 
 def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
-    """Return how many independent values so many correlated ones are worth, by their autocorrelation."""
+    """Return the number of independent values in correlated ones, by their autocorrelation."""
     values = values - values.mean(0)
     count, variance = len(values), float((values**2).sum(-1).mean()) if len(values) else 0.0
     if count < 4 or variance < 1e-12:
@@ -121,20 +120,20 @@ def independent_count(values: Float[np.ndarray, "frames axes"]) -> float:
 
 
 BODY_SIGMA = np.radians(12.0)
-"""How far the direction from ankles to shoulders is from gravity, over a take, per axis."""
+"""Deviation of the direction from ankles to shoulders from gravity, over a take, per axis."""
 BALANCE_SIGMA = np.radians(3.5)
-"""How far the direction from the support to the centre of mass is from gravity in the mean of a long take, per axis:
-what a person accelerates, and what keypoints make of the body's masses."""
+"""Deviation of the mean direction from the support to the centre of mass from gravity in a long take, per axis, by
+accelerations and errors of the masses."""
 LEANS_SIGMA = np.radians(12.0)
-"""Frames that lean by more are of a person who runs, leaps or turns over, which shows little."""
+"""Frames that lean by more show a person who runs, leaps or turns over, and little of gravity."""
 APART_SIGMAS = 1.4
-"""Beyond this many of ``BODY_SIGMA`` body and balance contradict each other, and neither is believed."""
+"""Multiple of ``BODY_SIGMA`` beyond which body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02
-"""How far a standing foot's keypoint is from its usual height."""
+"""Deviation of a standing foot's keypoint from its usual height."""
 FRAMES_PER_STEP, FPS = 14, 30.0
-"""Frames that show the same of the floor, at so many a second."""
+"""Frames that show the same of the floor, and their rate per second."""
 LOWEST = 0.15
-"""Share of a foot's heights that lie below the floor's, by noise."""
+"""Share of a foot's heights below the floor, by noise."""
 _ROUNDS, _PASSES = 40, 5
 _LARGEST_STEP = 0.15
 """Change of the floor's slope in one step at most, radians, chosen by hand."""
@@ -151,7 +150,7 @@ class Upright:
     t: Float[np.ndarray, " 3"]
     """(3,) metres."""
     tilt_sigma: float
-    """Root mean square of the angle between the world's up and gravity that is to be expected, radians."""
+    """Expected root mean square of the angle between the world's up and gravity, radians."""
     walked_m: float
     """Root mean square of the feet's distance from their middle on the floor."""
 
@@ -159,17 +158,20 @@ class Upright:
 def upright_from_person(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
 ) -> Upright:
-    """Return the move that stands a person upright on the floor; the person then stands around the origin.
+    """Return the rigid move that places a person upright on the floor, around the origin.
 
-    Three witnesses of gravity, each with its covariance: the direction from ankles to shoulders of a person who stands
-    tall; the centre of mass, which in the mean is above what carries it; and the floor, a plane on which each kind of
-    keypoint of the feet has a height of its own, the lowest 15 % of each below it by noise. The more the person walks
-    about, the more the floor counts; for a person who only balances in one place, the balance counts.
+    Gravity has three witnesses, each with its covariance:
+
+    * the direction from ankles to shoulders of a person at full height
+    * the centre of mass, which is above its support in the mean
+    * the floor, a plane with a height for each kind of keypoint of the feet, the lowest 15 % of each below it by noise
+
+    The floor counts more, the more the person walks. The balance decides for a person who stays in one place.
 
     Args:
         points: (F, K, 3) metres, NaN where unknown.
         joint_set: names of the keypoints.
-        fps: frames per second; the nearer they are, the more of them show the same.
+        fps: frames per second. Nearby frames show the same.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.
@@ -191,7 +193,7 @@ def upright_from_person(
 
 
 def foot_keypoints(joint_set: JointSet) -> list[int]:
-    """Return the columns of heels and toes, of ankles where there are none."""
+    """Return the columns of heels and toes, else of ankles."""
     names = joint_set.keypoints
     kinds = [k for k, n in enumerate(names) if n.endswith(("_heel", "_toe"))]
     return kinds or [k for k, n in enumerate(names) if n.endswith("_ankle")]
@@ -208,7 +210,7 @@ def floor_height(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Joi
 
 
 def _heights_at_rest(joint_set: JointSet) -> np.ndarray:
-    """Return (K,) how high keypoints are above the sole of the mean body at rest, metres."""
+    """Return (K,) heights of keypoints above the sole of the mean body at rest, metres."""
     body = load_body()
     return rest_keypoints(body, keypoint_landmarks(body, joint_set), np.zeros(10))[:, 1] - float(
         body.v_template[:, 1].min()
@@ -229,7 +231,7 @@ def _median_direction(directions: np.ndarray) -> np.ndarray:
 
 
 def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Return the least rotation that brings a direction to Z; half a turn about X where it points down."""
+    """Return the least rotation of a direction to Z, half a turn about X if it points down."""
     up = up / np.linalg.norm(up)
     if up[2] < -0.999999:
         return np.diag([1.0, -1.0, -1.0])
@@ -239,9 +241,9 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
 
 
 def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
-    """Return the turn that brings up to Z, the angle it may be off by, and how far feet walked.
+    """Return the rotation of up to Z, its deviation, and the distance that feet walked.
 
-    Slopes are of the plane across gravity: up is ``(-a, -b, 1)``.
+    With the slopes a and b of the plane across gravity, up is ``(-a, -b, 1)``.
     """
     up, sigma, walked = trunk, BODY_SIGMA, 0.0
     spread = 0.0
@@ -267,7 +269,7 @@ def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: floa
 
 
 def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the mean of (N, 2) slopes, those far from their median counting less, and their spread per axis."""
+    """Return the robust mean of (N, 2) slopes, and their spread per axis."""
     far = np.linalg.norm(lean - np.median(lean, axis=0), axis=1)
     scale = max(0.05, 1.26 * float(np.median(far)))
     weight = 1.0 / np.maximum(far / scale, 1.0)
@@ -277,7 +279,7 @@ def robust_mean(lean: np.ndarray) -> tuple[np.ndarray, float]:
 def fit_floor(
     feet: np.ndarray, wanted: np.ndarray, information: np.ndarray, fps: float = FPS
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Return the floor's slope (2,), its covariance, and how far feet walked; a slope is wanted with an information."""
+    """Return the floor's slope (2,) with a Gaussian prior, its covariance, and the distance that feet walked."""
     K = feet.shape[1]
     frame, kind = np.nonzero(np.isfinite(feet).all(-1))
     x = feet[frame, kind]
@@ -299,38 +301,38 @@ def fit_floor(
 
 
 FLOOR_SIGMA = np.radians(1.5)
-"""How far a floor is from level, and how much keypoints of feet tilt it beyond what their scatter shows."""
+"""Deviation of a floor from level, with the tilt by keypoints of feet beyond their scatter."""
 ROLL_SIGMA = np.radians(4.0)
-"""Roll of cameras that are set up by eye. Those of ``shared/data/multiview/pose2sim`` roll by 2.5, 2.6, 12 and 24°."""
+"""Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°."""
 WITNESS_MOST = 25.0
-"""What one witness can add, in squared standard deviations: five of them."""
+"""Most that one witness adds, in squared standard deviations."""
 CONTRADICTS = 4.0
-"""Two standard deviations: a witness counts from here on, for or against."""
+"""Squared deviations from which a witness counts, for or against."""
 SURE, SURE_WITHOUT_FLOOR = 16.0, 9.0
-"""What all witnesses together must show: four standard deviations; three where the calibration's floor is not under the
-feet either, so that its world was put down by nobody."""
+"""Squared deviations that all witnesses must show together. Fewer are needed if the calibration's floor is not under
+the feet either."""
 OFF_FLOOR_M = 0.15
-"""From here on feet do not stand on a floor."""
+"""Least distance of feet from a floor that they do not touch."""
 LEAST_TILT = np.radians(4.0)
-"""A smaller tilt is within what people and floors do; it stays."""
+"""A smaller tilt is usual for people and floors, and is kept."""
 _LEVEL_ROUNDS = 10
 BELOW_M = 0.25
-"""Nobody stands so far below a floor; slopes and stairs that lead down stay within it near the origin."""
+"""Least depth of feet below a wrong floor. Slopes and stairs are less deep near the origin."""
 
 
 @dataclass(frozen=True)
 class Level:
-    """What a person and cameras show of the world's up and floor."""
+    """Evidence of a person and cameras for the world's up and floor."""
 
     turn: Float[np.ndarray, "3 3"]
-    """(3, 3) from the calibration's world to the one in which person and cameras are upright."""
+    """(3, 3) from the calibration's world to the upright one."""
     tilt: float
     """Angle between the calibration's Z and that up, radians."""
     sigma: float
-    """Root mean square of the angle by which that up is off, radians."""
+    """Root mean square error of that up, radians."""
     balance: float
-    """How much better the person's up explains the balance than the calibration's Z does, in squared standard
-    deviations; negative where it is worse, 0 where nothing is known."""
+    """Gain of the person's up over the calibration's Z in explaining the balance, in squared standard deviations. 0 if
+    nothing is known."""
     floor: float
     """The same of the floor under the feet."""
     cameras: float
@@ -342,7 +344,7 @@ class Level:
 
     @property
     def is_tilted(self) -> bool:
-        """Whether the calibration's world is tilted beyond doubt."""
+        """Whether the calibration's world is certainly tilted."""
         witnesses = self.balance, self.floor, self.cameras
         has_floor = abs(self.floor_m) < OFF_FLOOR_M
         agree = sum(value >= CONTRADICTS for value in witnesses) >= 2 and min(witnesses) > -CONTRADICTS
@@ -350,7 +352,7 @@ class Level:
 
     @property
     def could_be_tilted(self) -> bool:
-        """Whether the tilt is more than the person's stance leaves open."""
+        """Whether the tilt is more than its uncertainty."""
         return self.tilt > max(LEAST_TILT, 2.0 * self.sigma)
 
     @property
@@ -362,7 +364,7 @@ class Level:
 def measure_level(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, cameras: Cameras, fps: float = FPS
 ) -> Level:
-    """Return what the witnesses show.
+    """Measure the level of a world by all witnesses.
 
     Args:
         points: (F, K, 3) metres in the calibration's world, NaN where unknown.
@@ -385,11 +387,11 @@ def measure_level(
 
 
 def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
-    """Return the up that person and cameras show together, and the angle it may be off by.
+    """Return the up of person and cameras together, and its deviation.
 
-    In the person's world up is ``(-a, -b, 1)`` with slopes of the variance ``σ²/2`` each; the axis ``(h, v)`` across
-    a picture that is level has ``h · (a, b) = v``. The cameras' spread is learned with the weight of as many rolls of
-    ``ROLL_SIGMA`` as there are cameras, and a camera that rolls far beyond it fades out.
+    In the person's world up is ``(-a, -b, 1)`` with slopes of the variance ``σ²/2`` each. The axis ``(h, v)`` across
+    a level picture has ``h · (a, b) = v``. The cameras' spread is learned with a prior of ``ROLL_SIGMA``, and cameras
+    that roll far beyond it lose their weight.
     """
     across = R[:, 0] @ upright.R.T
     h, v = across[:, :2], across[:, 2]
@@ -407,7 +409,7 @@ def _add_cameras(upright: Upright, R: np.ndarray) -> tuple[np.ndarray, float]:
 
 
 def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma: float) -> float:
-    """Compare the mean lean of the centre of mass over the feet with the new up and with ``z``, in the turned world."""
+    """Compare the mean lean of the centre of mass with the new up and with ``z``, in the turned world."""
     body = body_points(points, joint_set)
     if len(body.centre) <= 4:
         return 0.0
@@ -421,7 +423,7 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
 
 
 def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
-    """Compare the plane under the feet with both, in the turned world: its slope along the tilt, by its covariance."""
+    """Compare the slope of the plane under the feet with both, in the turned world."""
     if z[2] < 0.1:  # the calibration's floor would be a wall
         return 0.0
     slope, covariance, _ = fit_floor(feet, np.zeros(2), 1e-6 * np.eye(2), fps)
@@ -431,10 +433,9 @@ def _floor(feet: np.ndarray, z: np.ndarray, fps: float) -> float:
 
 
 def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) -> float:
-    """Return how much better ``up`` explains the roll of cameras than the world's Z, in squared standard deviations.
+    """Return the gain of ``up`` over the world's Z in explaining the cameras' roll, in squared standard deviations.
 
-    People stand upright in pictures, portrait ones too, so x lies across. A camera that rolls under both, as one does
-    whose pictures are turned, does not decide: each counts up to 3 standard deviations.
+    In upright pictures x is horizontal. A camera that rolls under both does not decide: each counts up to 3 deviations.
 
     Args:
         R: (C, 3, 3) world to camera.

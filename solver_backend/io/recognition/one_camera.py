@@ -1,4 +1,4 @@
-"""The world of a single camera: what a lifted person shows of up and floor where the calibration has neither."""
+"""Find up and floor of a single camera from the lifted person, if the calibration has neither."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 TILT_DEG = 30.0
-"""Between the calibration's up and the person's; the lifter is off by 3 to 10 degrees."""
+"""Between the up of calibration and person. The lifter errs by 3 to 10 degrees."""
 
 
 @dataclass(frozen=True)
 class OneCameraWorld:
-    """A single camera in a world that the person stands upright in."""
+    """A single camera in a world with an upright person."""
 
     camera: Cameras
     """One camera."""
@@ -34,7 +34,7 @@ class OneCameraWorld:
 
 
 def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> OneCameraWorld:
-    """Return the camera in its own world, or in the person's where the calibration's up cannot be.
+    """Return the camera in its own world, or in the person's if the calibration's up is impossible.
 
     Args:
         camera: one calibrated camera, metres.
@@ -53,10 +53,10 @@ def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSetti
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> OneCameraWorld:
-    """Return the camera in a world whose up and floor are those of the person it sees, the camera above the origin.
+    """Return the camera above the origin of a world with the up and floor of the person.
 
     Args:
-        camera: one camera; of its pose nothing is used.
+        camera: one camera. Its pose is not used.
         keypoints: of one person.
         stature_m: of the person, metres; 0: the average's.
     """

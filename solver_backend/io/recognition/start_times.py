@@ -1,4 +1,4 @@
-"""Cameras that started apart, or are numbered differently, brought to one time: found, given, or as numbered."""
+"""Bring cameras that started apart, or are numbered differently, to one time."""
 
 from __future__ import annotations
 
@@ -19,17 +19,17 @@ from solver_backend.io.recognition.frame_numbers import cut_frames, different_fr
 from solver_backend.types import Cameras, Capture, stacked_hands
 
 SOLVED_S, SOLVED_FRAMES = 0.2, 10
-"""Smaller delays, or of fewer frames, are left to the solve's own check, which knows parts of frames."""
+"""The solve corrects smaller delays, to parts of a frame."""
 
 
 @dataclass(frozen=True)
 class InTime:
-    """Detections of which a row is one moment in all cameras."""
+    """Detections with one moment of all cameras per row."""
 
     detections: Detections
-    """Of the frames that are kept."""
+    """The kept frames."""
     first_rows: tuple[int, ...] = ()
-    """The row of each camera's own frames that comes first. () where all begin with their first."""
+    """First row of each camera. Empty if all begin with their first."""
     notes: tuple[Diagnostic, ...] = ()
     """Assumptions."""
     problems: tuple[Diagnostic, ...] = ()
@@ -37,19 +37,19 @@ class InTime:
 
 
 def reads_apart(options: ReadOptions) -> bool:
-    """Return whether cameras with different frames are read each from its own first, to be brought to one time."""
+    """Return whether every camera is read from its own first frame, if frames differ."""
     return options.sync != SYNC_OFF or options.by_order or bool(options.offset)
 
 
 def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, options: ReadOptions) -> InTime:
     """Return the detections at moments that all cameras recorded.
 
-    Offsets that the user gives bind. Else cameras are moved where they agree far better at other offsets than as
-    numbered, and only there (``find_starts``); whatever is not sure stays as numbered and is reported.
+    The user's offsets always win. Otherwise cameras move if they agree far better at other offsets than as numbered,
+    and at no further ones (``find_starts``). Everything uncertain stays as numbered and is reported.
 
     Args:
         cameras: C calibrated cameras.
-        detections: as read, each camera from its own first frame where they differ.
+        detections: each camera from its own first frame, if frames differ.
         fps: frames per second.
         options: how the capture is read.
 
@@ -91,7 +91,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     """Return a capture of keypoints with its cameras brought to one time, on the first camera's clock.
 
     Args:
-        capture: as its file holds it, everybody's.
+        capture: of all people.
         options: how it is read.
 
     Raises:
@@ -132,7 +132,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
 
 
 def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
-    """Return the rows that belong together by the numbers of the frames, whether they do or not.
+    """Return the rows with equal frame numbers.
 
     Args: those of ``bring_to_one_time``.
     """
@@ -149,7 +149,7 @@ def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
 
 
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
-    """Return cameras that started apart, moved; those of which nothing shows when are left out."""
+    """Return the detections with cameras moved, without cameras that show no start."""
     late = numbered - found.offsets
     late = late - late[0]
     moved = _named(detections, late)
@@ -172,7 +172,7 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
 
 
 def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
-    """Return why nothing was moved."""
+    """Return the reason for moving no camera."""
     names = [detections.cameras[c] for c in found.doubtful]
     if found.evidence is StartEvidence.STILL:
         return diagnostic("start_unknown", cameras=names)
@@ -184,7 +184,7 @@ def _aligned(
     detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[Diagnostic, ...],
     problems: tuple[Diagnostic, ...],
 ) -> InTime:  # fmt: skip
-    """Return the rows that belong together; the detections as they are where all have the same."""
+    """Return the rows that belong together."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
         return InTime(detections, (), notes, problems)
     lengths = np.array(detections.lengths or [detections.num_frames] * len(offsets))

@@ -1,4 +1,4 @@
-"""A calibration's world made to fit the person: its up axis, its scale, its level and its floor."""
+"""Fit up axis, scale, level and floor of a calibration's world to the person."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ _LIMBS = tuple(
 )
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9
-"""Cosine of the angle to an axis below which a person does not stand along it."""
+"""Least cosine of a standing person's angle to an axis."""
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 FAR_OFF_PX = 100.0
-"""A camera that sees everything so far from where the others do is not a little off: refining does not reach so far."""
+"""Least shift of a camera that refining cannot correct."""
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24
-"""Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
+"""Frames in which each camera is compared with the others. Fewer with more cameras."""
 _CODES = frozenset(
     {
         "person_triangulated",
@@ -55,13 +55,13 @@ _CODES = frozenset(
         "nothing_located",
     }
 )
-"""What a check of the world reports; another check replaces it."""
+"""Diagnostics of a check of the world. Another check replaces them."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
-"""What the unit is taken for, by the factor that makes a person out of what was measured."""
+"""Mistaken units, by the factor that gives a person's size."""
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return what was found but for an earlier check of the world."""
+    """Return the diagnostics without those of an earlier check of the world."""
     return tuple(item for item in found if item.code not in _CODES)
 
 
@@ -84,7 +84,7 @@ class WorldCheck:
     fps: float
     """Sampled frames per second."""
     off_px: dict[str, float]
-    """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
+    """Length of the median shift of each camera's keypoints against the other cameras."""
     limbs: Mapping[str, float] = field(default_factory=dict)
     """Length ratio of the halves of each arm and leg, unless the limb surely bends at its middle."""
 
@@ -127,7 +127,7 @@ class WorldCheck:
         return tuple(found)
 
     def up_axis(self) -> str:
-        """Return the axis that the person stands along, such as '-y'; 'z' where that is not clear."""
+        """Return the axis along the standing person, such as '-y', or 'z' if it is not clear."""
         axis = int(np.argmax(np.abs(np.nan_to_num(self.upright))))
         value = self.upright[axis]
         low, high = PLAUSIBLE_STATURE_M
@@ -144,12 +144,12 @@ class WorldCheck:
 
 
 def disagreement(residual_px: float) -> tuple[Diagnostic, ...]:
-    """Return what is found where the median residual is that of views that do not belong together."""
+    """Report a median residual of views that do not match."""
     return (diagnostic("views_disagree", size=residual_px),) if residual_px > LARGEST_RESIDUAL_PX else ()
 
 
 def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:
-    """Return the figures of a person that one camera sees: none is measured."""
+    """Return the unknown figures of a person in a single view."""
     nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
     return WorldCheck(unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {})
 
@@ -234,17 +234,17 @@ def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
 
 
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
-"""Cosine of a person's angle with Z within which a world whose floor is under the feet is not looked at closer."""
+"""Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
 SAME_SCALE = 0.2
-"""Logarithm of a scale up to which people found before it stay the same."""
+"""Logarithm of a scale that does not change the found people."""
 OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
-"""Logarithm of a scale, and its standard deviations, beyond which a calibration in which the person has a possible size
-contradicts a stature that was given; within them it is a board that was measured badly."""
+"""Logarithm of a scale, and its standard deviations, beyond which a given stature contradicts a calibration with a
+possible person. A badly measured board stays within them."""
 
 
 @dataclass(frozen=True)
 class WorldFit:
-    """Cameras in a world that fits, what the person is like in it, and what was done."""
+    """Cameras in a fitting world, the person in it, and the changes."""
 
     cameras: Cameras
     check: WorldCheck
@@ -259,7 +259,7 @@ class WorldFit:
 def scale_world(
     cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the scale that was asked for, a note where that is another one, and what is doubtful of it.
+    """Return the cameras in the requested scale, with notes and warnings about it.
 
     A world ``s`` times as large leaves every picture as it is: ``x_cam = R x + t`` becomes ``R x + s t``.
 
@@ -293,9 +293,9 @@ def find_people(
     settings: WorldSettings,
     to_plausible: float = 1.0,
 ) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[Diagnostic, ...]]:
-    """Return the cameras in the scale that was asked for, who is seen by them, and what was done.
+    """Return the cameras in the requested scale, their people, and notes.
 
-    Who belongs together is measured in metres, so people are found again where the scale is another one.
+    People are matched in metres, so they are found again after a change of the scale.
 
     Args:
         cameras: as calibrated.
@@ -321,16 +321,16 @@ def fit_world(
     up_axis: str | None = None,
     rolls: Sequence[int] = (),
 ) -> WorldFit:
-    """Return cameras in a world that the person stands upright in.
+    """Return cameras in a world with an upright person.
 
-    A calibration without a floor has the axes of one of its cameras, whose y points down, or those of a board.
+    A calibration without a floor has the axes of a camera, with y down, or of a board.
 
     Args:
         cameras: C cameras, in metres.
         keypoints: detections of one person.
         settings: whether the world is levelled.
-        up_axis: the axis that the user stated to point up, which stays the nearest one.
-        rolls: quarter turns by which pictures were found turned against those calibrated; either may be upright.
+        up_axis: the user's up axis, which stays the nearest one.
+        rolls: quarter turns of the recorded pictures against the calibrated ones. Either may be upright.
 
     Raises:
         NoDetections: the world was to be levelled, and nobody stands in it.
@@ -354,7 +354,7 @@ def fit_world(
 def _level(
     cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str, rolls: Sequence[int]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in a level world, and what was done; the same cameras where nothing is done."""
+    """Return the cameras in a level world, and the changes."""
     fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
     if how == OFF or (how == AUTO and fits):
         return cameras, ()
@@ -373,7 +373,7 @@ def _level(
 
 
 def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
-    """Return whether cameras show that a person along an axis lies: they stand level in the world as it is."""
+    """Return whether a person along an axis lies, because the cameras are level in the present world."""
     up = rotation_to_z_up(axis).T[:, 2]
     return roll_gain(_upright(cameras, rolls, up).R, up) <= -CONTRADICTS
 
