@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.progress import Progress, silent
@@ -26,7 +25,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
 from solver_backend.fitters.measurements.markers import assign_person, measured_at
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import posed
-from solver_backend.geometry.arrays import quantile, to_numpy
+from solver_backend.geometry.arrays import quantile
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.priors.sposer import load_sposer
@@ -197,8 +196,7 @@ def _take(cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body:
     problem = Problem.of(body, load_sposer(), assign_person(measured, subject, part.sigma_m))
     progress("Naming the other points", 0, 1)
     rough = rough_motion(problem, subject)
-    poses = posed(problem.prior, rough.states)
-    skeleton = forward_kinematics(body, subject.betas, poses.root, poses.local, poses.transl)
+    bones = BonePoses.of(subject, posed(problem.prior, rough.states))
     expected = rough_markers(problem, subject_of(person, body, like), rough)
     points = cloud.positions[:, nameless]
     tracklets = tracklets_of(points, cloud.fps)
@@ -210,7 +208,6 @@ def _take(cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body:
     parts = zip(np.split(f, edges), np.split(points[f, n], edges), strict=True)
     tracks = [_ChainPoints(*part) for part in parts] if len(f) else []
     progress("Naming the other points", 1, 1)
-    bones = BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
     return _Take(expected, rough.frames, bones, nameless, chain, tracks)
 
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
@@ -115,12 +114,10 @@ def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray)
         points: (F, M, 3) metres of the takes in turn, NaN where missing.
         takes: (F,) take of each frame.
     """
-    subject, frames = found.subject, found.poses
-    skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
-    joints, rotations = to_numpy(skeleton.joints), to_numpy(skeleton.G)
+    subject, poses = found.subject, BonePoses.of(found.subject, found.poses)
     bones = np.argmax(subject.landmarks.weights, axis=1)
-    away = points[found.frames] - joints[:, bones]
-    local = (np.swapaxes(rotations[:, bones], -1, -2) @ away[..., None])[..., 0]
+    away = points[found.frames] - poses.joints[:, bones]
+    local = (np.swapaxes(poses.rotations[:, bones], -1, -2) @ away[..., None])[..., 0]
     take = takes[found.frames]
     numbers = [number for number in np.unique(take).tolist() if (take == number).sum() >= LEAST_FRAMES]
     parts = [local[take == number] for number in numbers]
@@ -342,9 +339,7 @@ def _with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Collection[str]
 ) -> MarkerSubject:
     """Return the person with the markers of unknown labels that move with one of the bones, and are no prop's."""
-    frames, subject = found.poses, found.subject
-    skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
-    bones = BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
+    bones = BonePoses.of(found.subject, found.poses)
     columns = [column for column, label in enumerate(cloud.names) if label in unknown]
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
     props = {m for group in loose_groups(some, bones) for m in group.columns}

@@ -9,10 +9,13 @@ from itertools import takewhile
 
 import numpy as np
 
+from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
-from solver_backend.geometry.arrays import quantile
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
 LEAST_MARKERS = 3
@@ -112,6 +115,12 @@ class BonePoses:
 
     joints: np.ndarray
     rotations: np.ndarray
+
+    @classmethod
+    def of(cls, subject: Subject, frames: PosedFrames) -> BonePoses:
+        """Return the bones of a person in some poses."""
+        skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
+        return cls(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
     def carry(self, points: np.ndarray) -> bool:
         """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""

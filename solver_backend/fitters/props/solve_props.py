@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -27,7 +26,7 @@ from solver_backend.fitters.props.prop_equations import (
     unrest_of,
 )
 from solver_backend.geometry.alignment import nearest_rotation
-from solver_backend.geometry.arrays import quantile, to_numpy, true_runs
+from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.residuals.terms import graduated_scales
@@ -184,7 +183,8 @@ def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tup
     for cloud in markers.loose:
         frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
         some = MarkerCloud(cloud.positions[frames], cloud.fps, cloud.labels)
-        found += [(cloud, group) for group in loose_groups(some, _bones(solved, frames))]
+        bones = BonePoses.of(solved.subject, solved.frames.select(frames))
+        found += [(cloud, group) for group in loose_groups(some, bones)]
     found = sorted(found, key=lambda item: -len(item[1].columns))[:MOST]
     props, diagnostics = list[Prop](), list[Diagnostic]()
     for n, (cloud, group) in enumerate(found):
@@ -204,12 +204,6 @@ def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tup
     if found:
         progress(STAGE, len(found), len(found))
     return tuple(props), diagnostics
-
-
-def _bones(solved: SolvedFrames, frames: np.ndarray) -> BonePoses:
-    some, subject = solved.frames.select(frames), solved.subject
-    skeleton = forward_kinematics(subject.body, subject.betas, some.root, some.local, some.transl)
-    return BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
 
 def _found(prop: Prop, off: float) -> Iterator[Diagnostic]:
