@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from functools import singledispatch
 
 import numpy as np
 
@@ -129,7 +128,6 @@ class ArmPaths:
         return WristPath(self.rotations[:, side], self.wrists[:, side], self.covariance[:, side])
 
 
-@singledispatch
 def measure_hands(
     shown: HandViews | HandClouds,
     body: Body,
@@ -138,54 +136,32 @@ def measure_hands(
     settings: SolveSettings,
     size: float | None,
 ) -> MeasuredHands:
-    """Return both hands of a body, ready to be solved.
-
-    Args:
-        shown: detections or markers of both hands.
-        size: size of the hands, where an earlier solve found it.
-    """
-    raise TypeError(f"nothing measures hands of {type(shown).__name__}")
-
-
-@measure_hands.register(HandViews)
-def _(
-    shown: HandViews, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
-) -> MeasuredHands:
-    arms, skeletons = arm_paths(solved), _skeletons(body, solved)
+    """Return both hands of a body, ready to be solved, of the size that an earlier solve found, if any."""
+    arms, betas = arm_paths(solved), to_numpy(solved.subject.betas)
+    left, right = unscaled = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
+    hands = dict[int, MeasuredHand]()
+    if isinstance(shown, HandClouds):
+        if size is None:
+            sizes = [marker_size(unscaled[s], shown.labels[s], cloud) for s, cloud in shown.positions.items()]
+            size = float(np.mean(sizes)) if sizes else 1.0
+        skeletons, found = (left.scaled(size), right.scaled(size)), tuple[Diagnostic, ...]()
+        for side in shown.positions:
+            problem, doubts = worn_hand(shown, side, skeletons[side], arms.of(side), fps, settings)
+            hands[side] = MeasuredHand(problem, np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan))
+            found = (*found, *doubts)
+        return MeasuredHands(skeletons, hands, size, found)
     kept = sort_hands(shown, arms.wrists, arms.elbows)
-    views, hands = kept.views, dict[int, MeasuredHand]()
+    views = kept.views
     located = locate_hands(views) if len(views.cameras) > 1 else hands_of_one_view(views, arms.wrists)
     if size is None:
-        size = likely_size(hand_size(skeletons[s], hand.points, hand.spread_m2) for s, hand in located.items())
-    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
+        size = likely_size(hand_size(unscaled[s], hand.points, hand.spread_m2) for s, hand in located.items())
+    skeletons = left.scaled(size), right.scaled(size)
     for side, hand in located.items():
         skeleton, path = skeletons[side], arms.of(side)
         term = hand_term(views, side, path.places, hand.noise)
         problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), fps, True)
         hands[side] = MeasuredHand(problem, hand.points)
     return MeasuredHands(skeletons, hands, size, kept.diagnostics)
-
-
-@measure_hands.register(HandClouds)
-def _(
-    shown: HandClouds, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
-) -> MeasuredHands:
-    arms, skeletons = arm_paths(solved), _skeletons(body, solved)
-    hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
-    if size is None:
-        sizes = [marker_size(skeletons[s], shown.labels[s], cloud) for s, cloud in shown.positions.items()]
-        size = float(np.mean(sizes)) if sizes else 1.0
-    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
-    for side in shown.positions:
-        problem, doubts = worn_hand(shown, side, skeletons[side], arms.of(side), fps, settings)
-        hands[side] = MeasuredHand(problem, np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan))
-        found = (*found, *doubts)
-    return MeasuredHands(skeletons, hands, size, found)
-
-
-def _skeletons(body: Body, solved: SolvedFrames) -> tuple[HandSkeleton, HandSkeleton]:
-    betas = to_numpy(solved.subject.betas)
-    return hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
 
 
 def arm_paths(solved: SolvedFrames) -> ArmPaths:

@@ -31,7 +31,7 @@ from solver_backend.fitters.hands.solve_hand import (
     solve_hand,
     with_learned_noise,
 )
-from solver_backend.fitters.hands.wide_motion import with_hands
+from solver_backend.fitters.hands.wide_motion import hand_size_in, with_hands
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.splice_range import range_layout
 from solver_backend.fitters.layers import SolvedLayer
@@ -227,8 +227,7 @@ def solve_hands_again(
     except BodyInvalid:
         return solved, {}
     progress(STAGE, 0, 1)
-    size = float(earlier.provenance.get("hands", {}).get("size", 1.0))
-    found = measure_hands(shown, body, solved, earlier.fps, settings, size)
+    found = measure_hands(shown, body, solved, earlier.fps, settings, hand_size_in(earlier))
     hands = dict[int, HandRange]()
     for number, (side, hand) in enumerate(found.hands.items()):
         still = _still_angles(found.skeletons[side], side, earlier, frame_range.pins)
