@@ -29,7 +29,7 @@ TOPOLOGIES = ("notoes", "anny", "makehuman")
 """Meshes of CC0 origin; ``anny``'s others need data under other licences."""
 _ADULT = {"age": (0.55, 0.95)}
 _SPREAD = {"muscle": (0.5, 0.18), "weight": (0.5, 0.18), "height": (0.39, 0.075), "proportions": (0.5, 0.18)}
-"""Mean and deviation; height so that statures of both sexes together are 1.70 ± 0.09 m."""
+"""Mean and deviation. Height so that statures of both sexes together are 1.70 ± 0.09 m."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
@@ -136,7 +136,7 @@ _LOG = logging.getLogger(__name__)
 
 
 def bake(topology: str = "notoes", num_samples: int = NUM_SAMPLES, seed: int = 0) -> dict[str, np.ndarray]:
-    """Return the arrays of the body file, with SMPL's keys; the pelvis is the origin for every shape.
+    """Return the arrays of the body file, with SMPL's keys. The pelvis is the origin for every shape.
 
     The ten components are taken from ``num_samples`` shapes.
 
@@ -170,7 +170,7 @@ def _sources() -> dict[str, str]:
 
 
 def _owners(rig: AnnyRig) -> np.ndarray:
-    """Return the joint of each bone: its own, or its nearest ancestor's; toes and fingers have one each."""
+    """Return the joint of each bone: its own, or its nearest ancestor's. Toes and fingers have one each."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
     for b, bone in enumerate(rig.bones):
@@ -254,7 +254,7 @@ def _components(vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _regressor(mean: np.ndarray, vertices: np.ndarray, joints: np.ndarray, mirror: np.ndarray) -> np.ndarray:
-    """Return (24, V): ridge regression of every joint from the skin around it over all shapes; rows sum to 1."""
+    """Return (24, V): ridge regression of every joint from the skin around it over all shapes. Rows sum to 1."""
     regressor = np.zeros((joints.shape[1], len(mean)))
     for j, name in enumerate(SMPL_JOINTS):
         if name.startswith("right"):

@@ -43,13 +43,13 @@ class BuiltBody:
     arrays: dict[str, np.ndarray]
     """Of the body file, by key."""
     knots: Knots
-    """Of its digits; the pelvis is the origin."""
+    """Of its digits. The pelvis is the origin."""
 
 
 def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:
-    """Return the arrays of the body file; the pelvis is the origin for every shape.
+    """Return the arrays of the body file. The pelvis is the origin for every shape.
 
-    ``fitted`` is the mesh of the skin where it exists already; without it one of ``num_vertices`` vertices is made.
+    ``fitted`` is the mesh of the skin where it exists already. Without it one of ``num_vertices`` vertices is made.
 
     Keys of SMPL: ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Ours: ``body_id``; ``uv``
     (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);

@@ -10,7 +10,7 @@ PARENTS = SMPL.parents
 JOINT = {name: index for index, name in enumerate(SMPL.joints)}
 """Index of each joint by name."""
 MIRROR_JOINT = SMPL.mirror
-"""Index of the joint on the other side; midline joints are their own."""
+"""Index of the joint on the other side. Midline joints are their own."""
 CHILDREN = SMPL.children
 """Children of each joint."""
 

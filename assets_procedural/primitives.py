@@ -1,4 +1,4 @@
-"""The implicit surface: anisotropic Gaussians of the left half body and their mirror images; the skin is F = 1."""
+"""The implicit surface: anisotropic Gaussians of the left half body and their mirror images. The skin is F = 1."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Primitives:
         return np.sqrt(variance * 2.0 * np.maximum(9.0 + self.log_weight, 1.0)[:, None])
 
     def grid(self, low: np.ndarray, cell: float, shape: tuple[int, int, int]) -> np.ndarray:
-        """Return F on a regular grid; each Gaussian is added inside its own box (to 4.2 scales)."""
+        """Return F on a regular grid. Each Gaussian is added inside its own box (to 4.2 scales)."""
         field = np.zeros(shape)
         for mean, whiten, log_weight, radius in zip(
             self.mean, self.whiten, self.log_weight, self._reach(), strict=True

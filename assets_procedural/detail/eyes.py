@@ -14,7 +14,7 @@ from assets_procedural.detail.patches import HalfBody, Oval, Patch, fan, replace
 EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
 """Centre of the left eyeball in the fitted mesh, metres, floor at y = 0."""
 EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020
-"""Radii. Irises of adults are 11.7 mm across in the mean (Rüfer et al. 2005); the fitted face is a little small."""
+"""Radii. Irises of adults are 11.7 mm across in the mean (Rüfer et al. 2005). The fitted face is a little small."""
 _CORNEA_M = 0.0006
 _LID_M, _SOFT_M = 0.0012, 0.0006
 _CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])
@@ -32,7 +32,7 @@ _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 
 def put_in_eye(half: HalfBody) -> HalfBody:
-    """Return the half body with an eye in place of the slit; raise ``BodyInvalid`` if the slit is elsewhere."""
+    """Return the half body with an eye in place of the slit. Raise ``BodyInvalid`` if the slit is elsewhere."""
     return replace(half, _HOLE.holds, _eye(half))
 
 

@@ -65,7 +65,7 @@ STRAIGHTENED = 1.14471
 
 
 def finger_knots(joints: Array) -> Array:
-    """Return the (40, 3) knots of all digits of both hands, metres; the right hand's mirror the left's."""
+    """Return the (40, 3) knots of all digits of both hands, metres. The right hand's mirror the left's."""
     left = joints[JOINT["left_hand"]] + np.concatenate([digit.knots for digit in DIGITS.values()])
     return np.concatenate([left, left * FLIP])
 

@@ -34,7 +34,7 @@ _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
 def close_lips(half: HalfBody) -> HalfBody:
-    """Return the half body with closed lips in place of the slit; raise ``BodyInvalid`` if the slit is elsewhere."""
+    """Return the half body with closed lips in place of the slit. Raise ``BodyInvalid`` if the slit is elsewhere."""
     return replace(half, _HOLE.holds, _lips(half))
 
 
@@ -165,7 +165,7 @@ class DetailedBody:
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
-    """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails; fingers stay spread.
+    """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails. Fingers stay spread.
 
     Raises:
         BodyInvalid: a detail's place is elsewhere, or the result is not closed.

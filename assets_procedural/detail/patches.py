@@ -41,7 +41,7 @@ class Patch:
     ring: Array
     """(R,) indices of the outermost vertices, counter-clockwise as seen from the front."""
     closed: bool
-    """Whether the ring closes; otherwise it begins and ends on x = 0."""
+    """Whether the ring closes. Otherwise it begins and ends on x = 0."""
 
 
 @dataclass(frozen=True)

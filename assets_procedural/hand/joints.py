@@ -17,7 +17,7 @@ from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror
 """Parent, and joint of the other side, of each of the 52 joints."""
 LEFT = SMPL_HANDS.group("left_hand")
-"""The left hand's finger joints; those before are SMPL's."""
+"""The left hand's finger joints. Those before are SMPL's."""
 FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 """The first finger joint, the left wrist, and the joints of a finger."""
 
@@ -68,7 +68,7 @@ class Knots:
 def place_hand_joints(
     joints: Array, joint_dirs: Array, knots: Knots, vertices: Array, dirs: Array, faces: Array
 ) -> HandJoints:
-    """Return the joints of the body with fingers at rest; directions are (.., 3, 10) per unit of shape."""
+    """Return the joints of the body with fingers at rest. Directions are (.., 3, 10) per unit of shape."""
     left, left_dirs = _in_order(knots.points), _in_order(knots.directions)
     centres = np.zeros((len(left), len(vertices)))
     moved = np.isin(np.arange(len(left)) % 4, (1, 2))

@@ -81,7 +81,7 @@ def signed_areas(points: Array, faces: Array) -> Array:
 
 
 def _far_pair(vertices: Array, faces: Array) -> Array:
-    """Return two distant border vertices; of mirror images the one with the lower number."""
+    """Return two distant border vertices, of mirror images the one with the lower number."""
     pairs = np.sort(half_edges(faces), axis=1)
     keys, counts = np.unique(pairs, axis=0, return_counts=True)
     rim = np.unique(keys[counts == 1])

@@ -14,7 +14,7 @@ Face = tuple[int, int, int]
 
 
 class HalfMesh:
-    """Triangles that can be split, collapsed and flipped; ids are stable until :meth:`compact`."""
+    """Triangles that can be split, collapsed and flipped. Ids are stable until :meth:`compact`."""
 
     def __init__(self, vertices: Array, faces: Array) -> None:
         self.vertices: list[Point] = [(x, y, z) for x, y, z in np.asarray(vertices, dtype=np.float64).tolist()]
@@ -75,7 +75,7 @@ class HalfMesh:
         return new
 
     def collapse(self, keep: int, gone: int, position: Point) -> bool:
-        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it; return whether it was done."""
+        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it. Return whether it was done."""
         shared = self.shared(keep, gone)
         if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
             return False
@@ -188,7 +188,7 @@ def remesh(vertices: Array, faces: Array, size_at: SizeAt, project: Project, rou
     """Return a mesh whose edges have about the wanted lengths and whose triangles are near equilateral.
 
     Args:
-        vertices: (V, 3); the border has x == 0 exactly.
+        vertices: (V, 3). The border has x == 0 exactly.
         size_at: maps (N, 3) points to (N,) wanted edge lengths, metres.
         project: maps (N, 3) points and (N,) border marks to points on the surface.
         rounds: split, collapse, flip and relax this often.

@@ -46,7 +46,7 @@ HANDS: dict[str, Degrees] = {
     | {"index_mcp_spread": 4}
     | _thumb(25, 21, 26, -6, -2),
 }
-"""Angles in degrees by name; what is excluded is as at rest."""
+"""Angles in degrees by name. Joints without an angle are at rest."""
 _FACES = 0.7
 """Cosine by which faces of the palm look off the back of the hand."""
 _PALM = (0.88, 0.64, 0.52)

@@ -85,7 +85,7 @@ def _shade(normal: Array) -> Array:
 
 
 def tile(images: list[Array], columns: int) -> Array:
-    """Return equally large pictures as one, row by row; the last row is filled with background."""
+    """Return equally large pictures as one, row by row. The last row is filled with background."""
     blank = np.broadcast_to(np.round(255 * _BACKGROUND ** (1 / 1.6)).astype(np.uint8), images[0].shape)
     padded = images + [blank] * (-len(images) % columns)
     rows = [np.concatenate(padded[i : i + columns], axis=1) for i in range(0, len(padded), columns)]

@@ -28,7 +28,7 @@ _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulder
 _RAISED_FROM, _RAISED = 0.35, 0.9
 """Sines of the angles at which an arm begins to count as raised, and wholly does."""
 _TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5
-"""Averages over neighbours; shares of its area at rest at which skin begins to be taut, and is."""
+"""Averages over neighbours, and shares of its area at rest at which skin begins to be taut, and is."""
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 _FLEXION = {  # joint: axis and range of its main bend, radians
@@ -64,7 +64,7 @@ def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:
 
 
 def sample_poses(count: int, seed: int) -> Array:
-    """Return (count, 24, 3, 3) local rotations with every joint turned; the root stays."""
+    """Return (count, 24, 3, 3) local rotations with every joint turned. The root stays."""
     rng = np.random.default_rng(seed)
     vectors = np.zeros((count, len(PARENTS), 3))
     for name, j in JOINT.items():

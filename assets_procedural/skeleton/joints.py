@@ -19,7 +19,7 @@ Segment = tuple[np.ndarray, np.ndarray]
 
 
 def load_joints(path: Path = NUMBERS / "skeleton.json") -> np.ndarray:
-    """Return the (24, 3) rest joints, metres, floor at y = 0; the right side mirrors the left.
+    """Return the (24, 3) rest joints, metres, floor at y = 0. The right side mirrors the left.
 
     Raises:
         FileDamaged: a midline or left joint is missing.
@@ -91,10 +91,10 @@ def fit_regressor(
     mirror: Array,
     mirror_joint: tuple[int, ...] = MIRROR_JOINT,
 ) -> Array:
-    """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``; rows sum to 1.
+    """Return the (J, V) regressor with ``J v = joints`` and ``J shapedirs = joint_dirs``. Rows sum to 1.
 
     Weights are non-negative where such a mean is exact to 0.01 mm, apart from the smallest signed weights near the
-    joint that meet joints and components exactly; elsewhere they are the smallest signed weights.
+    joint that meet joints and components exactly. Elsewhere they are the smallest signed weights.
 
     Args:
         vertex_dirs: (V, 3, C), derivatives by C shapes.

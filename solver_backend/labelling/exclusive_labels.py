@@ -77,7 +77,7 @@ def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
 
 
 def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:
-    """Exchange the labels of pairs where that is better for both together; return whether any were."""
+    """Exchange the labels of pairs where that is better for both together. Return whether any were."""
     own = evidence[np.arange(len(labels)), labels]
     other = evidence[:, labels]
     gain = other + other.T - own[:, None] - own[None]

@@ -1,7 +1,7 @@
 """Names for the points of a take from one labelled take of the same person and layout.
 
 Pairs of markers on one bone keep their distance, others stay near theirs. At the moment that shows most points, a beam
-search places the labels, those first that are most rigid with what is placed; triple products exclude mirror images.
+search places the labels, those first that are most rigid with what is placed. Triple products exclude mirror images.
 From there names spread over time: a tracklet gets the label whose distances to the named points fit, if no other fits.
 """
 
@@ -126,7 +126,7 @@ def label_like(
     """Name a take's points after a labelled take of the same person.
 
     Args:
-        cloud: F frames of N points; their names are ignored.
+        cloud: F frames of N points. Their names are ignored.
         persistent: each column is one marker throughout.
         proposed: (F, N) labels by the network, -1 where none: another start; the better fit wins.
 

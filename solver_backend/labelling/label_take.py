@@ -132,7 +132,7 @@ def with_head_forward(
 
     Args:
         labels: (C,) label of each chain, negative where it has none.
-        bound: labels assigned by the user, by chain; a head with one of these is left.
+        bound: labels assigned by the user, by chain. A head with one of these is left.
     """
     if any(label in AROUND for label in bound.values()):
         return labels
@@ -350,7 +350,7 @@ def label_take(
     """Label the points of a take.
 
     Args:
-        cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
+        cloud: points, Z up, metres. Columns are tracks, which may break, jump, and go on elsewhere.
         start_fit: makes the fit of a body that is laid over the named points.
         user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole tracklet.
             Empty text: none of them.

@@ -41,7 +41,7 @@ class TakeShape:
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
-    """Return the shape of (F, M, 3) points; markers that few frames show are missing."""
+    """Return the shape of (F, M, 3) points. Markers that few frames show are missing."""
     some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))].copy()
     some[:, np.isfinite(some).all(-1).sum(0) < min(LEAST_FRAMES, len(some))] = np.nan
     mean, variance = distance_statistics(some)
@@ -138,9 +138,9 @@ class NameChange:
     """Number of the take, from 0."""
     first: str
     second: str
-    """Labels; of a point without a name that takes the first one, its former label."""
+    """Labels, or the former label of a point without a name that takes the first one."""
     mended: bool
-    """False where the takes do not decide which name is right; the names are then left."""
+    """False where the takes do not decide which name is right. The names are then left."""
 
 
 @dataclass(frozen=True)
@@ -159,7 +159,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
     as for the other, the layout's places decide. Where these do not either, the names are left and reported.
 
     Args:
-        clouds: the takes; each of their columns is one marker throughout.
+        clouds: the takes. Each of their columns is one marker throughout.
         kept: labels that the user assigned, which are not changed.
     """
     takes, mended = list(clouds), list[NameChange]()

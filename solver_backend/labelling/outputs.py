@@ -7,7 +7,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 
 MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
-"""Places that a point can be, by column of the network's labels; layouts are subsets of them."""
+"""Places that a point can be, by column of the network's labels. Layouts are subsets of them."""
 GHOST = len(MARKERS)
 """Label of a point that is none of the markers."""
 JOINTS: tuple[str, ...] = SMPL_JOINTS
@@ -20,7 +20,7 @@ OTHER_PLACES: tuple[str, ...] = tuple(
 
 
 def other_side(name: str) -> str:
-    """Return the marker or joint of the other side of the body; itself where there is none."""
+    """Return the marker or joint of the other side of the body, or itself."""
     if name in JOINTS:
         swapped = name.replace("left_", "right_") if "left_" in name else name.replace("right_", "left_")
         return swapped if swapped in JOINTS else name

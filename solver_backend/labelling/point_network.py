@@ -61,7 +61,7 @@ class CloudReading:
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
-"""Added to the attention of missing points; exponentials of it are 0 in single precision."""
+"""Added to the attention of missing points. Exponentials of it are 0 in single precision."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 
 
@@ -130,7 +130,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
 
 
 def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
-    """Return the network of the trained module's arrays; raise ``WeightsInvalid`` if they are another network's."""
+    """Return the network of the trained module's arrays. Raise ``WeightsInvalid`` if they are another network's."""
     arrays = {name.removeprefix("net."): np.asarray(a, dtype=np.float32) for name, a in arrays.items()}
     try:
         layers = 1 + max(int(name.split(".")[1]) for name in arrays if name.startswith("layers."))

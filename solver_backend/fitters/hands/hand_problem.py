@@ -93,7 +93,7 @@ def contact_equations(
 
 
 SIZES = (0.75, 1.35)
-"""Limits of hands' size by the body's own: seven standard deviations; another size is a fault."""
+"""Limits of hands' size by the body's own: seven standard deviations. Another size is a fault."""
 TURN_SIGMA = float(np.deg2rad(35.0))
 """Deviation of a wrist's turn from the body's, whose keypoints barely constrain twist."""
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
@@ -177,7 +177,7 @@ class HandProblem:
         return self._placed(states, np.arange(self.num_frames))[1]
 
     def at(self, sites: HandSites) -> HandProblem:
-        """Return the problem with other points; its term is not theirs."""
+        """Return the problem with other points. Its term is not theirs."""
         return replace(self, sites=sites)
 
     def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Detections of a hand in views; each view has an offset of the whole hand in addition to every point's noise."""
+"""Detections of a hand in views. Each view has an offset of the whole hand in addition to every point's noise."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclu
 from solver_backend.types.shapes import Bool, Float
 
 ROUNDS = 3
-"""Reweighted means that find a view's offset; a fourth moves it by less than a tenth of a pixel."""
+"""Reweighted means that find a view's offset. A fourth moves it by less than a tenth of a pixel."""
 _LOOSE = 3.0
 """Robust scale of offsets where none is given."""
 
@@ -252,9 +252,10 @@ class SortedHands:
 
 
 def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
-    """Return detections by the wrists they lie at; hands that lie at no wrist are excluded.
+    """Return detections by the wrists they lie at. Hands that lie at no wrist are excluded.
 
-    A frame's two hands in one view are exchanged where both lie nearer to each other's wrist; one alone where it does.
+    A frame's two hands in one view are exchanged where both lie nearer to each other's wrist.
+    A single hand changes its side where it does.
     Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
     """
     at, up = (project(views.cameras, points) for points in (wrists, elbows))

@@ -44,7 +44,7 @@ from solver_backend.types import Motion
 from solver_backend.types.shapes import Float, Int
 
 STEPS = 6
-"""Gauss-Newton steps; shifts are a few centimetres at most, and three are enough where the arm is bent."""
+"""Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent."""
 COLLAR = 0.1
 """Ease of the collar's turn against shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
 Pose2Sim's balancing trial the left wrist, 10 mm out of reach (52 in one frame of ten), is met with 11 degrees."""
@@ -62,7 +62,7 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with a wrist turned and moved; joints that are not on that arm stay bit for bit.
+    """Return the poses with a wrist turned and moved. Joints that are not on that arm stay bit for bit.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
 

@@ -222,7 +222,7 @@ def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[st
 
 
 def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) the person's marker of each chain, -1 where none; and (C,) which chains are doubtful.
+    """Return (C,) the person's marker of each chain, -1 where none, and (C,) which are doubtful.
 
     ``missing`` (F, L) says where the person's markers are not seen under their names.
     """

@@ -46,7 +46,7 @@ class LabelFault:
     marker: int
     """Column of the label."""
     other: int
-    """The marker that had it; the same where it was a ghost."""
+    """The marker that had it, or the same one for a ghost."""
     first: int
     last: int
 

@@ -350,7 +350,7 @@ def _with_attached(
 
 
 def joined(clouds: Sequence[MarkerCloud]) -> MarkerCloud:
-    """Return the frames of several takes in turn; a marker that a take lacks is missing there."""
+    """Return the frames of several takes in turn. A marker that a take lacks is missing there."""
     if len(clouds) == 1:
         return clouds[0]
     labels = tuple(dict.fromkeys(label for cloud in clouds for label in cloud.names))

@@ -66,14 +66,14 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
 
 
 def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
-    """Return the labels that name each other's markers; a solve of the take itself reports them with frames."""
+    """Return the labels that name each other's markers. A solve of the take itself reports them with frames."""
     pairs = person.provenance.get(EXCHANGED, ())
     return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
 
 WIDEST = 0.64
 """Distance of the hips by the length of a thigh: 0.40 in an inertial suit's skeleton, 0.3 to 0.45 in bodies, 0.52 in
-detections; markers on the outer hip or the waist have 0.7 and more."""
+detections. Markers on the outer hip or the waist have 0.7 and more."""
 FAR_M = 0.025
 """Least distance of a false joint centre from the body's: an inertial suit's differ by up to 11 mm, markers on the skin
 by 40 and more."""

@@ -24,7 +24,7 @@ STRAYS_M, SHARE = 0.006, 0.95
 """A distance of a rigid body keeps so near to its median in this share of the frames: markers of 2 mm noise per axis
 stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
 MOVES_M = 0.05
-"""Least distance that a prop's marker moves from its usual place; what moves less is part of the room."""
+"""Least distance that a prop's marker moves from its usual place. A marker that moves less is part of the room."""
 LEAST_FRAMES, FRAMES = 15, 400
 """Least frames that show two markers together, and most frames of a take to use."""
 MOST = 100
@@ -194,7 +194,7 @@ def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[Loo
 
     Args:
         cloud: markers at no known place of a body.
-        bones: of the person in these frames; groups that a bone carries are excluded.
+        bones: of the person in these frames. Groups that a bone carries are excluded.
     """
     labels, found = cloud.names, list[LooseGroup]()
     prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]

@@ -42,7 +42,7 @@ def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: floa
     Args:
         off: (F, 1 + K, 3) errors of the marker and of others, the nearest first, in the frame of its bone, NaN where
             missing.
-        gap: its first and last frame; the neighbouring frames show the marker.
+        gap: its first and last frame. The neighbouring frames show the marker.
         lasting: how long errors last, frames.
     """
     first, last = gap

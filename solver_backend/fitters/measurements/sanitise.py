@@ -29,7 +29,7 @@ LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS = 0.3, 8.0
 _UNKNOWN = ("delay_unknown", "delay_beyond")
 """Diagnostics that refuse a capture where synchronisation is required."""
 AWAY_S = 0.25
-"""Least absence that is reported; shorter ones are only interpolated and flagged."""
+"""Least absence that is reported. Shorter ones are only interpolated and flagged."""
 
 
 @dataclass(frozen=True)

@@ -164,7 +164,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
     """Return (C, F, L) errors of a fitted body against detections, pixels: ``sqrt(sigma² + (f m / z)²)``.
 
     Args:
-        points: (F, L, 3) located points, NaN where there is none; a frame's depth z is their median's.
+        points: (F, L, 3) located points, NaN where there is none. A frame's depth z is their median's.
         sigma_px: (L,) of the detector.
     """
     depth = np.einsum("cj,fj->cf", cameras.R[:, 2], _centres(points)) + cameras.t[:, 2, None]
@@ -173,7 +173,7 @@ def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> 
 
 
 def _centres(points: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) medians, coordinate by coordinate, of (F, L, 3) points; the take's where a frame has none."""
+    """Return the (F, 3) medians, coordinate by coordinate, of (F, L, 3) points, or the take's."""
     ordered = np.sort(points, axis=1)  # what is missing comes last
     count = np.isfinite(ordered).sum(axis=1)
     centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]

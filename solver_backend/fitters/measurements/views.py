@@ -101,7 +101,7 @@ def measurements_of(
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with its confidences read by a noise map, and a note; an empty path leaves it as it is.
+    """Return the capture with its confidences read by a noise map, and a note. An empty path leaves it as it is.
 
     Raises:
         JobInvalid: the capture has no keypoints, or its confidences were weighted before.

@@ -34,7 +34,7 @@ _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) f
 """(12, 2) the one or two joints at each end."""
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
 """Deviation of lengths, metres. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44 degrees
-on `cmu_daz_martial_07`); the head's joint is drawn anywhere."""
+on `cmu_daz_martial_07`). The head's joint is drawn anywhere."""
 _ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 """A skeleton is one of our body's own where these lengths, with so many times the certainty, leave at most a millimetre
@@ -88,7 +88,7 @@ _NEAR_M, _STILL_M_S = 0.04, 0.3
 def floor_height(body: Body, betas: np.ndarray, joints: np.ndarray) -> float:
     """Return the height in metres at which the lowest soles stand.
 
-    A sole is below ankle and ball by their height in the shaped body at rest; a foot that stands has both down. Joints
+    A sole is below ankle and ball by their height in the shaped body at rest. A foot that stands has both down. Joints
     are (F, 24, 3) in the world.
     """
     above = _rest_heights(body, betas)

@@ -157,10 +157,10 @@ class MergedHands:
 
 
 def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float | None = None) -> MergedHands:
-    """Return the motion with the fingers of a glove recording; the body and its wrists stay as they are.
+    """Return the motion with the fingers of a glove recording. The body and its wrists stay as they are.
 
     Args:
-        motion: of the body; fingers of sides that the gloves lack stay.
+        motion: of the body. Fingers of sides that the gloves lack stay.
         offset_s: second of the motion at which the gloves begin; None finds it by the wrists' turns.
 
     Raises:

@@ -144,7 +144,7 @@ _NAMES = {"upper_arm": "upper arm", "forearm": "forearm", "thigh": "thigh", "sha
 
 
 def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequence[int] = ()) -> SolvedFrames:
-    """Return the poses with the uninformed parts at rest; the same object where there are none.
+    """Return the poses with the uninformed parts at rest, or the same object where there are none.
 
     ``pinned`` are frames with pinned poses.
     """

@@ -33,14 +33,14 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
 """Standard deviations along the anchor bone's axes (left, up and front of the body at rest) of a person whose pelvis is
 upright, millimetres, by anchor without its side: fitted to the distances between joints and ``rest_rotations`` in
 recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as near as one can to 50, 80 and 95 %.
-``python -m tests.benchmarks.resting_spread`` finds them; those of trunk and head are 1.2 to 2.5 times as large, as a
+``python -m tests.benchmarks.resting_spread`` finds them. Those of trunk and head are 1.2 to 2.5 times as large, as a
 solve without their markers needs: of five other takes its pelvis leans 8 degrees off and its trunk has another length
 (deviations along up and front of 16 and 45 mm at spine2, 24 and 79 at the neck)."""
 BESIDE_MM: dict[str, dict[str, float]] = {
     "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
 }  # fmt: skip
 """Deviation per axis, millimetres, that joints beside a resting part have more than the fit states: its markers would
-show how the pelvis leans and how large the person is. By part without its side; of two thighs both count."""
+show how the pelvis leans and how large the person is. By part without its side. Of two thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Lean of the pelvis that doubles the spread of trunk, head and legs, and beyond which it grows no more: people who
 bend, sit, kneel or lie have them three times as far from their rest as people who stand."""
@@ -147,7 +147,7 @@ CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
 """Joints that place the body where one of them is measured."""
 NEAR_M, NEAR_HIP_M = 0.13, 0.17
 """Largest distance of a landmark that measures a joint: the pelvis' markers are 114 mm from its joint and 150 from the
-hips, which are 124 from it; the acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230 from
+hips, which are 124 from it. The acromion's is 153 from the neck, and a wand on the thigh, which shows no hip, 230 from
 that."""
 BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
 """Deviation per axis of an assumed joint by its distance from the nearest landmark: with a measured trunk or head, with

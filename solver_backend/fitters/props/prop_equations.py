@@ -54,7 +54,7 @@ def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
 
 
 RELAXES_S = 0.5
-"""Time in which an unmeasured velocity dies away; a hand's strokes last 0.2 to 1 s."""
+"""Time in which an unmeasured velocity dies away. A hand's strokes last 0.2 to 1 s."""
 TURN_PRECISION = 3.0 / np.pi**2
 """Precision of an unknown turn: the variance of an angle between -π and π is π² / 3."""
 
@@ -162,7 +162,7 @@ PASSES = 4
 ON_A_LINE_M = 0.01
 """Largest root mean square distance from a line of markers that leave the turn about it open."""
 LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
-"""Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm; beyond, markers are loose."""
+"""Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm. Beyond, markers are loose."""
 
 
 @dataclass(frozen=True)
@@ -233,7 +233,7 @@ def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarra
 
 LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
 """Seconds over which accelerations are measured (gaps are about as long, and markers' noise is negligible), over which
-unrest is averaged, and of the take's average that are added to it; in a gap they are all there is."""
+unrest is averaged, and of the take's average that are added to it. In a gap they are all there is."""
 LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3
 """Least unrest as a share of the take's, and as the stray of a prop at rest in ``LAG_S``."""
 

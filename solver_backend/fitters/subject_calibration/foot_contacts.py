@@ -14,7 +14,7 @@ from solver_backend.residuals.positions import SIGMA_M, PositionTerm, foot_conta
 ALONG_SIGHT = 3.0
 """Factor of the speed limit along the line of sight of a single camera, which sees no depth. On 48 filmed takes of
 subjects 08, 60 and of some that the lifter is trained on, feet skate by 0.011 cm a frame instead of 0.012 and joints
-are 0.1 mm nearer, with 2 as with 4; on the benchmark's own takes a foot goes deeper below the floor with 4."""
+are 0.1 mm nearer, with 2 as with 4. On the benchmark's own takes a foot goes deeper below the floor with 4."""
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")
 """A detector's keypoints and places of markers, without their side."""
 _SIDES = (("left_", "L"), ("right_", "R"))

@@ -25,7 +25,7 @@ FIXED = 1e12
 
 @dataclass(frozen=True)
 class ShapePrior:
-    """Prior knowledge of a person; the shape space has unit variance."""
+    """Prior knowledge of a person. The shape space has unit variance."""
 
     offset_sigma_m: float | np.ndarray = 0.02
     """Deviation of a detector's points from ours; (L,), or one for all."""
@@ -151,7 +151,7 @@ def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
 
 
 def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
-    """Return the (10 + 3 L,) precision of the shared unknowns; kept ones have ``FIXED``."""
+    """Return the (10 + 3 L,) precision of the shared unknowns. Kept ones have ``FIXED``."""
     betas = np.full(10, 1.0 if shape_prior.free_betas else FIXED)
     loose = np.asarray(shape_prior.offset_sigma_m) ** -2.0 if shape_prior.free_offsets else np.array(FIXED)
     offsets = np.repeat(np.broadcast_to(loose, len(subject.landmarks)), 3)
