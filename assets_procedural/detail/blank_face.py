@@ -24,9 +24,6 @@ def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array
     The vertices are spread evenly first, each to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and
     then laid, along the ray from the head's middle, on the smoothest radius (thin plate over directions) through the
     skin around.
-
-    Args:
-        head: (3,) metres, the head's joint.
     """
     folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
     away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)

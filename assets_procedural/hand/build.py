@@ -46,11 +46,7 @@ _RANGES_DEG = {
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
-    """Return (V, 3, 270) correctives of the finger joints, metres per unit of ``flatten(R_j - I)``.
-
-    Args:
-        weights: (V, 52).
-    """
+    """Return (V, 3, 270) correctives of the finger joints, metres per unit of ``flatten(R_j - I)``."""
     masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
     turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
@@ -72,11 +68,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
 
 
 def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -> Array:
-    """Return (N, 3, 3) local rotations over the range of one joint of the left hand, in SMPL-H's order.
-
-    Args:
-        skeleton: of the left hand.
-    """
+    """Return (N, 3, 3) local rotations over the range of one joint of the left hand, in SMPL-H's order."""
     finger = FINGERS.index(SMPL_FINGERS[joint // PER_FINGER])
     angles = np.tile(skeleton.rest_angles, (_COUNT, 1))
     for i in np.flatnonzero((finger == FINGER_OF) & (joint % PER_FINGER == JOINT_OF)):

@@ -62,12 +62,9 @@ def follow_hand(
     turn: Float[np.ndarray, "frames 3"],
     shift: Float[np.ndarray, "frames 3"],
 ) -> PosedFrames:
-    """Return the poses with a wrist turned and moved. Joints that are not on that arm stay bit for bit.
+    """Return the poses with a wrist turned (world rotation vectors) and moved. Other joints stay bit for bit.
 
     ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
-
-    Args:
-        turn: (F, 3) rotation vectors of the wrist in the world.
     """
     names = body.layout.joints
     chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
@@ -170,11 +167,7 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
 
 
 def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarray, shift: np.ndarray) -> SolvedFrames:
-    """Return the poses with an arm that follows its hand in n frames.
-
-    Args:
-        turn: (n, 3) rotation vectors of the wrist against the body's.
-    """
+    """Return the poses with an arm that follows its hand in n frames."""
     subject, poses = solved.subject, solved.frames
     moved = follow_hand(subject.body, to_numpy(subject.betas), poses.select(frames), side, turn, shift)
     local = to_numpy(poses.local).copy()

@@ -204,9 +204,6 @@ def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
     For joint centres without toes f goes from the middle of hip and ankle to the knee, which bends forwards, and from
     the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its ankle.
 
-    Args:
-        landmarks: the L places.
-
     Raises:
         MarkersMirrored: it is not so in most frames.
     """
