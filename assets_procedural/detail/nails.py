@@ -74,7 +74,8 @@ def _places(joints: Array) -> list[NailPlace]:
     for name, (share, roll, radii, height) in _FINGERS.items():
         knuckle, end = (hand + np.array(knot) for knot in DIGITS[name].knots[-2:])
         along = (end - knuckle) / np.linalg.norm(end - knuckle)
-        up = _turned(_upright(along), along, np.deg2rad(roll))
+        up, angle = _upright(along), np.deg2rad(roll)
+        up = np.cos(angle) * up + np.sin(angle) * np.cross(along, up)
         found.append(NailPlace(knuckle + share * (end - knuckle) + height * up, along, up, np.array(radii)))
     offset, way, radii = (np.array(numbers) for numbers in _BIG_TOE)
     along = way / np.linalg.norm(way)
@@ -85,10 +86,6 @@ def _upright(along: Array) -> Array:
     """Return the unit vector perpendicular to ``along`` that points up most."""
     up = np.array([0.0, 1.0, 0.0]) - along[1] * along
     return up / np.linalg.norm(up)
-
-
-def _turned(vector: Array, axis: Array, angle: float) -> Array:
-    return np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
 
 
 def _with_nail(half: HalfBody, place: NailPlace) -> HalfBody:

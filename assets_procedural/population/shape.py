@@ -121,7 +121,7 @@ def _girth_fields(frame: RestFrame) -> dict[str, Field]:
         "neckcircumference": trunk(_profile({1.40: 0, 1.455: 1, 1.515: 0}), near_axis),
         "chestcircumference": trunk(_profile({1.045: 0, 1.265: 1, 1.41: 0}), not_arm),
         "waistcircumference": trunk(_profile({0.885: 0, 1.045: 1, 1.265: 0}), not_arm),
-        "buttockcircumference": trunk(_profile({0.70: 0, 0.885: 1, 1.045: 0}), _everywhere),
+        "buttockcircumference": trunk(_profile({0.70: 0, 0.885: 1, 1.045: 0}), lambda p: np.ones(len(p))),
         "thighcircumference": leg(hip, knee, _profile({0.35: 0, 0.48: 0.4, 0.70: 1, 0.885: 0})),
         "calfcircumference": leg(knee, ankle, _profile({0.125: 0, 0.35: 1, 0.48: 0.4, 0.70: 0})),
         "anklecircumference": leg(knee, ankle, _profile({0.02: 0, 0.11: 1, 0.35: 0})),
@@ -141,10 +141,6 @@ def _profile(knots: dict[float, float]) -> Profile:
         return out
 
     return curve
-
-
-def _everywhere(p: Array) -> Array:
-    return np.ones(len(p))
 
 
 def _arm(p: Array) -> Array:

@@ -232,7 +232,8 @@ def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
 ) -> tuple[np.ndarray, float]:
     """Return the label of every chain, named from those that have one, and the score of the fit."""
-    samples = [_samples(alive[:, c]) for c in range(tracks.shape[1])]
+    seen = [np.flatnonzero(column) for column in alive.T]
+    samples = [frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))] for frames in seen]
     for _ in range(ROUNDS):
         named = _named(tracks, found, len(reference.labels))
         cost = np.stack([_cost(tracks[s, c], named[s], found[c], reference) for c, s in enumerate(samples)])
@@ -243,11 +244,6 @@ def _spread(
     there = np.flatnonzero(found >= 0)
     cost = [_cost(tracks[samples[c], c], named[samples[c]], found[c], reference)[found[c]] for c in there]
     return found, float(alive.sum(0)[there] @ (CAP - np.minimum(cost, CAP)))
-
-
-def _samples(seen: np.ndarray) -> np.ndarray:
-    frames = np.flatnonzero(seen)
-    return frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))]
 
 
 def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:

@@ -91,7 +91,9 @@ def check_capture(
     for excluded in alone.found + rest.found:
         where = {"cameras": [cameras.names[excluded.view]], "frames": [(excluded.first, excluded.last)]}
         found.append(diagnostic("contradicts", **where, remedy=Remedy.EXCLUDED))
-    found += _absences(seen_frames(rest.triangulation.points), keypoints.fps)
+    away = true_runs(~seen_frames(rest.triangulation.points))
+    away = [run for run in away if run[1] - run[0] + 1 >= AWAY_S * keypoints.fps]
+    found += [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in away]
     found.sort(key=lambda item: (item.where.frames, item.where.cameras, item.code))
     return CheckedCapture(replace(capture, keypoints=rest.keypoints), rest.triangulation, merge(found))
 
@@ -169,8 +171,3 @@ def _repetitions(cameras: Cameras, again: np.ndarray, skipped: np.ndarray) -> li
     repeating = np.flatnonzero(share >= LEAST_REPEATED)
     found = [diagnostic("frames_repeated", cameras=[cameras.names[v]], **where, size=share[v]) for v in repeating]
     return found + [diagnostic("frames_skipped", **where, size=100.0 * skipped.mean())] * bool(skipped.any())
-
-
-def _absences(seen: np.ndarray, fps: float) -> list[Diagnostic]:
-    runs = [run for run in true_runs(~seen) if run[1] - run[0] + 1 >= AWAY_S * fps]
-    return [diagnostic("person_away", frames=[run], remedy=Remedy.BRIDGED) for run in runs]
