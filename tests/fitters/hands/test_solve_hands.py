@@ -190,10 +190,10 @@ def test_short_takes_have_hands(frames: int) -> None:
 
 @pytest.mark.slow
 def test_a_body_without_finger_joints_is_named(monkeypatch) -> None:
-    import solver_backend.fitters.pipeline as pipeline
+    import solver_backend.fitters.prepare as prepare
 
     plain = replace(load_body(), id="another")
-    monkeypatch.setattr(pipeline, "load_chosen_body", lambda _: plain)
+    monkeypatch.setattr(prepare, "load_chosen_body", lambda _: plain)
     motion = solve(with_hands(hands())).motion
     assert motion.body_layout.joints == SMPL.joints
     assert "hands_without_fingers" in {item["code"] for item in motion.provenance["diagnostics"]}
