@@ -355,7 +355,8 @@ def require_file(path: Path | str) -> Path:
     """
     path = Path(path)
     if not path.is_file():
-        what = "A folder, a pipe or a device is in its place." if path.exists() else "There is no such file."
+        other = "A folder, a pipe or a device is in the place of the file."
+        what = other if path.exists() else "There is no such file."
         raise FileMissing(what, where=str(path), hint="Check the path.")
     return path
 
