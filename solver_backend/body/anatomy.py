@@ -45,8 +45,7 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
-    if (known := _KNOWN.get(body)) is None:
-        known = _KNOWN[body] = {}
+    known = _KNOWN.setdefault(body, {})
     ray = np.asarray(origin, np.float64).tobytes(), np.asarray(direction, np.float64).tobytes(), outermost
     if ray not in known:
         known[ray] = _cast(body, origin, direction, outermost)
@@ -67,11 +66,9 @@ def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool
         t = dot(edge2, q) / determinant
         hit = (np.abs(determinant) > 1e-14) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
     if not hit.any():
-        raise BodyInvalid(
-            f"A ray from {np.round(origin, 3)} along {np.round(direction, 3)} misses the mesh.",
-            where=body.id,
-            hint="The body must be a closed T-posed mesh in SMPL's frame (Y up, facing +Z, metres).",
-        )
+        hint = "The body must be a closed T-posed mesh in SMPL's frame (Y up, facing +Z, metres)."
+        what = f"A ray from {np.round(origin, 3)} along {np.round(direction, 3)} misses the mesh."
+        raise BodyInvalid(what, where=body.id, hint=hint)
     normals = np.cross(edge1, edge2)
     leaving = hit & (normals @ direction > 0)
     reach = np.where(leaving if leaving.any() else hit, t, np.nan)
@@ -133,10 +130,8 @@ class LandmarkBuilder:
         self._body, self._rules, self._scale = body, rules, body.stature_m / 1.70
         self._correctives = correctives
         self._joints = dict(zip(SMPL.joints, body.layout.standing_for(SMPL), strict=True))
-        self._rest: list[np.ndarray] = []
-        self._shapedirs: list[np.ndarray] = []
-        self._weights: list[np.ndarray] = []
-        self._posedirs: list[np.ndarray] = []
+        self._points: list[tuple[np.ndarray, ...]] = []
+        """Rest place, shape directions, weights and pose directions of each skinned point."""
 
     def build(self, names: tuple[str, ...]) -> Landmarks:
         """Return the named landmarks.
@@ -145,10 +140,10 @@ class LandmarkBuilder:
             BodyInvalid: a ray misses the mesh; a name has no rule, and the body no such joint.
         """
         mixes = [self._landmark(name) for name in names]
-        points = (np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights))
+        *points, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:
-            return Landmarks.of_points(names, *points, posedirs=np.stack(self._posedirs))
-        mix = np.zeros((len(names), len(self._rest)))
+            return Landmarks.of_points(names, *points, posedirs=posedirs)
+        mix = np.zeros((len(names), len(self._points)))
         for row, shares in enumerate(mixes):
             for point, share in shares.items():
                 mix[row, point] += share
@@ -183,19 +178,15 @@ class LandmarkBuilder:
         if rule.towards:
             origin = origin + rule.along * (self._body.joints_template[self._joint(rule.towards, side)] - origin)
         origin, direction = origin + self._vector(rule.start, side), self._vector(rule.direction, side)
-        hit = cast_ray(self._body, origin, direction, outermost=rule.joint == "head")
-        share = hit.barycentric
-        rest = share @ self._body.v_template[hit.vertices] - rule.depth * hit.normal
-        shapedirs = np.tensordot(share, self._body.shapedirs[hit.vertices], axes=1)
-        posedirs = np.tensordot(share, self._body.posedirs[hit.vertices], axes=1)
-        return self._add(rest, shapedirs, share @ self._body.weights[hit.vertices], posedirs)
+        hit, body = cast_ray(self._body, origin, direction, outermost=rule.joint == "head"), self._body
+        share, at = hit.barycentric, hit.vertices
+        rest = share @ body.v_template[at] - rule.depth * hit.normal
+        shapedirs, posedirs = (np.tensordot(share, d[at], axes=1) for d in (body.shapedirs, body.posedirs))
+        return self._add(rest, shapedirs, share @ body.weights[at], posedirs)
 
-    def _add(self, rest: np.ndarray, shapedirs: np.ndarray, weights: np.ndarray, posedirs: np.ndarray) -> int:
-        self._rest.append(rest)
-        self._shapedirs.append(shapedirs)
-        self._weights.append(weights)
-        self._posedirs.append(posedirs)
-        return len(self._rest) - 1
+    def _add(self, *point: np.ndarray) -> int:
+        self._points.append(point)
+        return len(self._points) - 1
 
     def _joint(self, joint: str, side: str) -> int:
         name = joint if not side or joint in self._joints else f"{side}_{joint}"

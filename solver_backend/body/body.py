@@ -53,8 +53,7 @@ class Body:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "joints_template", self.J_regressor @ self.v_template)
-        directions = np.tensordot(self.J_regressor, self.shapedirs, axes=(1, 0))
-        object.__setattr__(self, "joints_shapedirs", directions)
+        object.__setattr__(self, "joints_shapedirs", np.tensordot(self.J_regressor, self.shapedirs, axes=(1, 0)))
 
     def rest_joints(self, betas: Float[np.ndarray, " 10"]) -> Float[np.ndarray, "joints 3"]:
         """Return the (J, 3) rest joints of a shape."""
@@ -91,13 +90,6 @@ def _load_body(path: Path) -> Body:
         arrays = read_npz(path, _READ_KEYS.__contains__)
     except (FileMissing, FileDamaged) as error:
         raise BodyInvalid(f"The body file cannot be read: {error.message}", where=str(path)) from error
-    missing = [key for key in REQUIRED_KEYS if key not in arrays]
-    if missing:
-        raise BodyInvalid(
-            f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}.",
-            where=str(path),
-            hint=f"A body file holds {', '.join(REQUIRED_KEYS)}.",
-        )
     return body_from_arrays(arrays, where=str(path), default_id=path.stem)
 
 
@@ -105,9 +97,12 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
     """Check SMPL-named arrays and build a body.
 
     Raises:
-        BodyInvalid: an array has the wrong shape, the wrong number of joints, or values that are not finite numbers;
-            a face names a vertex that is not there; the tree has not one root with parents before their children.
+        BodyInvalid: an array is missing, has the wrong shape or holds values that are not finite, a face names an
+            unknown vertex, or the joints are not a tree with parents before their children.
     """
+    if missing := [key for key in REQUIRED_KEYS if key not in arrays]:
+        what = f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}."
+        raise BodyInvalid(what, where=where, hint=f"A body file holds {', '.join(REQUIRED_KEYS)}.")
     body_id = str(arrays["body_id"]) if "body_id" in arrays else default_id
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
     arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
@@ -119,11 +114,9 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
     if posedirs is None:
         posedirs = np.zeros((count, 3, 9 * (num_joints - 1)))
     if np.shape(posedirs)[-1] == 93:
-        raise BodyInvalid(
-            "This is a STAR model (93 pose correctives); its correctives follow another formula.",
-            where=where,
-            hint="Use the SMPL, SMPL-H or SMPL-X file of the same body.",
-        )
+        hint = "Use the SMPL, SMPL-H or SMPL-X file of the same body."
+        what = "This is a STAR model (93 pose correctives); its correctives follow another formula."
+        raise BodyInvalid(what, where=where, hint=hint)
     expected = {
         "v_template": (v_template, (count, 3)),
         "shapedirs": (arrays["shapedirs"][..., :NUM_BETAS], (count, 3, NUM_BETAS)),
@@ -140,21 +133,10 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
         raise BodyInvalid("weights leaves vertices without a joint; every row is expected to sum to 1.", where=where)
     faces = arrays["f"].astype(np.int64)
     if faces.ndim != 2 or faces.shape[1] != 3 or faces.min(initial=0) < 0 or faces.max(initial=0) >= count:
-        raise BodyInvalid(
-            f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}; (triangles, 3) "
-            f"with vertices 0 to {count - 1} is expected.",
-            where=where,
-        )
-    return Body(
-        id=body_id,
-        v_template=v_template,
-        shapedirs=expected["shapedirs"][0],
-        posedirs=expected["posedirs"][0],
-        J_regressor=expected["J_regressor"][0],
-        weights=weights / shares,
-        layout=layout,
-        faces=faces,
-    )
+        found = f"f has shape {faces.shape} and entries {faces.min(initial=0)} to {faces.max(initial=0)}"
+        raise BodyInvalid(f"{found}; (triangles, 3) with vertices 0 to {count - 1} is expected.", where=where)
+    checked = {name: expected[name][0] for name in ("v_template", "shapedirs", "posedirs", "J_regressor")}
+    return Body(id=body_id, **checked, weights=weights / shares, layout=layout, faces=faces)
 
 
 def _layout(
@@ -169,11 +151,8 @@ def _layout(
     except BodyInvalid as error:
         raise BodyInvalid(error.message, where=where, hint=error.hint) from error
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
-    raise BodyInvalid(
-        f"kintree_table has {len(parents)} joints; {known} are expected.",
-        where=where,
-        hint="A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md.",
-    )
+    hint = "A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md."
+    raise BodyInvalid(f"kintree_table has {len(parents)} joints; {known} are expected.", where=where, hint=hint)
 
 
 def _numbers(name: str, value: Any, where: str) -> np.ndarray:

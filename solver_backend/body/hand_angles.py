@@ -14,17 +14,15 @@ from solver_backend.types.shapes import Bool, Float
 
 FLEXION, SPREAD, TWIST = 0, 1, 2
 """Kinds of angles: into the palm; towards the thumb, of the thumb itself away from the palm; about the bone."""
-_THUMB = (
-    ("thumb_cmc_flexion", 0, 0, FLEXION), ("thumb_cmc_spread", 0, 0, SPREAD), ("thumb_cmc_twist", 0, 0, TWIST),
-    ("thumb_mcp_flexion", 0, 1, FLEXION), ("thumb_ip_flexion", 0, 2, FLEXION),
-)  # fmt: skip
-_OF_FINGER = (
-    ("mcp_flexion", 0, FLEXION), ("mcp_spread", 0, SPREAD), ("pip_flexion", 1, FLEXION), ("dip_flexion", 2, FLEXION),
-)  # fmt: skip
-_TABLE = (
-    *_THUMB,
-    *((f"{f}_{name}", n, joint, kind) for n, f in enumerate(FINGERS) if n for name, joint, kind in _OF_FINGER),
-)
+_KINDS = ("flexion", "spread", "twist")
+_THUMB = (("cmc", 0, (FLEXION, SPREAD, TWIST)), ("mcp", 1, (FLEXION,)), ("ip", 2, (FLEXION,)))
+_OTHERS = (("mcp", 0, (FLEXION, SPREAD)), ("pip", 1, (FLEXION,)), ("dip", 2, (FLEXION,)))
+_TABLE = [
+    (f"{finger}_{place}_{_KINDS[kind]}", n, joint, kind)
+    for n, finger in enumerate(FINGERS)
+    for place, joint, kinds in (_OTHERS if n else _THUMB)
+    for kind in kinds
+]
 ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)
 """Names of a hand's angles, the thumb's first."""
 NUM_ANGLES = len(ANGLES)
@@ -99,8 +97,7 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
     """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
-    for angle in range(NUM_ANGLES):
-        informed[:, FINGER_OF[angle], JOINT_OF[angle]] |= known[:, angle]
+    np.logical_or.at(informed, (slice(None), FINGER_OF, JOINT_OF), known)
     return informed
 
 
@@ -111,10 +108,9 @@ def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[n
         turns: (n, 5, 3, 3, 3) in the frame of the segment before.
     """
     x, sign = turns[..., 0], side_sign(side)
-    found = np.stack([
-        np.arctan2(-x[..., 1], x[..., 0]), np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign,
-        np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign,
-    ], axis=-1)  # fmt: skip
+    spread = np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign
+    twist = np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign
+    found = np.stack([np.arctan2(-x[..., 1], x[..., 0]), spread, twist], axis=-1)
     return found[:, FINGER_OF, JOINT_OF, KIND_OF]
 
 

@@ -32,20 +32,11 @@ def load_smpl_file(path: Path | str, *, family: str | None = None, flat_hands: b
     """
     path = Path(path)
     arrays = _read_npz(path) if path.suffix == ".npz" else read_pickle(path)
-    missing = [key for key in REQUIRED_KEYS if key not in arrays]
-    if missing:
-        raise BodyInvalid(
-            f"The body file lacks {', '.join(missing)}; found {', '.join(sorted(arrays))}.",
-            where=str(path),
-            hint=f"An SMPL-family file holds {', '.join(REQUIRED_KEYS)}.",
-        )
     body = body_from_arrays(arrays, where=str(path), default_id=path.stem)
     if family is not None and body.layout.name != family:
-        raise BodyInvalid(
-            f"This is a {body.layout.name} file ({len(body.parents)} joints); {family} is expected.",
-            where=str(path),
-            hint=f"Choose {body.layout.name} as the body's family, or another file.",
-        )
+        what = f"This is a {body.layout.name} file ({len(body.parents)} joints); {family} is expected."
+        hint = f"Choose {body.layout.name} as the body's family, or another file."
+        raise BodyInvalid(what, where=str(path), hint=hint)
     return body if flat_hands else replace(body, hands_mean=_hands_mean(arrays, body, str(path)))
 
 
@@ -54,11 +45,8 @@ def _hands_mean(arrays: dict[str, Any], body: Body, where: str) -> np.ndarray | 
     if body.layout.name == "SMPL":
         return None
     if not set(_HANDS) <= set(arrays):
-        raise BodyInvalid(
-            f"The body file lacks its relaxed hands; {', '.join(_HANDS)} are expected.",
-            where=where,
-            hint="Read the file with flat hands.",
-        )
+        what = f"The body file lacks its relaxed hands; {', '.join(_HANDS)} are expected."
+        raise BodyInvalid(what, where=where, hint="Read the file with flat hands.")
     mean = np.zeros((body.layout.num_joints, 3))
     for key, group in zip(_HANDS, ("left_hand", "right_hand"), strict=True):
         own, joints = np.asarray(arrays[key]), list(body.layout.group(group))
@@ -74,9 +62,8 @@ def _read_npz(path: Path) -> dict[str, Any]:
     try:
         return dict(read_npz(path, wanted.__contains__))
     except (FileMissing, FileDamaged) as error:
-        raise BodyInvalid(
-            f"The file cannot be read: {error.message}", where=str(path), hint="The file may be truncated."
-        ) from error
+        what = f"The file cannot be read: {error.message}"
+        raise BodyInvalid(what, where=str(path), hint="The file may be truncated.") from error
 
 
 @dataclass(frozen=True)
@@ -112,11 +99,9 @@ def resolve_body(choice: str) -> Path:
     for body in list_bodies():
         if body.name == choice:
             return body.path
-    raise BodyUnknown(
-        f"There is no body '{choice}'; known are {_names()}.",
-        where=str(bodies_folder()),
-        hint="Put a body file into this folder, or name a file by its path.",
-    )
+    hint = "Put a body file into this folder, or name a file by its path."
+    what = f"There is no body '{choice}'; known are {_names()}."
+    raise BodyUnknown(what, where=str(bodies_folder()), hint=hint)
 
 
 def load_chosen_body(choice: str) -> Body:

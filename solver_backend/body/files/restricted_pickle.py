@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from io import BytesIO
 from math import prod
@@ -18,7 +18,6 @@ from solver_backend.exchange.outputs import open_regular
 MAX_DIMENSIONS = 8
 """Dimensions of an array in a body file at most; SMPL's have three."""
 _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
-_NUMPY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 
 
 class Damage(ValueError):
@@ -31,11 +30,6 @@ class PickledName:
 
     module: str
     name: str
-
-    @property
-    def dotted(self) -> str:
-        """Both in one."""
-        return f"{self.module}.{self.name}"
 
 
 @dataclass
@@ -76,20 +70,13 @@ def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
         raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
         raise Damage(f"an array has the shape {shape}")
-    plain, content = dtype.dtype(), _bytes(data)
+    if not isinstance(data, str | bytes | bytearray):
+        raise Damage("an array's values are not bytes")
+    plain, content = dtype.dtype(), data.encode("latin1") if isinstance(data, str) else bytes(data)
     if len(content) != prod(shape) * plain.itemsize:
         raise Damage(f"an array of shape {shape} and type {plain} has {len(content)} bytes")
     values = np.frombuffer(content, plain) if content else np.zeros(0, plain)
     return values.reshape(shape, order="F" if by_columns else "C").astype(plain.newbyteorder("="))
-
-
-def _bytes(data: Any) -> bytes:
-    """Return raw bytes; Python 2 pickled them as text."""
-    if isinstance(data, str):
-        return data.encode("latin1")
-    if not isinstance(data, bytes | bytearray):
-        raise Damage("an array's values are not bytes")
-    return bytes(data)
 
 
 def _empty_array(kind: Any = None, *_: Any) -> UnbuiltArray:
@@ -104,10 +91,6 @@ def _dtype(spec: Any = None, *_: Any) -> NamedDtype:
     return NamedDtype(spec)
 
 
-def _scalar(dtype: Any = None, data: Any = None, *_: Any) -> Any:
-    return array_of((1,), dtype, False, data)[0]
-
-
 def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
     if not isinstance(text, str) or encoding != "latin1":
         raise UnsafePickle(f"The pickle asks for the text encoding {encoding!r}; only latin1 occurs in body files.")
@@ -115,27 +98,32 @@ def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
 
 
 CALLS: dict[str, Callable[..., Any] | None] = {
-    "numpy.ndarray": None, "numpy.dtype": _dtype, "_codecs.encode": _encode,
-    "builtins.bytes": lambda: b"", "__builtin__.bytes": lambda: b"",
-}  # fmt: skip
-"""What a pickle may call; an array's class is only ever an argument."""
-CALLS |= {f"{module}._reconstruct": _empty_array for module in _NUMPY_MODULES}
-CALLS |= {f"{module}.scalar": _scalar for module in _NUMPY_MODULES}
+    "numpy.ndarray": None,
+    "numpy.dtype": _dtype,
+    "_codecs.encode": _encode,
+    **dict.fromkeys(("builtins.bytes", "__builtin__.bytes"), lambda: b""),
+}
+"""Functions that a pickle may call; an array's class is only ever an argument."""
+for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
+    CALLS[f"{_module}._reconstruct"] = _empty_array
+    CALLS[f"{_module}.scalar"] = lambda dtype=None, data=None, *_: array_of((1,), dtype, False, data)[0]
 
 
 MAX_OPERATIONS = 2_000_000
 """A body model has thousands; each costs a microsecond and some hundred bytes at most."""
 MIN_ALLOWANCE, ALLOWANCE = 2**26, 4
 """Bytes that arrays may take in all: so many, or so many times the file's own size."""
-_KEEPS_ARGUMENT = frozenset({
-    "INT", "BININT", "BININT1", "BININT2", "LONG", "LONG1", "LONG4", "FLOAT", "BINFLOAT", "STRING", "BINSTRING",
-    "SHORT_BINSTRING", "UNICODE", "BINUNICODE", "SHORT_BINUNICODE", "BINUNICODE8", "BINBYTES", "SHORT_BINBYTES",
-    "BINBYTES8", "BYTEARRAY8",
-})  # fmt: skip
+_KEEPS_ARGUMENT = re.compile(r"(SHORT_)?(BIN)?(INT|LONG|FLOAT|STRING|UNICODE|BYTES|BYTEARRAY)\d?")
+"""Operations that put their argument on the stack."""
 _CONSTANTS: dict[str, Callable[[], Any]] = {
-    "NONE": lambda: None, "NEWTRUE": lambda: True, "NEWFALSE": lambda: False,
-    "EMPTY_DICT": dict, "EMPTY_LIST": list, "EMPTY_TUPLE": tuple,
-}  # fmt: skip
+    "NONE": lambda: None,
+    "NEWTRUE": lambda: True,
+    "NEWFALSE": lambda: False,
+    "EMPTY_DICT": dict,
+    "EMPTY_LIST": list,
+    "EMPTY_TUPLE": tuple,
+}
+_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
 
 
 @dataclass
@@ -169,51 +157,59 @@ class Machine:
             UnsafePickle: it asks for a class or function that is not known, or has far too many operations.
             Damage, ValueError, IndexError, KeyError: it is damaged.
         """
-        for count, (name, argument) in enumerate(self._operations()):
-            if count > MAX_OPERATIONS:
-                raise self._refusal(
-                    f"The pickle has more than {MAX_OPERATIONS:,} operations; a body model has thousands."
-                )
-            if name == "STOP":
-                return finished(self._pop())
-            self._do(name, argument)
-        raise Damage("the pickle has no end")
-
-    def _operations(self) -> Iterator[tuple[str, Any]]:
         import pickletools  # only where somebody reads an old body file
 
-        for operation, argument, _ in pickletools.genops(self._stream):
-            yield operation.name, argument
+        for count, (operation, argument, _) in enumerate(pickletools.genops(self._stream)):
+            if count > MAX_OPERATIONS:
+                many = f"The pickle has more than {MAX_OPERATIONS:,} operations; a body model has thousands."
+                raise self._refusal(many)
+            if operation.name == "STOP":
+                return finished(*self._pop(1))
+            self._do(operation.name, argument)
+        raise Damage("the pickle has no end")
 
     def _do(self, name: str, argument: Any) -> None:
-        if name in _KEEPS_ARGUMENT:
-            self._stack.append(argument)
+        stack = self._stack
+        if _KEEPS_ARGUMENT.fullmatch(name):
+            stack.append(argument)
         elif name in _CONSTANTS:
-            self._stack.append(_CONSTANTS[name]())
-        elif name in ("PROTO", "FRAME"):
-            pass
+            stack.append(_CONSTANTS[name]())
+        elif name in _TUPLES:
+            stack.append(tuple(self._pop(_TUPLES[name])))
+        elif name in ("TUPLE", "LIST"):
+            stack.append(tuple(self._since_mark()) if name == "TUPLE" else self._since_mark())
+        elif name in ("APPEND", "APPENDS"):
+            values = self._pop(1) if name == "APPEND" else self._since_mark()
+            self._top(list).extend(values)
+        elif name in ("DICT", "SETITEM", "SETITEMS"):
+            values = self._pop(2) if name == "SETITEM" else self._since_mark()
+            stack += [{}] if name == "DICT" else []
+            self._fill(values)
         elif name == "MARK":
-            self._marks.append(len(self._stack))
-        elif name in ("PUT", "BINPUT", "LONG_BINPUT"):
-            self._memo[argument] = self._stack[-1]
-        elif name == "MEMOIZE":
-            self._memo[len(self._memo)] = self._stack[-1]
+            self._marks.append(len(stack))
+        elif name == "POP_MARK":
+            self._since_mark()
+        elif name in ("PUT", "BINPUT", "LONG_BINPUT", "MEMOIZE"):
+            self._memo[len(self._memo) if name == "MEMOIZE" else argument] = stack[-1]
         elif name in ("GET", "BINGET", "LONG_BINGET"):
-            self._stack.append(self._memo[argument])
-        elif name == "GLOBAL":
-            self._name(*argument.split(" ", 1))
-        else:
-            method = getattr(self, "_" + name.lower(), None)
-            if method is None:
-                raise self._refusal(f"The pickle uses the operation {name}, which no body model holds.")
-            method()
+            stack.append(self._memo[argument])
+        elif name in ("GLOBAL", "STACK_GLOBAL"):
+            self._name(*(argument.split(" ", 1) if name == "GLOBAL" else self._pop(2)))
+        elif name in ("NEWOBJ", "REDUCE"):
+            self._call(*self._pop(2), only_classes=name == "NEWOBJ")
+        elif name == "BUILD":
+            self._build(*self._pop(1))
+        elif name == "POP":
+            self._pop(1)
+        elif name not in ("PROTO", "FRAME"):
+            raise self._refusal(f"The pickle uses the operation {name}, which no body model holds.")
 
-    # ---------------------------------------------------------------------------------------------- containers
-
-    def _pop(self) -> Any:
-        if len(self._stack) <= (self._marks[-1] if self._marks else 0):
+    def _pop(self, count: int) -> list[Any]:
+        if len(self._stack) - count < (self._marks[-1] if self._marks else 0):
             raise Damage("an operation finds nothing to work on")
-        return self._stack.pop()
+        found = self._stack[-count:]
+        del self._stack[-count:]
+        return found
 
     def _since_mark(self) -> list[Any]:
         if not self._marks:
@@ -223,107 +219,53 @@ class Machine:
         del self._stack[start:]
         return found
 
-    def _of(self, kind: type) -> Any:
-        """Return the top of the stack, which must be a list or dictionary to be filled."""
+    def _top(self, kind: type) -> Any:
         if not self._stack or type(self._stack[-1]) is not kind:
             raise Damage(f"a {kind.__name__} is expected to be filled")
         return self._stack[-1]
 
-    def _tuple(self) -> None:
-        self._stack.append(tuple(self._since_mark()))
-
-    def _tuple1(self) -> None:
-        self._stack.append((self._pop(),))
-
-    def _tuple2(self) -> None:
-        second, first = self._pop(), self._pop()
-        self._stack.append((first, second))
-
-    def _tuple3(self) -> None:
-        third, second, first = self._pop(), self._pop(), self._pop()
-        self._stack.append((first, second, third))
-
-    def _list(self) -> None:
-        self._stack.append(self._since_mark())
-
-    def _append(self) -> None:
-        value = self._pop()
-        self._of(list).append(value)
-
-    def _appends(self) -> None:
-        values = self._since_mark()
-        self._of(list).extend(values)
-
-    def _dict(self) -> None:
-        values = self._since_mark()
-        self._stack.append({})
-        self._fill(values)
-
-    def _setitem(self) -> None:
-        value, key = self._pop(), self._pop()
-        self._fill([key, value])
-
-    def _setitems(self) -> None:
-        self._fill(self._since_mark())
-
     def _fill(self, values: list[Any]) -> None:
-        """Put keys and values into the dictionary on top; other keys than text and numbers could be costly to hash."""
-        target = self._of(dict)
+        """Fill the dictionary on top; other keys than text and numbers could be costly to hash."""
+        target = self._top(dict)
         for key, value in zip(values[::2], values[1::2], strict=True):
             if not isinstance(key, str | bytes | int):
                 raise Damage("a dictionary has a key that is neither text nor a number")
             target[key] = value
 
-    def _pop_mark(self) -> None:
-        self._since_mark()
-
-    # ------------------------------------------------------------------------------------------- names and calls
-
-    def _stack_global(self) -> None:
-        name, module = self._pop(), self._pop()
+    def _name(self, module: Any, name: Any) -> None:
         if not isinstance(name, str) or not isinstance(module, str):
             raise Damage("the name of a class is not text")
-        self._name(module, name)
+        dotted = f"{module}.{name}"
+        if dotted not in self._classes and dotted not in CALLS:
+            raise self._refusal(f"The pickle asks for {dotted}, which no body model holds; nothing was run.")
+        self._stack.append(PickledName(module, name))
 
-    def _name(self, module: str, name: str) -> None:
-        known = PickledName(module, name)
-        if known.dotted not in self._classes and known.dotted not in CALLS:
-            raise self._refusal(f"The pickle asks for {known.dotted}, which no body model holds; nothing was run.")
-        self._stack.append(known)
-
-    def _newobj(self) -> None:
-        self._call(only_classes=True)
-
-    def _reduce(self) -> None:
-        self._call(only_classes=False)
-
-    def _call(self, *, only_classes: bool) -> None:
-        arguments, called = self._pop(), self._pop()
+    def _call(self, called: Any, arguments: Any, *, only_classes: bool) -> None:
         if not isinstance(called, PickledName) or not isinstance(arguments, tuple):
             raise Damage("something is called that is not a function")
-        call = CALLS.get(called.dotted)
-        if called.dotted in self._classes and not arguments:
-            self._stack.append(StandIn(called.dotted))
+        dotted = f"{called.module}.{called.name}"
+        call = CALLS.get(dotted)
+        if dotted in self._classes and not arguments:
+            self._stack.append(StandIn(dotted))
         elif only_classes or call is None:
-            raise self._refusal(f"The pickle calls {called.dotted} in a way that a body model never does.")
+            raise self._refusal(f"The pickle calls {dotted} in a way that a body model never does.")
         else:
             result = call(*arguments)
-            self._spend(len(result) if isinstance(result, bytes) else 0)
+            self._spend(result)
             self._stack.append(result)
 
-    def _spend(self, count: int) -> None:
-        """Take so many bytes off what may still be built: one text can be turned into arrays again and again."""
-        self._bytes_left -= count
+    def _spend(self, content: Any) -> None:
+        """Count bytes that are built: one text can be turned into arrays again and again."""
+        self._bytes_left -= len(content) if isinstance(content, str | bytes | bytearray) else 0
         if self._bytes_left < 0:
             raise Damage("its arrays would take many times the file's own size")
 
-    def _build(self) -> None:
-        state = self._pop()
+    def _build(self, state: Any) -> None:
         target = self._stack[-1] if self._stack else None
         if isinstance(target, StandIn) and isinstance(state, dict):
             target.state = state
         elif isinstance(target, UnbuiltArray) and isinstance(state, tuple) and len(state) == 5:
-            self._spend(len(state[4]) if isinstance(state[4], str | bytes | bytearray) else 0)
+            self._spend(state[4])
             target.values = array_of(*state[1:])
         elif isinstance(target, NamedDtype) and isinstance(state, tuple) and state[1:2] in (("<",), (">",), ("|",)):
             target.order = state[1]
@@ -331,11 +273,8 @@ class Machine:
             raise self._refusal("The pickle sets the state of something that has none in a body model.")
 
     def _refusal(self, message: str) -> UnsafePickle:
-        return UnsafePickle(
-            message,
-            where=self._where,
-            hint="Do not open this file with other tools; download the model again from its own site.",
-        )
+        hint = "Do not open this file with other tools; download the model again from its own site."
+        return UnsafePickle(message, where=self._where, hint=hint)
 
 
 MAX_ELEMENTS = 50_000_000
@@ -361,9 +300,8 @@ def read_pickle(path: Path) -> dict[str, Any]:
     except (UnsafePickle, BodyInvalid):
         raise
     except _DAMAGE as error:
-        raise BodyInvalid(
-            f"The pickle cannot be read: {error}", where=str(path), hint="The file may be truncated."
-        ) from error
+        hint = "The file may be truncated."
+        raise BodyInvalid(f"The pickle cannot be read: {error}", where=str(path), hint=hint) from error
     raise BodyInvalid(f"The pickle holds a {type(content).__name__}; a dictionary is expected.", where=str(path))
 
 
@@ -381,10 +319,9 @@ def _chumpy(state: dict[str, Any]) -> np.ndarray:
         chosen = _member(state, "a").reshape(-1)[_member(state, "idxs")]
         shape = finished(state.get("preferred_shape"))
         return chosen if shape is None else chosen.reshape(tuple(int(size) for size in shape))
-    raise BodyInvalid(
-        f"A chumpy array holds {', '.join(sorted(map(str, state))) or 'nothing'}; 'x' or 'a' and 'idxs' are expected.",
-        hint="Convert the file to .npz with the vendor's own tool.",
-    )
+    held = ", ".join(sorted(map(str, state))) or "nothing"
+    hint = "Convert the file to .npz with the vendor's own tool."
+    raise BodyInvalid(f"A chumpy array holds {held}; 'x' or 'a' and 'idxs' are expected.", hint=hint)
 
 
 def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
@@ -402,10 +339,8 @@ def _sparse_columns(state: dict[str, Any]) -> np.ndarray:
         and bool(((indices >= 0) & (indices < rows)).all())
     )
     if not sound:
-        raise BodyInvalid(
-            f"A sparse matrix of {rows} x {columns} has parts that do not fit together.",
-            hint="The file may be truncated; download the model again.",
-        )
+        hint = "The file may be truncated; download the model again."
+        raise BodyInvalid(f"A sparse matrix of {rows} x {columns} has parts that do not fit together.", hint=hint)
     dense = np.zeros((rows, columns))
     dense[indices, np.repeat(np.arange(columns), np.diff(pointers.astype(np.int64)))] = data
     return dense
