@@ -13,6 +13,7 @@ OUTSIDE = (
     "research-log/",
     "explanation/published-tables.md",
     "explanation/complaints.md",
+    "explanation/threat-model.md",
 )
 """What the site leaves out: the repository beside ``docs``, and records for developers (see mkdocs.yml)."""
 _LINK = re.compile(r"\[([^\]]+)\]\((?![a-z]+:|#)([^)#\s]+)(#[^)]*)?\)")
