@@ -32,18 +32,33 @@ def has_layers(obj: bpy.types.Object) -> bool:
     return (own is not None and not is_take(own)) or playing[-1] != strip
 
 
+def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
+    """Return the actions that an object plays, on the NLA and itself."""
+    own = obj.animation_data and obj.animation_data.action
+    return [*(strip.action for strip in playing_strips(obj)), *([] if own is None else [own])]
+
+
+def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
+    """Return a sentence about each action that an object played before and now has muted on the NLA, "" for none."""
+    strips = [(track, strip) for track in obj.animation_data.nla_tracks for strip in track.strips]
+    where = {strip.action: track.name for track, strip in strips if strip.action is not None}
+    aside = [action for action in before if action in where and action not in playing_actions(obj)]
+    names = [f"{'The take' if is_take(action) else 'Your action'} '{action.name}'" for action in aside]
+    notes = [f"{name} is muted on the NLA track '{where[a]}'" for name, a in zip(names, aside, strict=True)]
+    return ". ".join(notes)
+
+
 @contextmanager
 def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     """Let the block give an object another action without losing one that is not a take.
 
     An action on top of a take stays there, and the new one replaces the take below. Any other action of the user goes
-    to a muted NLA track with its name and gets a fake user.
+    to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted, as a body plays one take.
     """
     animation = obj.animation_data or obj.animation_data_create()
     remember_place(obj)
     own, slot = animation.action, getattr(animation, "action_slot", None)
-    strip = take_strip(obj) if has_layers(obj) else None
-    users = own if own is not None and not is_take(own) else None
+    strip, users = take_strip(obj) if has_layers(obj) else None, None if own is None or is_take(own) else own
     if users is not None:
         users.use_fake_user = True
     yield
@@ -53,7 +68,10 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     if strip is not None:
         exchange_strip(obj, strip, new)
         play_action(obj, own if own is None or users is not None else None, slot)
-    elif users is not None:
+        return
+    for below in playing_strips(obj):
+        below.mute = below.mute or is_take(below.action)
+    if users is not None:
         lay_aside(obj, users, slot)
 
 
@@ -101,14 +119,14 @@ def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | No
 
 
 def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
-    """Move a take that an object plays to the NLA, and return a new empty action that is combined with it."""
+    """Move a take and layers that an object plays to the NLA, and return a new empty action on top of them."""
     animation = obj.animation_data
-    if animation.action == take:
-        slot = getattr(animation, "action_slot", None)
+    if (own := animation.action) is not None:
+        slot, blend = getattr(animation, "action_slot", None), animation.action_blend_type
         animation.action = None
-        strip = lay_aside(obj, take, slot)
+        strip = lay_aside(obj, own, slot)
+        strip.blend_type, strip.extrapolation = "REPLACE" if own == take else blend, "HOLD"
         animation.nla_tracks[-1].mute = False
-        strip.extrapolation = "HOLD"
     layer = bpy.data.actions.new(f"{take.name}{LAYER_SUFFIX}")
     layer.use_fake_user = True
     animation.action = layer

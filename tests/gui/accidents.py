@@ -100,7 +100,7 @@ def pin(user: Any) -> Any:
     yield from user.press("mocap.resolve_range()")
     yield from user.solved("the range is solved again around the pin")
     off = np.linalg.norm(joints(mocap().review.armature, range(_PINNED, _PINNED + 1))[0] - wanted, axis=1).max()
-    lane = extension("animation.confidence_lane").read_lane(mocap().review.take)
+    lane = extension("animation.lanes").read_lane(mocap().review.take)
     frames, confidence = lane
     certain = float(confidence[int(np.argmin(np.abs(np.asarray(frames) - _PINNED)))].min())
     user.note(f"the pinned pose is {1000 * off:.2f} mm off, its least confidence {certain:.2f}")

@@ -78,10 +78,10 @@ def asked(user: Any, wheels: str, answer: str) -> Any:
 
 def busy() -> bool:
     """Return whether a run is under way."""
-    return bool(extension("ui.operators.solver_operator").current.busy)
+    return bool(extension("ui.operators.base").current.busy)
 
 
 def error() -> str:
     """Return the code of what went wrong in the last run, "" where nothing did."""
-    last = extension("ui.operators.solver_operator").current.last
+    last = extension("ui.operators.base").current.last
     return "" if last is None or last.error is None else str(last.error["code"])

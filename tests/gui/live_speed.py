@@ -23,7 +23,7 @@ def steps(user: Any) -> Any:
     empty()
     yield from user.open_from_the_start(PACKAGE)
     yield from user.open_acquisition(PACKAGE)
-    live = extension("ui.live_run").live
+    live = extension("ui.operators.live").live
     mocap().live.source = str(OUT / KATA)
     user.viewport.tag_redraw()
     yield 0.3
@@ -72,25 +72,25 @@ def _measured(user: Any, live: Any, what: str) -> Any:
     drawn: list[float] = []
     looks: list[float] = []
     begun = [0.0]
-    shower, run = extension("ui.live_run"), live.run
-    poll, redraw = run.poll, shower._redraw
+    shower, run = extension("ui.operators.live"), live.run
+    poll, redraw = run.poll, shower.redraw
 
     def polled() -> Any:
         begun[0] = time.perf_counter()
         return poll()
 
-    def redrawn(*, panels: bool) -> None:
-        redraw(panels=panels)
+    def redrawn(*kinds: str) -> None:
+        redraw(*kinds)
         looks.append(time.perf_counter() - begun[0])
 
-    run.poll, shower._redraw = polled, redrawn
+    run.poll, shower.redraw = polled, redrawn
     space = bpy.types.SpaceView3D
     handler = space.draw_handler_add(lambda: drawn.append(time.perf_counter()), (), "WINDOW", "POST_VIEW")
     start, processor, shown = time.perf_counter(), time.process_time(), run.shown
     yield _SECONDS
     wall, processor, shown = time.perf_counter() - start, time.process_time() - processor, run.shown - shown
     space.draw_handler_remove(handler, "WINDOW")
-    run.poll, shower._redraw = poll, redraw
+    run.poll, shower.redraw = poll, redraw
     gaps, looks_ms = 1e3 * np.diff(drawn), 1e3 * np.array(looks)
     user.note(f"{what}: {len(drawn) / wall:.1f} redraws and {shown / wall:.1f} new poses a second")
     user.note(f"a look takes {np.median(looks_ms):.1f} ms, {np.percentile(looks_ms, 99):.1f} in the 99th percentile")

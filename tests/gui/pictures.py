@@ -43,7 +43,7 @@ def cameras(user: Any) -> Any:
     yield from user.press("mocap.leave_camera()")
     yield from user.open_stage("SOLVE")
     yield from user.press("mocap.solve()")
-    solver = extension("ui.operators.solver_operator").current
+    solver = extension("ui.operators.base").current
     yield from user.until(lambda: solver.run.stage == _SHOWN_STAGE and solver.run.share > 0, "it is on its way", 300)
     yield from user.shot("solve")
     yield from solved(user, "the capture is solved")
@@ -60,7 +60,7 @@ def cameras(user: Any) -> Any:
 def solved(user: Any, what: str) -> Any:
     """Wait for the solve's end: a picture shows a body, and no error above it."""
     yield from user.solved(what)
-    run = extension("ui.operators.solver_operator").current.run
+    run = extension("ui.operators.base").current.run
     assert mocap().review.armature and (run is None or run.error is None), run and run.error
 
 

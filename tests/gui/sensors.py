@@ -30,7 +30,7 @@ def steps(user: Any) -> Any:
 
 def running() -> Any:
     """Return the live run."""
-    return extension("ui.live_run").live
+    return extension("ui.operators.live").live
 
 
 def ended(user: Any, what: str) -> Any:

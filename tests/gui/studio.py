@@ -39,7 +39,7 @@ def benchmark(user: Any) -> Any:
     rows = mocap().studio.rows
     user.note(f"rows: {[(row.array, row.reached, round(row.median_mm, 1)) for row in rows]}")
     assert len(rows) == 2 and 0 < rows[0].median_mm < rows[1].median_mm
-    shown = extension("studio.place_map").MAP
+    shown = extension("studio.places").MAP
     assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [rows[0].array]
     user.look_at((0.0, 0.0, 0.0), 9.0)
     yield from user.find("mocap.benchmark()")

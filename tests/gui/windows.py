@@ -58,7 +58,7 @@ def closed(user: Any) -> Any:
         bpy.ops.wm.window_close()
     user.which = 0
     yield 1.0
-    last = extension("ui.operators.solver_operator").current.last
+    last = extension("ui.operators.base").current.last
     assert not busy() and last.error["code"] == "window_closed" and len(bpy.data.actions) == takes
     yield from user.shot("window_closed")
     yield from user.press("mocap.dismiss()")
@@ -73,4 +73,4 @@ def closed(user: Any) -> Any:
 
 def busy() -> bool:
     """Return whether a run is under way."""
-    return bool(extension("ui.operators.solver_operator").current.busy)
+    return bool(extension("ui.operators.base").current.busy)

@@ -104,6 +104,10 @@ class MocapOperator(Operator):
             self.report({"WARNING"} if warn else {"INFO"}, message)
         return {"FINISHED"}
 
+    def tell(self, message: str) -> None:
+        """Report a message as information."""
+        self.report({"INFO"}, message)
+
     def give_up(self, message: str, kind: str = "WARNING") -> set[str]:
         """Report a reason and return that nothing was done."""
         self.report({kind}, message)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -15,6 +16,7 @@ from ..._exchange.capture_file import read_capture
 from ..._exchange.diagnostics import Diagnostic, diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
+from ...animation.layers import aside_note, playing_actions
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
@@ -181,6 +183,7 @@ def take_motion(
     of: bpy.types.PropertyGroup | None = None,
     again: SolvedAgain | None = None,
     result: SolveResult | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> bpy.types.Action:
     """Add a solved motion to the body of its person.
 
@@ -190,6 +193,7 @@ def take_motion(
         of: one of the scene's captures, None for the current one.
         again: the frames that were solved again, while all others keep their edits. None for a whole take.
         result: result event of the solve with the take's error and warnings, None if it is unknown.
+        tell: called with a sentence if an action of the user was put aside.
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
@@ -205,7 +209,7 @@ def take_motion(
     edited = None if again is None else bpy.data.actions.get(again.take)
     if edited is not None:
         start = int(edited["frame_start"])
-    replaced = armature
+    replaced, played = armature, [] if armature is None else playing_actions(armature)
     needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion, body)
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
@@ -218,6 +222,8 @@ def take_motion(
         found = read_diagnostics(result.get("diagnostics"))
         action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_in(found)))
         action[DIAGNOSTICS] = findings_text(found)
+    if tell is not None and replaced is not None and (note := aside_note(replaced, played)):
+        tell(note)
     review.armature = armature
     settings.stage = "EDIT"
     if needs_body:

@@ -246,7 +246,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
 
         before = bpy.data.actions.get(self._take)
         source = None if before is None or not before.get("capture_file") else take_file(before, "capture_file")
-        action = take_motion(context, SolveFiles(self._out, source, None, None))
+        action = take_motion(context, SolveFiles(self._out, source, None, None), tell=self.tell)
         for note in remarks(result):
             self.report({"WARNING"}, note)
         hands = sum(len(recording["sides"]) for recording in result["gloves"])

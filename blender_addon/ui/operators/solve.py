@@ -65,7 +65,7 @@ class _Solves(SolverOperator):
     def received(self, context: bpy.types.Context, result: SolveResult) -> str:
         from .import_results import take_motion
 
-        action = take_motion(context, self._files, again=self._again, result=result)
+        action = take_motion(context, self._files, again=self._again, result=result, tell=self.tell)
         to_review = result["unseen_frames"] + result["unsure_frames"]
         look = f"; review {counted(to_review, 'frame')}" if to_review else ""
         return f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}"
@@ -76,7 +76,7 @@ class _Solves(SolverOperator):
 
         if not self._files.motion.is_file():
             return ""
-        action = take_motion(context, replace(self._files, report=None), again=self._again)
+        action = take_motion(context, replace(self._files, report=None), again=self._again, tell=self.tell)
         return f"The motion itself is complete and was added as '{action.name}'."
 
 
@@ -198,7 +198,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         files = self._files[motion]
         captures = context.scene.mocap.captures
         capture = next((item for item in captures if file_of(item.file) == files.capture), None)
-        take_motion(context, files, capture, result=result)
+        take_motion(context, files, capture, result=result, tell=self.tell)
 
 
 class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):

@@ -19,20 +19,24 @@ _LIMITS = (
 
 _NOT_ON_NLA = Need(
     "The take is on the NLA already",
-    lambda context: context.scene.mocap.review.armature.animation_data.action is not None,
+    lambda context: context.scene.mocap.review.armature.animation_data.action == context.scene.mocap.review.take,
 )
 
 
 @operator("Show Take", BODY, EDITABLE, name=str)
-def show_take(self: Any, context: bpy.types.Context) -> None:
-    """Play this take."""
+def show_take(self: Any, context: bpy.types.Context) -> str:
+    """Play this take, and keep an action of your own on a muted NLA track."""
+    from ...animation.layers import aside_note, playing_actions
     from ...animation.takes import show_take
     from ...conventions.timing import show_frame
 
     scene, settings = context.scene, context.scene.mocap
-    show_take(settings.review.armature, _take_named(settings, self.name))
+    armature = settings.review.armature
+    played = playing_actions(armature)
+    show_take(armature, _take_named(settings, self.name))
     colour_markers(scene)
     show_frame(scene)
+    return aside_note(armature, played)
 
 
 class MOCAP_OT_delete_take(MocapOperator, bpy.types.Operator):
@@ -110,6 +114,17 @@ def push_down(self: Any, context: bpy.types.Context) -> str:
     push_down(armature)
     armature.animation_data.nla_tracks[-1].mute = False
     return f"'{name}' plays from an NLA track with its name"
+
+
+@operator("Edit on a Layer", TAKE, EDITABLE)
+def edit_on_layer(self: Any, context: bpy.types.Context) -> str:
+    """Add an action whose keys are combined with the take, which keeps its own keys on the NLA."""
+    from ...animation.layers import add_layer
+
+    review = context.scene.mocap.review
+    take = review.take
+    layer = add_layer(review.armature, take)
+    return f"Your keys go to '{layer.name}', on top of '{take.name}'"
 
 
 @operator("Mark as Asset", TAKE)

@@ -129,6 +129,7 @@ def take(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row = column.row(align=True)
     row.operator("mocap.thin_take", text="Tolerance").by = "TOLERANCE"
     row.operator("mocap.thin_take", text="Rate").by = "RATE"
+    column.operator("mocap.edit_on_layer", icon="NLA")
     column.operator("mocap.push_down", icon="NLA_PUSHDOWN")
     column.operator("mocap.mark_take", icon="ASSET_MANAGER")
 

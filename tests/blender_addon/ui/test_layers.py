@@ -7,6 +7,7 @@ from typing import Any
 import bpy
 import numpy as np
 import pytest
+from mathutils import Quaternion
 
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.layers import add_layer, has_layers
@@ -39,14 +40,18 @@ def own_action(armature: bpy.types.Object) -> bpy.types.Action:
 
 
 @pytest.mark.parametrize("by", ["click", "import"])
-def test_an_action_of_the_users_is_kept_when_a_take_replaces_it(mocap, solved_take, solved, by: str) -> None:
+def test_an_action_of_the_users_is_kept_when_a_take_replaces_it(mocap, solved_take, solved, by, capfd) -> None:
     armature = mocap.review.armature
     mine = own_action(armature)
     assert mine.use_fake_user is False
+    told: list[str] = []
     if by == "click":
+        capfd.readouterr()
         assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}
+        told = [line.removeprefix("Info: ") for line in capfd.readouterr().out.splitlines() if "Mine" in line]
     else:
-        take_motion(bpy.context, solved.files)
+        take_motion(bpy.context, solved.files, tell=told.append)
+    assert told == ["Your action 'Mine' is muted on the NLA track 'Mine'"]
     animation = armature.animation_data
     assert animation.action not in (None, mine)
     assert mine.use_fake_user and mine.users >= 2
@@ -97,6 +102,50 @@ def test_work_on_a_take_leaves_the_layers_on_top(mocap, solved_take, work: str) 
     found = joints_at(armature)
     np.testing.assert_allclose(found[[0, 2]], seen[[0, 2]], atol=1e-5 if work == "range" else 0.006)
     assert np.abs(found[1] - seen[1]).max() < 0.05, "0.2 m if the layer counted twice"
+
+
+def test_solving_tells_what_it_puts_aside(mocap, solved_take, capfd) -> None:
+    own_action(mocap.review.armature)
+    mocap.solve.preset = "FAST"
+    capfd.readouterr()
+    assert bpy.ops.mocap.solve() == {"FINISHED"}
+    assert "Info: Your action 'Mine' is muted on the NLA track 'Mine'" in capfd.readouterr().out
+
+
+def test_a_take_on_the_nla_is_muted_while_another_one_plays(mocap, solved_take, solved) -> None:
+    armature = mocap.review.armature
+    armature.pose.bones[ROOT].location.x = 0.4
+    armature.pose.bones[ROOT].keyframe_insert("location", frame=1)
+    plain = joints_at(armature)
+    assert bpy.ops.mocap.push_down() == {"FINISHED"}
+    told: list[str] = []
+    take_motion(bpy.context, solved.files, tell=told.append)
+    assert told == ["The take 'Take 01' is muted on the NLA track 'Take 01'"]
+    np.testing.assert_allclose(joints_at(armature)[..., 0], plain[..., 0] - 0.4, atol=1e-5)
+
+
+def test_edits_on_a_layer_are_combined_with_the_take_and_undone(mocap, solved_take) -> None:
+    bpy.context.preferences.edit.use_global_undo = True
+    bpy.ops.ed.undo_push(message="take")
+    armature, name = mocap.review.armature, solved_take.name
+    plain = seen = joints_at(armature)
+    for count in (1, 2):
+        assert bpy.ops.mocap.edit_on_layer.poll()
+        assert bpy.ops.mocap.edit_on_layer() == {"FINISHED"}
+        animation = armature.animation_data
+        assert mocap.review.take == solved_take and animation.action.name.startswith(f"{name} layer")
+        np.testing.assert_allclose(joints_at(armature), seen, atol=1e-5)
+        chest = armature.pose.bones["spine3"]
+        chest.rotation_quaternion = chest.rotation_quaternion @ Quaternion((np.cos(0.2), np.sin(0.2), 0.0, 0.0))
+        chest.keyframe_insert("rotation_quaternion", frame=1)
+        seen = joints_at(armature)
+        assert np.abs(seen - plain).max() > 0.03 * count
+        assert not bpy.ops.mocap.push_down.poll(), "the take is on the NLA, and the layer is no take"
+    bpy.ops.ed.undo_push(message="layers")
+    bpy.ops.ed.undo()
+    armature = bpy.context.scene.mocap.review.armature
+    assert armature.animation_data.action.name == name and not len(armature.animation_data.nla_tracks)
+    np.testing.assert_allclose(joints_at(armature), plain, atol=1e-5)
 
 
 def place(armature: bpy.types.Object, x: float) -> None:
