@@ -100,7 +100,7 @@ def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: n
     """Return the (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
     rotvec = rotvec_on(motion, layout_of(armature.data.bones))
     quaternions = bone_quaternions(rotvec, rotation_from_body_axes(armature))
-    location = pelvis_location(motion, armature, rest_pelvis)
+    location = _pelvis_location(motion, armature, rest_pelvis)
     return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
 
 
@@ -128,7 +128,7 @@ def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
     return sign_continuous(quat)
 
 
-def pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
+def _pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
     """Return the (F, 3) location channel of the pelvis in its own rest axes, in metres."""
     rest = np.array(armature.data.bones[SMPL.joints[0]].matrix_local, dtype=np.float64)
     return (rest_pelvis + motion.transl - rest[:3, 3]) @ rest[:3, :3]

@@ -33,7 +33,7 @@ class SparseCurves:
         """Return the curves through frames (K,) of whole curves (F, N) that fit best between them."""
         if len(values) == 1:
             return cls(np.zeros(1, int), values, np.zeros_like(values))
-        return cls(frames, values[frames], fit_slopes(values, frames))
+        return cls(frames, values[frames], _fit_slopes(values, frames))
 
     def sampled(self, num_frames: int) -> np.ndarray:
         """Return the (F, N) values on every frame of the take."""
@@ -45,7 +45,7 @@ class SparseCurves:
         return ends + slope_left * self.slopes[left] + slope_right * self.slopes[left + 1]
 
 
-def fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
+def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
     """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N).
 
     A piece is linear in its two slopes, so the normal equations are tridiagonal and equal for all curves.

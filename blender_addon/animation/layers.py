@@ -56,7 +56,7 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     to a muted NLA track with its name and gets a fake user. Takes on the NLA are muted, as a body plays one take.
     """
     animation = obj.animation_data or obj.animation_data_create()
-    remember_place(obj)
+    _remember_place(obj)
     own, slot = animation.action, getattr(animation, "action_slot", None)
     strip, users = take_strip(obj) if has_layers(obj) else None, None if own is None or is_take(own) else own
     if users is not None:
@@ -75,7 +75,7 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
         lay_aside(obj, users, slot)
 
 
-def remember_place(obj: bpy.types.Object) -> None:
+def _remember_place(obj: bpy.types.Object) -> None:
     """Store the place of an object and its root control on the take that it plays."""
     take = current_action(obj)
     if take is not None and is_take(take) and take.is_editable:

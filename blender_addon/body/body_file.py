@@ -1,7 +1,9 @@
-"""The body file: an SMPL-type body, with our materials and texture coordinates."""
+"""The body file: an SMPL-type body with our materials and texture coordinates, and the choice of a motion's body."""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache, wraps
@@ -11,22 +13,22 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from .._exchange.body_choice import SHIPPED, SUFFIXES, bodies_folder, is_path
 from .._exchange.body_layout import FAMILY, SMPL_HANDS
 from .._exchange.errors import BodyInvalid
 from .._exchange.finger_joints import HANDS_FILE, HANDS_KEYS, Skinning, needs_hands_file, with_finger_joints
+from .._exchange.motion_file import MotionFile
 from .._exchange.npz import read_arrays
 from .._exchange.schema import Fields
 from ..backend_environment import PACKAGE, backend_folder
 from ..conventions.skeleton import NUM_BETAS, SMPL, BodyLayout
+from ..errors import BodyMismatch, BodyMissing
 
 
-def on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
+def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
     """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints, and those of other bodies unchanged.
 
     With flat hands the skin is the same. Correctives of fingers, jaw and eyes vanish at rest and are left out.
-
-    Raises:
-        BodyInvalid: the arrays are no such body.
     """
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
@@ -64,12 +66,8 @@ def has_fingers(arrays: dict[str, np.ndarray], hands_file: Path) -> bool:
     return "body_id" in arrays and str(arrays["body_id"]) == str(hands["body_id"])
 
 
-def add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of a body of SMPL's, SMPL-H's or SMPL-X's joints on the joints of ``SMPL_HANDS``.
-
-    Raises:
-        BodyInvalid: the arrays are no such body, or it has no fingers.
-    """
+def _add_finger_joints(arrays: dict[str, np.ndarray], path: Path, hands_file: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of a body of SMPL's, SMPL-H's or SMPL-X's joints on the joints of ``SMPL_HANDS``."""
     tree, vertices, count = np.asarray(arrays["kintree_table"]), len(arrays["v_template"]), _joint_count(arrays)
     if count not in FAMILY:
         raise BodyInvalid(f"A body of {count} joints has no fingers that are known.", where=str(path))
@@ -205,9 +203,9 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
     if layout.num_joints > SMPL.num_joints and has_fingers(stored, default_hands_path()):
-        arrays = add_finger_joints(stored, path, default_hands_path())
+        arrays = _add_finger_joints(stored, path, default_hands_path())
     else:
-        arrays, layout = on_smpl_joints(stored, path), SMPL
+        arrays, layout = _on_smpl_joints(stored, path), SMPL
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
     _check(arrays, path, layout)
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
@@ -289,3 +287,42 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
     if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != layout.parents[1:]:
         raise BodyInvalid("The tree is not SMPL's tree of joints.", where=str(path))
+
+
+def body_path_of(provenance: str) -> Path:
+    """Return the body file in a motion's provenance (JSON text), the bundled one if there is none.
+
+    Raises:
+        BodyMissing: the body is neither in the user's folder nor at its path.
+        SolverMissing: see ``default_body_path``.
+    """
+    choice = _choice(provenance)
+    if choice == SHIPPED:
+        return default_body_path()
+    by_name = [bodies_folder() / f"{choice}{end}" for end in SUFFIXES]
+    places = [Path(os.path.expanduser(choice))] if is_path(choice) else by_name
+    for place in places:
+        if os.path.isfile(place):
+            return place
+    message = f"The motion was solved for the body '{places[0].stem}', whose file is not there."
+    hint = f"Put the file into {bodies_folder()}, or name it when you bake."
+    raise BodyMissing(message, where=str(places[0]), hint=hint)
+
+
+def require_body(motion: MotionFile, body: BodyFile) -> None:
+    """Check that a motion belongs to a body. A motion that does not name its body fits any.
+
+    Raises:
+        BodyMismatch: both have an id and the ids differ.
+    """
+    if motion.body and body.id and motion.body != body.id:
+        message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
+        raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
+
+
+def _choice(provenance: str) -> str:
+    try:
+        choice = json.loads(provenance)["settings"]["body"]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return SHIPPED
+    return choice if isinstance(choice, str) and choice else SHIPPED

@@ -35,20 +35,12 @@ NO_ROW, MIRRORED = -1, -2
 """Value of vertices that nothing moves, and -2 - r for a vertex whose mirror image has the row r."""
 
 
-def column_attribute(row: int, column: int) -> str:
-    """Return the name of the table's attribute of one element of ``R - I``."""
+def _column_attribute(row: int, column: int) -> str:
     return f"r{row}{column}"
 
 
-def build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
-    """Return nodes that move a skin by its correctives, with a hidden input of XYZ Euler angles per joint.
-
-    Args:
-        name: name of the node group.
-        table: points with the index of their joint and nine vectors each.
-        joints: names of the table's joints.
-        opposite: index in ``joints`` of the opposite of each joint, empty for a table of the whole body.
-    """
+def _build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposite: Sequence[int]) -> Any:
+    """Return nodes that move a skin by its correctives, with a hidden input of XYZ Euler angles per joint."""
     geometry = ("Geometry", "IN", "Geometry"), *((joint, "IN", "Vector") for joint in joints)
     tree = new_tree(name, *geometry, ("Geometry", "OUT", "Geometry"))
     tree.is_modifier = True
@@ -112,7 +104,7 @@ def _displacement(tree: bpy.types.NodeTree, rotation: Any) -> Any:
             if (row, column) == IN_POSITION:
                 direction = tree.nodes.new("GeometryNodeInputPosition").outputs[0]
             else:
-                direction = attribute(tree, column_attribute(row, column), "FLOAT_VECTOR")
+                direction = attribute(tree, _column_attribute(row, column), "FLOAT_VECTOR")
             total = (math(tree, "MULTIPLY_ADD", direction, parts[row], *total, kind="Vector"),)
     return total[0]
 
@@ -179,7 +171,7 @@ def add_correctives(
     modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
     names, mirror = [body.layout.joints[joint] for joint in joints], body.layout.mirror
     opposite = [names.index(body.layout.joints[mirror[joint]]) for joint in joints] if across else []
-    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
+    modifier.node_group = _build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
     mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
     for name in names:
         owner, path = node_input(modifier, name)
@@ -204,7 +196,7 @@ def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.nda
     table = corrective_table(body.posedirs)
     joints = np.unique(table.joint).tolist()
     turned = _in_bone_axes(table, np.frombuffer(axes).reshape(-1, 3, 3))
-    across = mirror_of(body.v_template) if joints else None
+    across = _mirror_of(body.v_template) if joints else None
     if across is not None and not _is_mirrored(table, turned, across, body.layout):
         across = None
     rows = np.full(len(body.v_template), NO_ROW, np.int32)
@@ -219,7 +211,7 @@ def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.nda
     return table, turned, rows, joints, across is not None
 
 
-def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
+def _mirror_of(vertices: np.ndarray) -> np.ndarray | None:
     """Return (V,) the index of each vertex's mirror image, None if one has none."""
     keys = np.round(vertices / _SAME_PLACE_M).astype(np.int64)
     order, other = np.lexsort(keys.T), np.lexsort((keys * [-1, 1, 1]).T)
@@ -259,7 +251,7 @@ def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints:
     for row in range(3):
         for column in range(3):
             if (row, column) != IN_POSITION:
-                attribute = data.attributes.new(column_attribute(row, column), "FLOAT_VECTOR", "POINT")
+                attribute = data.attributes.new(_column_attribute(row, column), "FLOAT_VECTOR", "POINT")
                 attribute.data.foreach_set("vector", turned[:, :, row, column].astype(np.float32).ravel())
     points = bpy.data.objects.new(name, data)
     points.hide_viewport = points.hide_render = points.hide_select = True

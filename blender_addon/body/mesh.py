@@ -101,7 +101,7 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     _add_materials(mesh, material.astype(np.int32))
     _add_uv(mesh, body)
     mesh.update()
-    drop_defaults(mesh)
+    _drop_defaults(mesh)
     obj = bpy.data.objects.new(name, mesh)
     for collection in armature.users_collection:
         collection.objects.link(obj)
@@ -125,7 +125,7 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
     return co.reshape(-1, 3)
 
 
-def drop_defaults(mesh: bpy.types.Mesh) -> None:
+def _drop_defaults(mesh: bpy.types.Mesh) -> None:
     """Remove attributes that only have default values: nothing is sharp or deselected."""
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         if (attribute := mesh.attributes.get(name)) is not None:

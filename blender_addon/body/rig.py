@@ -16,9 +16,8 @@ from .controls.limbs import LIMBS
 from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
 from .layout import around_pelvis, lay_out_bones, shape_directions
-from .looks import add_looks
 from .mesh import create_mesh
-from .shape import add_shape_keys, all_sliders, get_betas
+from .shape import add_looks, add_shape_keys, all_sliders, get_betas
 
 _LEAST_M, _SAME_M = 5e-7, 5e-7
 """Metres per beta: smaller effects are ignored, and two that differ by less are equal."""
@@ -36,17 +35,11 @@ class _Driven:
     row: np.ndarray
 
 
-def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
+def _drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
     """Let the sliders move the joints, and the bones of IK.
 
     In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
     bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is the offset of joint j in a shape.
-
-    Args:
-        armature: from ``create_armature``, laid out for ``rest_betas``.
-        mesh: its mesh, with sliders.
-        body: the body.
-        rest_betas: (10,) the shape without offsets.
     """
     names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
     axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
@@ -61,7 +54,7 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
             sums = "".join(f"{factor:+.7f}*a{k}" for k, (factor, _) in enumerate(parts)).lstrip("+")
             add_scripted_driver(bone, "location", driven.axis, sums, variables)
         else:
-            drive_by_betas(bone, "location", driven.axis, driven.row, float(-driven.row @ rest_betas), mesh)
+            _drive_by_betas(bone, "location", driven.axis, driven.row, float(-driven.row @ rest_betas), mesh)
 
 
 @once_a_body
@@ -133,19 +126,10 @@ def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
     return [*index.items(), *((name, index[joint]) for name, joint in solved)]
 
 
-def drive_by_betas(
+def _drive_by_betas(
     owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
 ) -> bool:
-    """Drive one element of an array property by ``constant + row @ betas``, and return False if no beta has an effect.
-
-    Args:
-        owner: owner of the property.
-        path: the property.
-        axis: its element.
-        row: (10,) metres per beta.
-        constant: metres.
-        mesh: the mesh with the sliders.
-    """
+    """Drive one element of a property by ``constant + row @ betas``, and return False if no beta has an effect."""
     used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
     if not used:
         return False
@@ -178,7 +162,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
     add_looks(mesh, body)
-    drive_joints(armature, mesh, body, betas)
+    _drive_joints(armature, mesh, body, betas)
     add_correctives(armature, mesh, body, hidden)
     return Rig(armature, mesh)
 
@@ -193,4 +177,4 @@ def stand_on_floor(rig: Rig, body: BodyFile) -> None:
     vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)
     lowest = int(vertices[:, 2].argmin())
     constant = vertices[lowest, 2] - directions[lowest, 2] @ get_betas(rig.mesh)
-    drive_by_betas(rig.armature, "delta_location", 2, -directions[lowest, 2], float(-constant), rig.mesh)
+    _drive_by_betas(rig.armature, "delta_location", 2, -directions[lowest, 2], float(-constant), rig.mesh)

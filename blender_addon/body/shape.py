@@ -1,4 +1,4 @@
-"""The ten shape sliders: shape keys of the mesh, whose values also drive the joints (``rig.py``)."""
+"""The shape sliders and the looks of a body, which are shape keys and materials of its mesh."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ import bpy
 import numpy as np
 
 from .._exchange.errors import BodyInvalid
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.datablocks import MANNEQUIN_COLOUR, create_material
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile, once_a_body
 from .layout import shape_directions
@@ -105,8 +108,7 @@ LOOK_KEY = "Mannequin"
 """Name of the shape key that removes the face."""
 
 
-def slider_name(index: int, effect: str = "") -> str:
-    """Return the name of the shape key of one beta with its effect, such as "Shape 0 stature"."""
+def _slider_name(index: int, effect: str = "") -> str:
     return f"{_PREFIX} {index} {effect}".rstrip()
 
 
@@ -148,11 +150,11 @@ def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) ->
     mesh.shape_key_add(name="Basis", from_mix=False)
     rest = positions(mesh.data.vertices)
     for k, effect in enumerate(shape_names(body)):
-        add_key(mesh, slider_name(k, effect), rest + directions[:, :, k], LARGEST_BETA)
+        _add_key(mesh, _slider_name(k, effect), rest + directions[:, :, k], LARGEST_BETA)
     set_betas(mesh, betas)
 
 
-def add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
+def _add_key(mesh: bpy.types.Object, name: str, shaped: np.ndarray, limit: float) -> bpy.types.ShapeKey:
     """Add a relative shape key from -limit to limit that moves the vertices to (V, 3) metres at 1."""
     key = mesh.shape_key_add(name=name, from_mix=False)
     key.slider_min, key.slider_max, key.value = -limit, limit, 0.0
@@ -184,6 +186,48 @@ def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:
     """Return the ten sliders. A mesh without them is a ``BodyInvalid``."""
     found = sliders(mesh)
     if len(found) < NUM_BETAS:
-        names = f"{slider_name(0)} to {slider_name(NUM_BETAS - 1)}"
+        names = f"{_slider_name(0)} to {_slider_name(NUM_BETAS - 1)}"
         raise BodyInvalid(f"The object lacks the shape keys {names}.", where=mesh.name, hint="Choose a body's mesh.")
     return found
+
+
+_MATERIAL = "Mannequin"
+
+
+def add_looks(mesh: bpy.types.Object, body: BodyFile) -> None:
+    """Add the shape key that removes the face to a mesh with sliders, if the body file has one."""
+    if body.blank_face is None:
+        return
+    vertices, offsets = body.blank_face
+    blank = positions(mesh.data.shape_keys.reference_key.points)
+    blank[vertices] += offsets @ R_ARMATURE_BODY.T
+    _add_key(mesh, LOOK_KEY, blank, 1.0).slider_min = 0.0
+
+
+def show_look(mesh: bpy.types.Object, look: str) -> None:
+    """Show an editable body mesh as a person or a mannequin."""
+    blank = look == MANNEQUIN
+    if (key := look_key(mesh)) is not None:
+        key.value = float(blank)
+    slots = list(mesh.material_slots)
+    for slot in slots:
+        slot.link = "OBJECT" if blank else "DATA"
+    empty = [slot for slot in slots if blank and slot.material is None]
+    if empty:
+        own = next((slot.material for slot in slots if slot.material is not None), None)
+        own = own or create_material(_MATERIAL, MANNEQUIN_COLOUR)
+        for slot in empty:
+            slot.material = own
+
+
+def look_of(mesh: bpy.types.Object) -> str:
+    """Return the look of a body, one of ``LOOKS``."""
+    key = look_key(mesh)
+    if key is not None:
+        return MANNEQUIN if key.value > 0.5 else PERSON_LOOK
+    return MANNEQUIN if any(slot.link == "OBJECT" for slot in mesh.material_slots) else PERSON_LOOK
+
+
+def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the editable body meshes of a scene."""
+    return [obj for obj in scene.objects if obj.type == "MESH" and obj.is_editable and sliders(obj)]

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.motion_file import read_motion
-from ..body.body_choice import body_path_of, require_body
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body, require_body
 
 if TYPE_CHECKING:
     import bpy
@@ -37,7 +36,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
     Raises:
         MocapError: the file is missing or wrong, or its actor is not clear.
     """
-    from ..retarget.actor_rig import play_action
+    from ..retarget.rig_actor import play_action
 
     if path.suffix.lower() in (".npz", ""):
         return _of_motion(path, body)
@@ -53,7 +52,7 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
     Raises:
         MocapError: see ``read_source``.
     """
-    from ..retarget.actor_rig import clips_of, play_action
+    from ..retarget.rig_actor import clips_of, play_action
 
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, body)
@@ -82,7 +81,7 @@ def _of_motion(path: Path, body: Path | None) -> ReadActor:
 
 
 def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..retarget.actor_rig import chosen_actor
+    from ..retarget.rig_actor import chosen_actor
     from ..retarget.scene_files import open_scene
 
     scene = open_scene(path)
@@ -92,9 +91,8 @@ def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Objec
 def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
     from ..animation.curves import current_action
     from ..animation.takes import warnings_of_take
-    from ..retarget.actor_rig import is_actor, read_actor
     from ..retarget.recognition import map_rig, user_presets_folder
-    from ..retarget.rig_actor import read_rig_actor
+    from ..retarget.rig_actor import is_actor, read_actor, read_rig_actor
 
     if is_actor(rig):
         action = current_action(rig)

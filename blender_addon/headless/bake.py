@@ -13,8 +13,7 @@ from .._exchange.capture_file import read_capture
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
-from ..body.body_choice import body_path_of, require_body
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body, require_body
 from ..conventions.naming import PERSON_LOOK
 from .process import require_blender
 from .result import TimedResult
@@ -65,10 +64,10 @@ def run_render(args: Namespace, progress: Progress) -> BakeResult:
 def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], progress: Progress) -> BakeResult:
     require_blender()
     from ..animation.takes import PERSON, person_of
-    from ..body.looks import show_look
+    from ..body.shape import show_look
     from ..render.subject import RenderedTake
     from ..scene.bake import BakeSettings, bake_take
-    from ..scene.footage import near_footage
+    from ..scene.cameras import near_footage
     from ..scene.session import frame_viewports, fresh_scene, save_file
 
     start = time.monotonic()

@@ -33,8 +33,8 @@ def run_body(args: Namespace, progress: Progress) -> BodyResult:
     """
     require_blender()
     from ..body.correctives import CORRECTIVES
-    from ..body.looks import show_look
     from ..body.rig import create_rig, stand_on_floor
+    from ..body.shape import show_look
     from ..conventions.datablocks import child_collection
     from ..scene.session import frame_viewports, fresh_scene, save_file
     from .body_asset import add_catalog, mark_body

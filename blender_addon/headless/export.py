@@ -10,8 +10,7 @@ from .._exchange.diagnostics import DiagnosticValues, sentence
 from .._exchange.errors import FileDamaged, FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
-from ..body.body_choice import body_path_of
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body
 from ..errors import NothingToExport
 from .process import require_blender
 from .result import TimedResult
@@ -33,8 +32,7 @@ def run_export(args: Namespace, progress: Progress) -> ExportResult:
         MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
     require_blender()
-    from ..body.looks import show_look
-    from ..body.shape import body_mesh
+    from ..body.shape import body_mesh, show_look
     from ..export.take import take_of
     from ..export.write import export_take, file_names
 

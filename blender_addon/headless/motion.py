@@ -47,8 +47,7 @@ def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Pr
     """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
-    from ..retarget.actor_rig import chosen_actor, play_action
-    from ..retarget.rig_actor import skeleton_of_rig
+    from ..retarget.rig_actor import chosen_actor, play_action, skeleton_of_rig
     from ..retarget.scene_files import open_scene
 
     progress("reading the clip", 0, 1)

@@ -157,8 +157,8 @@ def _clips(args: Namespace, progress: Progress) -> ClipsResult:
     """
     from ..export.take import take_of
     from ..export.write import export_take, format_of
-    from ..retarget.actor_rig import play_action
     from ..retarget.retarget import retarget
+    from ..retarget.rig_actor import play_action
     from ..scene.session import save_file
 
     start = time.monotonic()
@@ -258,7 +258,7 @@ def _listing(kind: str, failed: list[dict[str, Any]]) -> str:
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
     """Open the target's file and return its only armature, or the one that is named."""
-    from ..retarget.actor_rig import is_actor
+    from ..retarget.rig_actor import is_actor
     from ..retarget.scene_files import open_scene
 
     scene = open_scene(args.target)

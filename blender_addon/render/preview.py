@@ -10,7 +10,7 @@ import numpy as np
 
 from .._exchange.outputs import temporary_folder
 from .._exchange.progress import Progress
-from ..scene.footage import find_footage
+from ..scene.cameras import find_footage
 from .contact_sheet import Lettering, PictureTile, canvas_size, open_lettering, pack
 from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png
 from .stage import RenderQuality, RenderStage, open_stage

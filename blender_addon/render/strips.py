@@ -14,7 +14,7 @@ import numpy as np
 
 from ..conventions.timing import set_scene_frame_rate
 from ..errors import RenderFailed
-from ..scene.footage import Footage
+from ..scene.cameras import Footage
 from .stage import render_still, write_targa
 
 

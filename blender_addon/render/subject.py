@@ -18,7 +18,7 @@ from ..body.body_file import BodyFile
 from ..body.posed_body import pose_joints, rotvec_on
 from ..conventions.skeleton import SMPL
 from ..scene.bake import BakedTake
-from ..scene.footage import Footage, find_footage
+from ..scene.cameras import Footage, find_footage
 from .picture import Resampling, blend, gradient, layer_from_render
 from .stage import RenderQuality, open_stage
 from .strips import open_footage

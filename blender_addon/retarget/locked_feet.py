@@ -13,7 +13,7 @@ from .._exchange.stands import stands, steps
 from ..animation.key_reduction import posed_joints, rest_of
 from ..animation.layers import without_layers
 from ..animation.takes import take_file
-from ..scene.add_take import add_edited_take
+from ..scene.bake import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
 from .motion.limbs import bend_to, eased, longest_reach, swing, within_reach
 
@@ -49,7 +49,7 @@ def lock_feet(
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))
-    held = hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
+    held = _hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
     if held is None:
         return None
     name = f"{take.name.removesuffix(LOCKED)}{LOCKED}"
@@ -66,20 +66,13 @@ class HeldFeet:
     slid_m: float
 
 
-def hold_feet(
+def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
 ) -> HeldFeet | None:
     """Return channels with heels and balls at the mean place of each contact, None without contacts.
 
     If both touch the floor, the foot turns by the smallest rotation to its mean direction, and the ankle follows. Legs
     bend and swing to it in the plane of hip, knee and ankle, and the pelvis moves if a leg is too short.
-
-    Args:
-        channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
-        heads: (J, 3) metres at rest.
-        axes: (J, 3, 3) at rest.
-        fps: frames per second.
-        longest_slide_m: contacts with a longer slide stay unchanged.
     """
     if len(channels) < 3:
         return None

@@ -18,7 +18,7 @@ from .hanging import Hanging, bone_rotations
 from .motion.figures import Target, by_part, part_of_role
 
 
-def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
+def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
     """Return the (V, 3) vertices on an armature that mainly follow some bones, within a radius of a place.
 
     Positions are those without shape keys and modifiers, in the armature's space and rest pose.
@@ -35,8 +35,8 @@ def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray,
     return np.concatenate(found)
 
 
-def skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
-    """Yield up to ``most`` vertices (V, 3) of each mesh, positions as in ``skin_points``, and the bone of each."""
+def _skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
+    """Yield up to ``most`` vertices (V, 3) of each mesh, positions as in ``_skin_points``, and the bone of each."""
     for mesh, placed, holder in _meshes(armature):
         vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
         chosen = range(0, len(vertices), 1 + len(vertices) // most)
@@ -81,18 +81,11 @@ _LIKELY_END = (0.08, 0.9)
 """Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm."""
 
 
-def measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
-    """Return the height along ``up`` (3,) of a foot's lowest skin, None if no skin is plausible.
-
-    Args:
-        armature: the rig.
-        leg: names of ``thigh``, ``shin``, ``foot`` and, if there is one, ``toe``.
-        heads: (3, 3) of thigh, shin and foot.
-        up: (3,) unit vector of the armature's space.
-    """
+def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
+    """Return the height along ``up`` (3,) of a foot's lowest skin, None if no skin is plausible."""
     shin, reach = (float(np.linalg.norm(heads[k + 1] - heads[k])) for k in (1, 0))
     bones = _bones_of_foot(armature, leg, _NEAR * shin)
-    points = skin_points(armature, bones, heads[2], shin)
+    points = _skin_points(armature, bones, heads[2], shin)
     if not len(points):
         return None
     sole = float((points @ up).min())
@@ -100,14 +93,14 @@ def measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndar
     return sole if low <= (heads[2] @ up - sole) / (shin + reach) <= high else None
 
 
-def estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> float:
+def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> float:
     """Return the height of a sole from joints alone: below the ankle by the leg's length, and below the toe's joint."""
     leg = float(np.linalg.norm(np.diff(heads, axis=0), axis=1).sum())
     below_ankle = heads[2] @ up - _SOLE_SHARE * leg
     return float(below_ankle if toe is None else min(below_ankle, toe @ up - _BELOW_BALL * leg))
 
 
-def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
+def _end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
     """Return the (3,) end of a hand or foot: toe, knuckles, or the middle of its children, NaN without any.
 
     A hand points to the middle finger's knuckle, as our body's does, or else to the middle of all knuckles. ``bones``
@@ -128,8 +121,7 @@ def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before:
     return below.mean(0) if len(below) else np.full(3, np.nan)
 
 
-def legs_of(bones: dict[str, str]) -> list[dict[str, str]]:
-    """Return the bones of each whole leg by part."""
+def _legs_of(bones: dict[str, str]) -> list[dict[str, str]]:
     parts = ("thigh", "shin", "foot", "toe")
     legs = [{part: bones[f"{side}_{part}"] for part in parts if f"{side}_{part}" in bones} for side in SIDES]
     return [leg for leg in legs if {"thigh", "shin", "foot"} <= leg.keys()]
@@ -154,7 +146,7 @@ _ENDS = ("hand", "foot", "toe")
 """Parts that hands are not kept on, but at which bones begin."""
 
 
-def skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
+def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
     """Return the (V, 3) vertices at rest by part of the body, in the armature's space.
 
     A vertex belongs to the part of the bone that it mainly follows: by that bone's role, or by the limb on which it
@@ -162,7 +154,7 @@ def skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str,
     """
     parts = _parts_of_bones(armature, bones)
     found: dict[str, list[np.ndarray]] = {}
-    for points, names in skin_by_bone(armature, _MOST):
+    for points, names in _skin_by_bone(armature, _MOST):
         for part, own in by_part(points, np.array([parts.get(name, "") for name in names])).items():
             found.setdefault(part, []).append(own)
     return {part: np.concatenate(pieces) for part, pieces in found.items()}
@@ -247,7 +239,7 @@ def stand_on_stage(
     ground = np.array([0.0, 0.0, unit_m * sole])
     skin = {
         _other_side(part) if mirrored else part: unit_m * points @ R.T - ground
-        for part, points in skin_by_part(armature, bones).items()
+        for part, points in _skin_by_part(armature, bones).items()
     }
     standing = replace(target, heads=target.heads - ground, ends=target.ends - ground, ground=ground, skin=skin)
     return standing, shown_by
@@ -255,15 +247,15 @@ def stand_on_stage(
 
 def _sole(armature: bpy.types.Object, bones: dict[str, str], up: np.ndarray) -> tuple[float, str]:
     """Return the height of the soles along ``up`` in the armature's units, and its source."""
-    data, legs = armature.data.bones, legs_of(bones)
+    data, legs = armature.data.bones, _legs_of(bones)
     if not legs:
         return 0.0, "joints"
     placed = [{part: np.array(data[name].head_local, np.float64) for part, name in leg.items()} for leg in legs]
     joints = [np.stack([heads[part] for part in ("thigh", "shin", "foot")]) for heads in placed]
-    measured = [measure_sole(armature, leg, heads, up) for leg, heads in zip(legs, joints, strict=True)]
+    measured = [_measure_sole(armature, leg, heads, up) for leg, heads in zip(legs, joints, strict=True)]
     if shown := [sole for sole in measured if sole is not None]:
         return min(shown), "mesh"
-    low = min(estimate_sole(heads, places.get("toe"), up) for heads, places in zip(joints, placed, strict=True))
+    low = min(_estimate_sole(heads, places.get("toe"), up) for heads, places in zip(joints, placed, strict=True))
     height = max(np.array(bone.head_local, np.float64) @ up for bone in data) - low
     return (0.0 if abs(low) < _NEAR_FLOOR * height else low), "joints"
 
@@ -276,7 +268,7 @@ def _end(
     if limb is None:
         return np.full(3, np.nan)
     lower = heads[names.index(bones[limb[1]])]
-    return end_of(armature, bones, role, float(np.linalg.norm(heads[control] - lower)))
+    return _end_of(armature, bones, role, float(np.linalg.norm(heads[control] - lower)))
 
 
 def _other_side(role: str) -> str:

@@ -130,7 +130,7 @@ def deviation_m(
                 setattr(rig.armature.pose.bones[channel.bone], channel.prop, channel.values[f].tolist())
             stage.view_layers[0].update()
             bones = rig.armature.evaluated_get(depsgraph).pose.bones
-            heads = on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
+            heads = _on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
             wanted = np.array([done.goals[role][f] for role in ends])
             worst = max(worst, float(np.linalg.norm(heads - wanted, axis=1).max()))
     return worst
@@ -144,8 +144,7 @@ def require_near(deviation_mm: float, scale: float, name: str) -> None:
         raise TargetUnsuitable(message, where=name, hint=hint)
 
 
-def on_stage(target: Target, points: np.ndarray) -> np.ndarray:
-    """Return points (..., 3) of the armature's space on the target's stage."""
+def _on_stage(target: Target, points: np.ndarray) -> np.ndarray:
     return target.unit_m * points @ target.R_stage_armature.T - target.ground
 
 
@@ -225,7 +224,7 @@ def retarget(
     scale, name = done.scale, f"{actor.name} on {armature.name}"
     deviation_mm = 1000.0 * deviation_m(rig, scene, done, channels, switches)
     require_near(deviation_mm, scale, armature.name)
-    action = bake_channels(name, armature, channels, switches, timing, actor.fps)
+    action = _bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
@@ -237,7 +236,7 @@ def retarget(
     return Retargeted(action, used, scale, proportions, rig.soles, deviation_mm, tuple(notes))
 
 
-def bake_channels(
+def _bake_channels(
     name: str,
     armature: bpy.types.Object,
     channels: list[Channel],

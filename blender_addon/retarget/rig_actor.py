@@ -1,4 +1,4 @@
-"""The actor read from any rig as it plays: our body by its joints, others by the map of their bones."""
+"""The actor: the motion of any armature as it plays, of our body by its joints, of others by the map of their bones."""
 
 from __future__ import annotations
 
@@ -9,20 +9,27 @@ import bpy
 import numpy as np
 
 from .._exchange.diagnostics import sentence
+from .._exchange.errors import MocapError
+from .._exchange.motion_file import read_motion
 from .._exchange.rigs.rest_frames import bent_at_rest
 from .._exchange.skeleton_file import SkeletonFile
-from ..animation.curves import action_curves, current_action
+from ..animation.curves import action_curves, current_action, laid_rate
+from ..animation.takes import take_file
+from ..body.armature import bone_axes
 from ..body.body_file import default_body_path, read_body
+from ..body.shape import body_mesh, shaped_vertices
 from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.skeleton import SMPL, layout_of
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
+from ..scene.limb_modes import sample_bones
 from ..scene.session import alone
 from .hanging import Hanging, bone_rotations
-from .motion.figures import Actor, Target
+from .motion.figures import Actor, Target, by_part, own_hands, parts_of_joints
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
 from .recognition import map_rig
-from .rest_stage import stand_on_stage
+from .rest_stage import heaviest, stand_on_stage
 from .rig_map import RigMap
 
 _EVEN = 1e-3
@@ -45,14 +52,10 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
     return action.name, first + np.arange(1 + int(np.floor(last - first + 0.01)))
 
 
-def played_bones(
+def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included.
-
-    Raises:
-        ActorMissing: the armature is stretched, or bones have values that are not numbers.
-    """
+    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included."""
     worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(names), len(times), 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):
@@ -92,10 +95,10 @@ def read_rig_actor(
         MapInvalid: the map does not show left and right.
     """
     name, times = played_frames(armature)
-    worlds, poses = played_bones(armature, scene, times, stand_at_rest(armature, rig_map, 1.0).names)
+    worlds, poses = _played_bones(armature, scene, times, _stand_at_rest(armature, rig_map, 1.0).names)
     metres = scene.unit_settings.scale_length
     unit_m = metres * float(np.linalg.norm(worlds[0, :3, :3], axis=0).mean())
-    rest = stand_at_rest(armature, rig_map, unit_m)
+    rest = _stand_at_rest(armature, rig_map, unit_m)
     own_rest = _own_rest()
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres)
@@ -143,13 +146,8 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
     return replace(actor, joints=actor.joints - [0.0, 0.0, above]), (note,)
 
 
-def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the bones of a map at rest with the feet on the stage's floor, without those that the rig lacks.
-
-    Raises:
-        ActorMissing: the map has no pelvis.
-        MapInvalid: it does not show left and right.
-    """
+def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
+    """Return the bones of a map at rest with the feet on the stage's floor, without those that the rig lacks."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
         message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
@@ -174,7 +172,7 @@ def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> Skele
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
     names = tuple(bone.name for bone in bones)
-    worlds, poses = played_bones(armature, scene, times, names)
+    worlds, poses = _played_bones(armature, scene, times, names)
     rest = np.array([bone.matrix_local for bone in bones], np.float64)
     mirrored = bool(np.linalg.det(worlds[0, :3, :3]) < 0)
     S = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
@@ -186,3 +184,113 @@ def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> Skele
     roles = {} if mirrored else map_rig(armature).bones
     fps = scene_frame_rate(scene)
     return SkeletonFile(name, names, parents, unit_m * rest[:, :3, 3] @ S, joints, turns.swapaxes(0, 1), fps, roles)
+
+
+_BALLS = (10, 11)
+_SOLE_BELOW_BALL = 0.02
+"""Depth of the sole below the ball of the foot, as a share of the hips' height, if no skin shows it."""
+
+
+def is_actor(armature: bpy.types.Object | None) -> bool:
+    """Return whether this is an armature that this add-on made."""
+    if armature is None or armature.type != "ARMATURE":
+        return False
+    return set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
+
+
+def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
+    """Return the motion of a body of ours over the frames of its action, and its position in the scene.
+
+    Raises:
+        ActorMissing: it is no body of ours, or plays nothing.
+    """
+    if not is_actor(armature):
+        hint = "Choose the armature of a solved take as the actor."
+        raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
+    action = current_action(armature)
+    if action is None:
+        raise ActorMissing("The body plays no action.", where=armature.name, hint="Show one of its takes first.")
+    first, last = action.frame_range
+    rate = scene_frame_rate(scene)
+    fps = float(action.get("fps", rate))
+    step = (laid_rate(action) if "fps" in action else rate) / fps
+    times = first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
+    layout = layout_of(armature.data.bones)
+    found = sample_bones(armature, scene, layout.joints, times)
+    matrices = np.stack([found[joint] for joint in layout.joints], axis=1)
+    rest, skin = _at_rest(armature)
+    turns = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2)
+    hands, columns = own_hands(layout, rest, turns), list(layout.standing_for(SMPL))
+    places, contacts = matrices[..., :3, 3][:, columns], _read_contacts(action, len(times))
+    actor = Actor(action.name, rest[columns], turns[:, columns], places, fps, contacts, hands=hands, skin=skin)
+    return actor, TakeTiming(float(first), rate)
+
+
+def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the (J, 3) joints of the shaped body at rest over the floor, moved there by drivers, and its skin."""
+    layout = layout_of(armature.data.bones)
+    heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
+    axes = bone_axes(armature)
+    ways = np.array([armature.pose.bones[joint].location for joint in layout.joints[1:]], np.float64)
+    local = np.concatenate([np.zeros((1, 3)), (axes[1:] @ ways[..., None])[..., 0]])
+    joints = heads.copy()
+    for j, parent in enumerate(layout.parents):
+        if parent >= 0:
+            joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
+    mesh = body_mesh(armature)
+    if mesh is None:
+        ball = joints[list(_BALLS), 2].min()
+        return joints - [0.0, 0.0, ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball)], {}
+    points = shaped_vertices(mesh)
+    sole = [0.0, 0.0, float(points[:, 2].min())]
+    index = {joint: j for j, joint in enumerate(layout.joints)}
+    column = {group.index: index[group.name] for group in mesh.vertex_groups if group.name in index}
+    followed = np.array([column.get(heaviest(vertex), 0) for vertex in mesh.data.vertices])
+    return joints - sole, by_part(points - sole, parts_of_joints(layout, followed))
+
+
+def _read_contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
+    """Return the contacts in the motion file of a take, if it still exists and has as many frames."""
+    try:
+        motion = read_motion(take_file(action, "motion_file"))
+    except (MocapError, OSError):
+        return None
+    return motion.contacts if motion.contacts is not None and len(motion.contacts) == frames else None
+
+
+def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
+    """Return the actions of the file that move bones of the armature, by name."""
+    bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
+    actions = sorted(bpy.data.actions, key=lambda action: action.name)
+    return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
+
+
+def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
+    """Return the moving armature of a scene with a name, or the only one, preferably a body of ours.
+
+    Raises:
+        ActorMissing: there is none, or several and no name.
+    """
+    rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
+    rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
+    chosen = [name] if name else list(rigs)
+    if len(chosen) == 1 and chosen[0] in rigs:
+        return rigs[chosen[0]]
+    wanted = f"There is no armature '{name}' that moves." if name else "One actor is wanted."
+    hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none that moves'}."
+    raise ActorMissing(wanted, where=where, hint=hint)
+
+
+def play_action(armature: bpy.types.Object, name: str) -> None:
+    """Play one action alone, without the NLA. An unknown name is an ``ActorMissing``."""
+    action = bpy.data.actions.get(name)
+    if action is None:
+        names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"
+        raise ActorMissing(f"There is no action '{name}'.", where=armature.name, hint=f"There are: {names}.")
+    animation = armature.animation_data or armature.animation_data_create()
+    animation.use_nla = False
+    animation.action = action
+    slots = getattr(action, "slots", ())
+    if len(slots) and animation.action_slot is None:
+        fitting = [slot for slot in slots if slot.target_id_type in ("OBJECT", "UNSPECIFIED")]
+        animation.action_slot = next((s for s in fitting if s.name_display == armature.name), (fitting or [None])[0])

@@ -18,7 +18,7 @@ from .rest_stage import stand_on_stage
 from .rig_map import RigMap, Switch
 
 
-def constraint_ring(armature: bpy.types.Object) -> list[str]:
+def _constraint_ring(armature: bpy.types.Object) -> list[str]:
     """Return the bones of a ring in which each waits for the next by parents and constraints, empty for none."""
     waits: dict[str, set[str]] = defaultdict(set)
     for bone in armature.pose.bones:
@@ -33,7 +33,7 @@ def constraint_ring(armature: bpy.types.Object) -> list[str]:
     return _ring_in(waits)
 
 
-def object_ring(obj: bpy.types.Object) -> list[str]:
+def _object_ring(obj: bpy.types.Object) -> list[str]:
     """Return the objects of a ring of parents and constraints with an object, empty for none."""
     waits: dict[str, set[str]] = {}
     todo = [obj]
@@ -135,7 +135,7 @@ def _check_object(armature: bpy.types.Object) -> None:
         hint = "Make a library override of it first (Object > Library Override > Make)."
         raise TargetUnsuitable("The target is linked and cannot be keyed.", where=armature.name, hint=hint)
     _scale(armature)
-    for ring, what in ((object_ring(armature), "objects"), (constraint_ring(armature), "bones")):
+    for ring, what in ((_object_ring(armature), "objects"), (_constraint_ring(armature), "bones")):
         if ring:
             hint = "Mute or remove one of their constraints."
             chain = " ← ".join(ring)

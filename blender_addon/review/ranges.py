@@ -14,8 +14,7 @@ from ..animation.curves import current_action, laid_rate
 from ..animation.lanes import read_lane
 from ..animation.layers import without_layers
 from ..animation.takes import BETAS, take_file
-from ..body.body_choice import body_path_of
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body
 from ..body.shape import body_mesh, get_betas
 from ..errors import TakeMissing
 

@@ -12,10 +12,8 @@ from .._exchange.motion_file import MotionFile
 from ..conventions.coordinates import fit_units
 from ..conventions.datablocks import FLOOR_COLOURS, child_collection, create_material, get_input, set_input
 from ..conventions.timing import TakeTiming, set_up_time, show_frame
-from .cameras import add_background, create_camera, look_through
-from .footage import FOOTAGE_RATE
-from .marker_cloud import create_marker_cloud, grade_markers
-from .overlay import Players, create_view_overlay
+from .cameras import FOOTAGE_RATE, add_background, create_camera, look_through
+from .overlay import Players, create_marker_cloud, create_view_overlay, grade_markers
 from .point_player import MODIFIER, RADIUS, player_of
 
 _LINE_M = 0.015

@@ -9,7 +9,7 @@ import bpy
 
 from ..animation.curves import RATE, laid_rate, played_takes, relay_take, same_rate
 from ..conventions.timing import TakeTiming, scene_frame_rate
-from .footage import FOOTAGE_RATE, laid_footage_rate, lay_footage
+from .cameras import FOOTAGE_RATE, laid_footage_rate, lay_footage
 from .point_player import last_row_frame, played_rate, player_of, set_played_rate
 
 _AT_THE_END = 1.0

@@ -14,8 +14,7 @@ from ..animation.curves import action_curves, is_take, laid_rate
 from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
 from ..animation.layers import without_layers
 from ..animation.takes import take_file
-from ..body.body_choice import body_path_of
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
 from ..body.posed_body import with_own_hands
 from ..conventions.skeleton import layout_of

@@ -125,7 +125,7 @@ def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray
 
     The body is also created if it is hidden. Blender must be in object mode, and the scene the window's current one.
     """
-    remove_live_figure()
+    _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
     rig = create_rig(NAME, body, betas, collection)
@@ -142,8 +142,7 @@ def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray
     return LiveFigure(*names, body, np.asarray(betas, np.float64), rotation_from_body_axes(rig.armature))
 
 
-def remove_live_figure() -> None:
-    """Remove the objects of earlier runs."""
+def _remove_live_figure() -> None:
     for collection in [c for c in bpy.data.collections if c.name.split(".")[0] == NAME and c.get("live_figure")]:
         for obj in list(collection.objects):
             bpy.data.objects.remove(obj, do_unlink=True)

@@ -1,7 +1,8 @@
-"""Detections as overlay objects: the keypoints of each view on its camera's image plane, and 3D points in the room."""
+"""Points as overlay objects: the keypoints of each view on its camera's image plane, points in space, and markers."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -9,10 +10,11 @@ import numpy as np
 
 from .._exchange.capture_file import CameraFile
 from .._exchange.lens import normalised, undistort
+from .._exchange.motion_file import MotionFile
 from ..conventions.coordinates import camera_rays
-from ..conventions.datablocks import DETECTION_COLOUR, Colour, create_material, set_input
+from ..conventions.datablocks import DETECTION_COLOUR, MARKER_COLOURS, Colour, create_material, set_input
 from ..conventions.timing import TakeTiming
-from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player
+from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player, played_row
 
 _PLANE_M = 0.5
 """Distance of a view's detections from its camera."""
@@ -113,3 +115,50 @@ def create_view_overlay(
     overlay = create_point_overlay(f"{source.name} detections", points, fps, timing, collection, look, players)
     overlay.parent = camera
     return overlay
+
+
+BOUNDS_MM = (10.0, 25.0)
+"""Limits of the residual of a marker near the body, and of one that is not far off."""
+LABELS = "marker_labels"
+"""Custom property of the object: the markers' labels, one per line, in the order of the points."""
+_MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)
+"""Radius in metres, about that of a real marker, and colours, chosen by hand."""
+
+
+def create_marker_cloud(
+    markers: np.ndarray, labels: Sequence[str], fps: float, timing: TakeTiming, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """Create the object of (F, M, 3) markers in metres, NaN if unseen, with M labels or none."""
+    cloud = create_point_overlay("Markers", markers, fps, timing, collection, _MARKER_LOOK)
+    cloud[LABELS] = "\n".join(labels or (f"*{number}" for number in range(1, markers.shape[1] + 1)))
+    return cloud
+
+
+def labels_of(cloud: bpy.types.Object) -> list[str]:
+    """Return the labels of a cloud's points, in their order."""
+    return str(cloud.get(LABELS, "")).split("\n")
+
+
+def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
+    """Colour every marker of every frame by its residual in a motion, which begins with the same frame.
+
+    Without a motion, all have their plain colour, as have markers that were not solved.
+    """
+    labels = labels_of(cloud)
+    grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
+    if motion is not None and motion.marker_residual_mm is not None:
+        column = {label: i for i, label in enumerate(motion.marker_labels)}
+        solved = [i for i, label in enumerate(labels) if label in column]
+        residual = motion.marker_residual_mm[: len(grades), [column[labels[i]] for i in solved]]
+        grades[: len(residual), solved] = np.where(np.isfinite(residual), 1 + np.searchsorted(BOUNDS_MM, residual), 0)
+    cloud.data.attributes[GRADE].data.foreach_set("value", grades.ravel())
+    cloud.data.update_tag()
+
+
+def marker_positions(cloud: bpy.types.Object, frame: float) -> dict[str, tuple[float, float, float]]:
+    """Return the positions of the seen markers on a scene frame, in the object's own frame, by label."""
+    count, vertices, seen = int(cloud[POINTS]), cloud.data.vertices, cloud.data.attributes[SEEN].data
+    first = played_row(cloud, frame) * count
+    return {
+        label: tuple(vertices[first + i].co) for i, label in enumerate(labels_of(cloud)) if seen[first + i].value > 0.5
+    }

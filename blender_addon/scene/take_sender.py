@@ -15,8 +15,7 @@ from ..animation.action import read_pose
 from ..animation.curves import current_action
 from ..animation.takes import BETAS
 from ..body.armature import rotation_from_body_axes
-from ..body.body_choice import body_path_of
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body
 from ..body.shape import body_mesh, get_betas
 from ..conventions.skeleton import layout_of
 

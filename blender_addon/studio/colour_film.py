@@ -18,8 +18,7 @@ from .._exchange.lens import DEFAULT_MODEL, is_pinhole, normalised, pixels, undi
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import publish, temporary_folder, unfinished_names, write_text
 from .._exchange.verb_results import ShotRecord, is_shot_record
-from ..body.body_choice import body_path_of
-from ..body.body_file import read_body
+from ..body.body_file import body_path_of, read_body
 from ..errors import RenderFailed
 from ..render.picture import Resampling, write_png
 from ..render.stage import render_still, write_targa

@@ -78,8 +78,7 @@ def chosen_python(context: bpy.types.Context) -> Path | None:
     return _chosen(context, "python")
 
 
-def named_detector(context: bpy.types.Context) -> Path | None:
-    """Return the Python that the user chose for detectors, None without one."""
+def _named_detector(context: bpy.types.Context) -> Path | None:
     return _chosen(context, "detector")
 
 
@@ -92,14 +91,14 @@ def detector_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with MediaPipe: the chosen one, or the one that was set up."""
     from ..solving.pythons import made_python
 
-    return named_detector(context) or made_python()
+    return _named_detector(context) or made_python()
 
 
 def litert_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with LiteRT: the one that was set up, or the chosen one."""
     from ..solving.pythons import made_litert_python
 
-    return made_litert_python() or named_detector(context)
+    return made_litert_python() or _named_detector(context)
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
@@ -107,7 +106,7 @@ def detector_for(context: bpy.types.Context) -> Path | None:
     videos = context.scene.mocap.videos
     if _has_own_environment(videos.detector):
         return detector_python(context)
-    return litert_python(context) if _is_litert(videos) else named_detector(context)
+    return litert_python(context) if _is_litert(videos) else _named_detector(context)
 
 
 def lacks_detector(context: bpy.types.Context) -> bool:

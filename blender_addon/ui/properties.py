@@ -265,7 +265,7 @@ class MocapRetarget(bpy.types.PropertyGroup):
 
 
 def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    from ..body.looks import bodies_of, show_look  # which need NumPy, while registering must not
+    from ..body.shape import bodies_of, show_look  # which need NumPy, while registering must not
 
     for mesh in bodies_of(settings.id_data):
         show_look(mesh, settings.look)

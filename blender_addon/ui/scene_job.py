@@ -64,7 +64,7 @@ def prepare_job(
         report=take.report if settings.report and capture.file else None,
         person=capture.people[person].key if len(capture.people) else None,
         subject=subject,
-        labels=write_labels(capture, take.motion.with_suffix(".labels.json")),
+        labels=_write_labels(capture, take.motion.with_suffix(".labels.json")),
         settings=values | {name: value for name, value in more.items() if value},
         resolve=resolve,
     )
@@ -110,8 +110,7 @@ def write_layout(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     return _write(path, values) if places else None
 
 
-def write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
-    """Write the labels that the user has given to points, and return the file or None if there are none."""
+def _write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.point_labels]
     return _write(path, {"format": "manifold_mocap_user_labels", "version": 1, "points": points}) if points else None
 

@@ -135,7 +135,7 @@ def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
     if hasattr(hint, "keywords"):
         return hint
     if isinstance(hint, PropertyRow):
-        return make_property(hint.setting, hint.default, **hint.more)
+        return _make_property(hint.setting, hint.default, **hint.more)
     if hint not in _PLAIN:
         many = get_origin(hint) is Items
         declare = bpy.props.CollectionProperty if many else bpy.props.PointerProperty
@@ -148,7 +148,7 @@ def _property(cls: Any, name: str, hint: Any, hidden: dict[str, Any]) -> Any:
 
 def properties_of(rows: Mapping[str, Setting], defaults: Mapping[str, Any], **more: Any) -> Any:
     """Return a mixin with the properties of settings, and further arguments for each property."""
-    made = {name: make_property(row, defaults[name], **more) for name, row in rows.items()}
+    made = {name: _make_property(row, defaults[name], **more) for name, row in rows.items()}
     return type("SettingProperties", (), {"__annotations__": made})
 
 
@@ -163,7 +163,7 @@ def listed(name: str, items: Any) -> Any:
     return bpy.props.EnumProperty(name=row.label, description=row.description, items=items, translation_context=CONTEXT)
 
 
-def make_property(row: Setting, default: Any, **more: Any) -> Any:
+def _make_property(row: Setting, default: Any, **more: Any) -> Any:
     """Return the property of a setting, with further arguments. Empty text and 0 stand for no value."""
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":

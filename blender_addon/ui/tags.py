@@ -31,7 +31,7 @@ def give_tag(owner: bpy.types.ID | None) -> str:
     return tag
 
 
-def find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
+def _find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
     """Return an object by its tag, None if it was deleted. Of several copies, prefer the last found and local ones."""
     if not tag:
         return None
@@ -82,7 +82,7 @@ class TaggedObject:
         for obj in (active, active and active.find_armature()):
             if obj is not None and tag_of(obj) == tag and scene.objects.get(obj.name) is not None:
                 return obj
-        return find_object(scene, tag)
+        return _find_object(scene, tag)
 
     def __set__(self, group: bpy.types.PropertyGroup, obj: bpy.types.Object | None) -> None:
         setattr(group, self._key, give_tag(obj))

@@ -72,7 +72,7 @@ def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
 
-    from ..scene.marker_cloud import marker_positions
+    from ..scene.overlay import marker_positions
 
     found = {}
     for label, point in marker_positions(cloud, context.scene.frame_current_final).items():
@@ -89,7 +89,7 @@ def colour_markers(scene: bpy.types.Scene) -> None:
         return
     from .._exchange.motion_file import read_motion
     from ..animation.takes import take_file
-    from ..scene.marker_cloud import grade_markers
+    from ..scene.overlay import grade_markers
 
     motion = None
     if capture.show_residuals and take is not None:
@@ -100,8 +100,7 @@ def colour_markers(scene: bpy.types.Scene) -> None:
     grade_markers(capture.cloud, motion)
 
 
-def draw_cameras() -> None:
-    """Draw the outlines of the capture cameras."""
+def _draw_cameras() -> None:
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
@@ -142,13 +141,11 @@ _weights: dict[tuple[str, int], np.ndarray] = {}
 """Joint weights of skins by mesh name and number of vertices."""
 
 
-def shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
-    """Yield the reviews with visible confidence."""
-    return (review for review in reviews_of(scene) if review.colours)
+def _shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
+    return (review for review in _reviews_of(scene) if review.colours)
 
 
-def reviews_of(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
-    """Yield the reviews of a scene that have a body."""
+def _reviews_of(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
     for capture in scene.mocap.captures:
         for review in capture.reviews:
             if review.armature is not None and review.armature.type == "ARMATURE":
@@ -159,7 +156,7 @@ def _draw_skins() -> None:
     from ..body.shape import body_mesh
 
     context = bpy.context
-    for review in shown_reviews(context.scene):
+    for review in _shown_reviews(context.scene):
         skin = body_mesh(review.armature)
         if skin is not None and skin.visible_get(view_layer=context.view_layer):
             _draw_skin(context, review.armature, skin)
@@ -177,7 +174,7 @@ def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy
     if key not in _weights:
         _weights[key] = joint_weights(skin, joints)
     resting = resting_bones(armature, context.scene.frame_current)
-    draw_coloured(posed, skin_colours(_weights[key], joints, current_confidence(armature), resting))
+    _draw_coloured(posed, skin_colours(_weights[key], joints, current_confidence(armature), resting))
 
 
 def _draw_bands() -> None:
@@ -186,15 +183,15 @@ def _draw_bands() -> None:
 
     context = bpy.context
     view, height = context.region.view2d, _BAND_PX * context.preferences.system.ui_scale
-    for review in shown_reviews(context.scene):
+    for review in _shown_reviews(context.scene):
         if review.take is None:
             continue
         for first, last, shade in doubtful_bands(review.take, review.below):
             left, right = (view.view_to_region(frame, 0.0, clip=False)[0] for frame in (first - 0.5, last + 0.5))
-            draw_band(left, max(float(right), left + 2.0), height, shade)
+            _draw_band(left, max(float(right), left + 2.0), height, shade)
 
 
-def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
+def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
     import gpu  # pyright: ignore[reportMissingImports]
     import numpy as np
@@ -222,8 +219,7 @@ def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     gpu.state.blend_set("NONE")
 
 
-def draw_band(left: float, right: float, height: float, shade: tuple[float, float, float]) -> None:
-    """Draw a filled rectangle on the lower edge of the region."""
+def _draw_band(left: float, right: float, height: float, shade: tuple[float, float, float]) -> None:
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
@@ -236,7 +232,7 @@ def draw_band(left: float, right: float, height: float, shade: tuple[float, floa
 
 drawing = Drawing(
     (bpy.types.SpaceView3D, draw_names, "POST_PIXEL"),
-    (bpy.types.SpaceView3D, draw_cameras, "POST_VIEW"),
+    (bpy.types.SpaceView3D, _draw_cameras, "POST_VIEW"),
     (bpy.types.SpaceView3D, _draw_skins, "POST_VIEW"),
     (bpy.types.SpaceDopeSheetEditor, _draw_bands, "POST_PIXEL"),
 )
@@ -246,7 +242,7 @@ def colour_bones(scene: bpy.types.Scene) -> None:
     """Colour the bones of the bodies by confidence, or remove the colours."""
     from ..review.colours import paint_bones
 
-    for review in reviews_of(scene):
+    for review in _reviews_of(scene):
         paint_bones(review.armature, scene.frame_current, shown=review.colours)
 
 

@@ -48,7 +48,7 @@ _READERS = (
     "blender_addon/render/picture.py",
     "blender_addon/solving/road_file.py",
     "blender_addon/studio/places.py",
-    "blender_addon/body/body_choice.py",
+    "blender_addon/body/body_file.py",
     "blender_addon/retarget/rig_map.py",
     "blender_addon/studio/scene_file.py",
     "blender_addon/body/body_file.py",

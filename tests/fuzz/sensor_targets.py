@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from blender_addon.body.body_choice import body_path_of
+from blender_addon.body.body_file import body_path_of
 from blender_addon.headless.batch.engines.cluster_task import MARKER as MARKER
 from blender_addon.headless.batch.engines.cluster_task import marker_in
 from blender_addon.solving.live import read_pose_line

@@ -73,7 +73,7 @@ def camera(user: Any) -> Any:
 
 def looks(user: Any) -> Any:
     """Switch the body to a mannequin and back."""
-    look_of, [mesh] = extension("body.looks").look_of, mocap().review.armature.children
+    look_of, [mesh] = extension("body.shape").look_of, mocap().review.armature.children
     user.look_at(mocap().review.armature.pose.bones["head"].head, 1.2)
     yield from user.open_panel("VIEW3D_PT_mocap_shape")
     yield from user.press("mocap.look", 0.75)

@@ -88,7 +88,7 @@ def gaps(user: Any) -> Any:
 def floor(user: Any) -> Any:
     """Lift the body, then stand it on the floor."""
     body = mocap().review.armature
-    height = extension("review.floor_height").sole_height
+    height = extension("review.ranges").sole_height
     keys = [tuple(key.co) for curve in curves() for key in curve.keyframe_points[:3]]
     yield from user.type_into("review.floor_offset", "0.1")
     assert abs(body.delta_location.z - 0.1) < 1e-6, body.delta_location

@@ -31,7 +31,7 @@ def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
     return root
 
 
-def rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
+def _rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
     """Return the (3,) position of a limb's pole at rest."""
     upper, lower, _ = (layout.heads[JOINTS.index(joint)] for joint in limb.joints)
     return lower + _POLE_DISTANCE * np.linalg.norm(lower - upper) * _AHEAD[limb.kind]
@@ -51,7 +51,7 @@ def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
         reach.head, reach.tail = (ankle + _REACH * (knee - ankle)).tolist(), ankle.tolist()
         reach.roll, reach.parent = bones[lower].roll, above
         _twin(data, limb.control, end, root)
-        pole, place = bones.new(limb.pole), rest_pole(layout, limb)
+        pole, place = bones.new(limb.pole), _rest_pole(layout, limb)
         pole.head, pole.tail = place.tolist(), (place + [0.0, _POLE_SIZE, 0.0]).tolist()
         pole.align_roll((0.0, 0.0, 1.0))
         pole.parent = root
@@ -99,15 +99,15 @@ def _add_solver(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> N
     ik.target = ik.pole_target = armature
     ik.subtarget, ik.pole_subtarget = limb.control, limb.pole
     ik.chain_count, ik.use_stretch = 3, False
-    ik.pole_angle = pole_angle(armature, layout, limb)
+    ik.pole_angle = _pole_angle(armature, layout, limb)
 
 
-def pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> float:
+def _pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> float:
     """Return the angle about the upper bone from the direction of its pole at rest to its X axis."""
     bone = armature.data.bones[limb.solved[0]]
     axes = np.array(bone.matrix_local.to_3x3(), np.float64)
     head, end = (layout.heads[JOINTS.index(joint)] for joint in (limb.joints[0], limb.joints[2]))
-    normal = np.cross(end - head, rest_pole(layout, limb) - head)
+    normal = np.cross(end - head, _rest_pole(layout, limb) - head)
     toward = np.cross(normal, axes[:, 1])
     return float(np.arctan2(np.cross(toward, axes[:, 0]) @ axes[:, 1], axes[:, 0] @ toward))
 

@@ -11,8 +11,7 @@ from ..._exchange.finger_joints import to_flat
 from ..._exchange.npz import read_arrays
 from ..._exchange.progress import Progress
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
-from ...body.body_choice import body_path_of
-from ...body.body_file import default_hands_path, read_body
+from ...body.body_file import body_path_of, default_hands_path, read_body
 from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...errors import NothingToExport

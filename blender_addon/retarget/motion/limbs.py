@@ -36,7 +36,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     distance = np.clip(np.linalg.norm(reach, axis=-1), 1.001 * np.abs(a - b), longest_reach(upper, lower))
-    n = bend_axis(upper, lower, axis)
+    n = _bend_axis(upper, lower, axis)
     un, vn = _dot(upper, n), _dot(lower, n)
     u, v = upper - un[:, None] * n, lower - vn[:, None] * n
     lengths = np.maximum(np.linalg.norm(u, axis=-1) * np.linalg.norm(v, axis=-1), 1e-12)
@@ -53,7 +53,7 @@ def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
 
-def bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
+def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return the unit vectors (F, 3) of a bend of two bones (F, 3): square to both, or the anatomical axis if straight.
 
     ``n ∝ u × v / (|u| |v|) + ε a`` neither jumps nor flips as a limb stretches.

@@ -49,17 +49,10 @@ class HandPlace:
         return self.name == PALM
 
 
-def hand_places(
+def _hand_places(
     actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
 ) -> Iterator[HandPlace]:
-    """Yield the palms of hands with a goal and a length, each with the fingertips that both figures have.
-
-    Args:
-        actor: the motion.
-        target: the rig.
-        turns: (N, F, 3, 3) rotations of its controls.
-        goals: (F, 3) places of wrists by role.
-    """
+    """Yield the palms of hands with a goal and a length, each with the fingertips that both figures have."""
     fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
     for side in SIDES:
         role = f"{side}_hand"
@@ -140,7 +133,7 @@ def keep_hands_together(
         turns: (N, F, 3, 3) rotations of its controls.
         goals: (F, 3) places by role, with hands.
     """
-    places = list(hand_places(actor, target, turns, goals))
+    places = list(_hand_places(actor, target, turns, goals))
     lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
     if not lefts or not rights:
         return goals
@@ -240,16 +233,10 @@ class Solid:
         return (1 - dk) * below + dk * above
 
 
-def solids_of(
+def _solids_of(
     heads: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray], skin: Mapping[str, np.ndarray]
 ) -> dict[str, Solid]:
-    """Return the parts with known skin.
-
-    Args:
-        heads: (3,) positions at rest by role, and of ``CHEST``, ``BASE`` and ``TOP``.
-        turns: (3, 3) rotations by the same from the figure's rest to our body's, by default the identity.
-        skin: (V, 3) points at rest by name of the skin.
-    """
+    """Return the parts with known skin."""
     found = {}
     for name, part in PARTS.items():
         if not {part.turned_by, part.start, part.end or part.start} <= heads.keys() or part.skin not in skin:
@@ -336,7 +323,7 @@ def keep_hands_on_body(
     own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)
     both = [name for name in PARTS if name in own and name in theirs and _is_likely(own[name], theirs[name], scale)]
     ways, totals = dict[str, np.ndarray](), dict[str, np.ndarray]()
-    for place in hand_places(actor, target, turns, goals) if both else ():
+    for place in _hand_places(actor, target, turns, goals) if both else ():
         arm = tuple(f"{place.side}_{part}" for part in ("upper_arm", "forearm"))
         way = ways.setdefault(place.role, np.zeros_like(place.own))
         total = totals.setdefault(place.role, np.zeros(len(place.own)))
@@ -381,7 +368,7 @@ def _control_of(target: Target, name: str) -> int:
 def _solids_of_actor(actor: Actor) -> dict[str, Solid]:
     heads = {role: actor.rest[joint] for role, joint in JOINT_OF.items()}
     trunk = {BASE: actor.rest[list(_HIPS)].mean(0), TOP: actor.rest[_NECK], CHEST: actor.rest[_CHEST_JOINT]}
-    return solids_of(heads | trunk, {}, actor.skin)
+    return _solids_of(heads | trunk, {}, actor.skin)
 
 
 def _solids_of_target(target: Target, A: np.ndarray) -> dict[str, Solid]:
@@ -389,4 +376,4 @@ def _solids_of_target(target: Target, A: np.ndarray) -> dict[str, Solid]:
     heads = dict(zip(target.roles, target.heads, strict=True))
     turns = dict(zip(target.roles, A, strict=True))
     trunk = {BASE: base, TOP: top, CHEST: target.heads[chest]}
-    return solids_of(heads | trunk, turns | {CHEST: A[chest]}, target.skin)
+    return _solids_of(heads | trunk, turns | {CHEST: A[chest]}, target.skin)

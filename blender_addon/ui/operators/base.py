@@ -104,9 +104,10 @@ class MocapOperator(Operator):
             self.report({"WARNING"} if warn else {"INFO"}, message)
         return {"FINISHED"}
 
-    def tell(self, message: str) -> None:
-        """Report a message as information."""
-        self.report({"INFO"}, message)
+    def tell(self, *messages: str, kind: str = "INFO") -> None:
+        """Report messages."""
+        for message in messages:
+            self.report({kind}, message)
 
     def give_up(self, message: str, kind: str = "WARNING") -> set[str]:
         """Report a reason and return that nothing was done."""

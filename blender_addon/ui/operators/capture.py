@@ -227,7 +227,7 @@ def choose_nearest(
 @operator("Label Point", MARKERS, _SHOWN)
 def label_point(self: Any, context: bpy.types.Context) -> set[str] | None:
     """Label the selected point in this frame, so that the next solve labels the recording around it."""
-    from ...scene.marker_cloud import marker_positions, played_row
+    from ...scene.overlay import marker_positions, played_row
 
     capture = context.scene.mocap.capture
     index = capture.marker_index

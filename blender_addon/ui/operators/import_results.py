@@ -18,20 +18,16 @@ from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
 from ...animation.layers import aside_note, playing_actions
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
-from ...body.body_choice import body_path_of
-from ...body.body_file import read_body
-from ...body.looks import bodies_of, show_look
-from ...body.shape import body_mesh
+from ...body.body_file import body_path_of, read_body
+from ...body.shape import bodies_of, body_mesh, show_look
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
 from ...conventions.skeleton import JOINTS
 from ...conventions.timing import scene_frame_rate
-from ...scene.add_take import add_take, keep_edits, plays_body
-from ...scene.bake import BakedTake, BakeSettings, bake_take
-from ...scene.cameras import CAMERA_NAME
+from ...scene.bake import BakedTake, BakeSettings, add_take, bake_take, keep_edits, plays_body
+from ...scene.cameras import CAMERA_NAME, near_footage
 from ...scene.capture_stage import CaptureStage, replace_stage, set_stage
-from ...scene.footage import near_footage
-from ...scene.marker_cloud import LABELS, labels_of, marker_positions
+from ...scene.overlay import LABELS, labels_of, marker_positions
 from ...scene.session import is_untouched, undisturbed
 from ..adoption import adopt, adopt_beside
 from ..project_files import bring_home
@@ -43,7 +39,7 @@ if TYPE_CHECKING:
 _NAMED = ("known", "unknown", "computed", "doubled")
 
 
-def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
+def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
     """Keep the meaning and gaps of each label of a result of ``convert``, and the object with the markers."""
     names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
@@ -99,7 +95,7 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     capture.name, capture.file = plain(result["name"]), stored(result["capture"])
     capture.frames, capture.fps, capture.frame_start = result["frames"], result["fps"], start
     capture.joint_set = result["joint_set"] or ""
-    take_markers(capture, result, stage)
+    _take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
     capture.checked = capture.check_findings = capture.suspect_cameras = ""
@@ -117,7 +113,7 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
         item.name, item.object, item.detections = row["name"], camera, views.get(camera)
         item.seen_percent, item.use = row["seen_percent"] or 0.0, item.name not in unused
         item.has_footage = bool(camera.data.background_images)
-    take_people(capture, result["people"])
+    _take_people(capture, result["people"])
     for review in capture.reviews:
         if review.armature is None:
             review.pins.clear()
@@ -166,7 +162,7 @@ def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
     space.region_3d.view_distance = _HEIGHTS * max(skin.dimensions)
 
 
-def take_people(capture: bpy.types.PropertyGroup, people: list[PersonSummary]) -> None:
+def _take_people(capture: bpy.types.PropertyGroup, people: list[PersonSummary]) -> None:
     """Keep the people of a capture. Known people keep their body and the name from the user."""
     names = {person.key: person.name for person in capture.people}
     while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
@@ -227,7 +223,7 @@ def take_motion(
     review.armature = armature
     settings.stage = "EDIT"
     if needs_body:
-        show_looks(scene)
+        _show_looks(scene)
         frame_body(context, armature)
     colour_markers(scene)
     if needs_body and replaced is not None:
@@ -236,8 +232,7 @@ def take_motion(
     return action
 
 
-def show_looks(scene: bpy.types.Scene) -> None:
-    """Give new bodies the look of the scene."""
+def _show_looks(scene: bpy.types.Scene) -> None:
     for mesh in bodies_of(scene):
         show_look(mesh, scene.mocap.look)
 
@@ -280,7 +275,7 @@ def add_motion(
     if person := person_of(motion.provenance):
         take.action[PERSON] = person
     adopt(context.scene)
-    show_looks(context.scene)
+    _show_looks(context.scene)
     context.scene.mocap.stage = "EDIT"
     if settings.set_scene:
         for obj in context.selected_objects:

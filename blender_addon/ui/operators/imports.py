@@ -68,8 +68,7 @@ class BringsMotion(SolverOperator):
             take = add_motion(context, Path(result["motion"]), self.bake_settings(context))
         frame_body(context, take.armature)
         bring_home()
-        for note in (*remarks(result), *take.notes):
-            self.report({"WARNING"}, note)
+        self.tell(*remarks(result), *take.notes, kind="WARNING")
         off_mm = result.get("distance_mm")
         near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
         return f"Baked '{take.action.name}'{near}"
@@ -134,8 +133,7 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIO
         paths = (absolute(text) if text else None for text in (self.capture_path, self.body_path))
         take = add_motion(context, file, settings, *paths)
         current.last = None
-        for note in take.notes:
-            self.report({"WARNING"}, note)
+        self.tell(*take.notes, kind="WARNING")
         message = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
         return f"{message}; {set_up_said(context.scene, take_over=settings.set_scene)}"
 
@@ -148,7 +146,7 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
 
 def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
     """Return the armature chosen as actor, or the active one, unless it is one of our bodies."""
-    from ...retarget.actor_rig import is_actor
+    from ...retarget.rig_actor import is_actor
 
     settings = context.scene.mocap.retarget
     chosen = settings.actor
@@ -247,8 +245,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
         before = bpy.data.actions.get(self._take)
         source = None if before is None or not before.get("capture_file") else take_file(before, "capture_file")
         action = take_motion(context, SolveFiles(self._out, source, None, None), tell=self.tell)
-        for note in remarks(result):
-            self.report({"WARNING"}, note)
+        self.tell(*remarks(result), kind="WARNING")
         hands = sum(len(recording["sides"]) for recording in result["gloves"])
         return f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}"
 

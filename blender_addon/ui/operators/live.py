@@ -84,7 +84,7 @@ class CurrentLive:
         import numpy as np
 
         from ...body.body_file import default_body_path, read_body
-        from ...body.looks import show_look
+        from ...body.shape import show_look
         from ...scene.live_figure import create_live_figure
 
         try:
@@ -173,7 +173,7 @@ def before_load(*_: object) -> None:
 ALONE = Need("Live is running; stop it first", lambda context: not live.busy)
 
 
-def source_of(scene: bpy.types.Scene) -> str:
+def _source_of(scene: bpy.types.Scene) -> str:
     """Return the recording to replay: the chosen one, or the capture's if it has markers."""
     capture = scene.mocap.capture
     return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
@@ -182,7 +182,7 @@ def source_of(scene: bpy.types.Scene) -> str:
 def _has_source(context: bpy.types.Context) -> bool:
     settings = context.scene.mocap.live
     chosen = {"VMC": settings.listen, "CAMERAS": True}
-    return bool(chosen[settings.kind] if settings.kind in chosen else source_of(context.scene))
+    return bool(chosen[settings.kind] if settings.kind in chosen else _source_of(context.scene))
 
 
 def _has_cameras(context: bpy.types.Context) -> bool:
@@ -200,7 +200,7 @@ def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
     from ...scene.live_figure import LiveFace, read_face_table
 
     scene, settings = context.scene, context.scene.mocap.live
-    require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")
+    _require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")
     face, body = None, True
     if settings.kind == "VMC":
         body = allowed_address(settings.listen, tuple(PORTS)).scheme not in FACES
@@ -220,8 +220,7 @@ def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFi
 
     scene = context.scene
     rig = LiveRig(chosen_target(context), scene, table_map(context), chosen_settings(scene), body, np.zeros(10))
-    for note in rig.notes:
-        operator.report({"WARNING"}, note)
+    operator.tell(*rig.notes, kind="WARNING")
     return rig
 
 
@@ -230,7 +229,7 @@ def _has_poses(scene: bpy.types.Scene) -> bool:
     from ..._exchange.motion_file import is_motion
 
     kind = scene.mocap.live.kind
-    return kind == "VMC" or (kind != "CAMERAS" and is_motion(absolute(source_of(scene))))
+    return kind == "VMC" or (kind != "CAMERAS" and is_motion(absolute(_source_of(scene))))
 
 
 def _file_or_program(context: bpy.types.Context) -> LiveRun:
@@ -246,8 +245,8 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
         if address.scheme in FACES:
             sending, subject = [], ""  # a face is not sent on, and has no body
     else:
-        require_there(source_of(scene))
-        source = absolute(source_of(scene))
+        _require_there(_source_of(scene))
+        source = absolute(_source_of(scene))
         suffix = "" if is_motion(source) else ".c3d"  # a replayed motion is not recorded again
         subject = subject if suffix else ""
     folder = usable(files_folder(scene))
@@ -262,7 +261,7 @@ def _cameras(context: bpy.types.Context) -> LiveRun:
     from ...solving.live import SENSORS_GRACE_S, start_live
 
     scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
-    require_there(settings.calibration)
+    _require_there(settings.calibration)
     sources = [
         text if ":" in text and not absolute(text).exists() else _video(text) for text in split(settings.cameras)
     ]
@@ -289,8 +288,7 @@ def live_stop(self: MocapOperator, context: bpy.types.Context) -> None:
         live.run.stop()
 
 
-def require_there(*paths: str) -> None:
-    """Raise ``FileMissing`` for the first path that is given and does not exist."""
+def _require_there(*paths: str) -> None:
     for path in paths:
         if path and not absolute(path).exists():
             raise FileMissing("This file does not exist.", where=absolute(path).name, hint="Choose another one.")
@@ -335,7 +333,7 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
         from ...solving.live import SENSORS_GRACE_S, start_live
 
         scene, sensors, part = context.scene, context.scene.mocap.sensors, self.part
-        require_there(sensors.subject, sensors.source if sensors.kind == "FOLDER" else "")
+        _require_there(sensors.subject, sensors.source if sensors.kind == "FOLDER" else "")
         folder = usable(files_folder(scene))
         words = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
         if part == "TAKE":
@@ -360,7 +358,7 @@ class MOCAP_OT_calibrate_sensors(SolverOperator, bpy.types.Operator):
 
     def call(self, context: bpy.types.Context) -> Call:
         sensors = context.scene.mocap.sensors
-        require_there(sensors.wand, sensors.gamma)
+        _require_there(sensors.wand, sensors.gamma)
         folder = usable(files_folder(context.scene))
         out = options(out=next_path(folder, "sensor_array", ".toml"))
         return Call([*sensors.calibrating(), *out], folder)

@@ -37,8 +37,7 @@ def map_rig(self: Any, context: bpy.types.Context) -> str:
 
     found = map_rig(chosen_target(context), user_presets_folder())
     show_map(context.scene.mocap.retarget, found)
-    for doubt in found.doubts:
-        self.report({"WARNING"}, doubt)
+    self.tell(*found.doubts, kind="WARNING")
     return f"{found.label}: {counted(len(found.bones), 'bone')}; check the table"
 
 
@@ -100,8 +99,7 @@ def retarget(self: Any, context: bpy.types.Context) -> str:
     done = retarget(actor, rig, scene, rig_map, timing, chosen_settings(scene))
     mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
     show_frame(scene)
-    for note in (*warnings, *done.notes):
-        self.report({"WARNING"}, note)
+    self.tell(*warnings, *done.notes, kind="WARNING")
     measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
     match = f"hands and feet match within {max(done.deviation_mm, 0.1):.1f} mm"
     return f"'{done.action.name}': scaled by {measured}, {match}"
@@ -118,9 +116,8 @@ def chosen_settings(scene: bpy.types.Scene) -> RetargetSettings:
 
 
 def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
-    from ...retarget.actor_rig import is_actor, read_actor
     from ...retarget.recognition import map_rig, user_presets_folder
-    from ...retarget.rig_actor import read_rig_actor
+    from ...retarget.rig_actor import is_actor, read_actor, read_rig_actor
 
     rig = actor_object(scene)
     if rig is None or is_actor(rig):

@@ -92,7 +92,7 @@ def show_confidence(self: Any, context: bpy.types.Context) -> None:
 @operator("Select Body", BODY)
 def select_body(self: Any, context: bpy.types.Context) -> None:
     """Leave pose mode and select only the solved body."""
-    select_alone(context, context.scene.mocap.review.armature)
+    _select_alone(context, context.scene.mocap.review.armature)
 
 
 @operator("Open Report", TAKE, options=OPENS)
@@ -112,7 +112,7 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
     return bpy.ops.wm.path_open(filepath=str(path))
 
 
-def select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
+def _select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
     """Change to object mode, unhide an object, and make it the active and only selected one.
 
     A ``BodyUnreachable`` is raised if its collection is hidden or excluded from the view layer.
@@ -172,7 +172,7 @@ def mark_gaps(self: Any, context: bpy.types.Context) -> str:
     from ...review.ranges import doubtful_ranges
 
     scene, review = context.scene, context.scene.mocap.review
-    remove_marks(scene)
+    _remove_marks(scene)
     gaps = doubtful_ranges(review.take, _NOTHING_MEASURED)
     others = [r for r in doubtful_ranges(review.take, review.below) if not any(_meet(r, gap) for gap in gaps)]
     for name, ranges in ((_GAP, gaps), (_TO_REVIEW, others)):
@@ -184,11 +184,10 @@ def mark_gaps(self: Any, context: bpy.types.Context) -> str:
 @operator("Clear Gap Markers")
 def clear_marks(self: Any, context: bpy.types.Context) -> None:
     """Remove our gap markers from the timeline, and keep your own markers."""
-    remove_marks(context.scene)
+    _remove_marks(context.scene)
 
 
-def remove_marks(scene: bpy.types.Scene) -> None:
-    """Remove our markers from a scene's timeline."""
+def _remove_marks(scene: bpy.types.Scene) -> None:
     for marker in [m for m in scene.timeline_markers if m.name.startswith((f"{_GAP} ", f"{_TO_REVIEW} "))]:
         scene.timeline_markers.remove(marker)
 

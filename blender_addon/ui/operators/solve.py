@@ -237,7 +237,7 @@ _LOG = Need("There is no log", lambda context: current.run is not None or curren
 @operator("Show Log", _LOG, options=INTERNAL)
 def show_log(self: Any, context: bpy.types.Context) -> None:
     """Show the solver's log in a new window."""
-    text = write_log()
+    text = _write_log()
     if not bpy.app.background:
         bpy.ops.wm.window_new()
         area = context.window_manager.windows[-1].screen.areas[0]
@@ -245,8 +245,7 @@ def show_log(self: Any, context: bpy.types.Context) -> None:
         area.spaces.active.text = text
 
 
-def write_log() -> bpy.types.Text:
-    """Write the log of the current or last run into a text of the file."""
+def _write_log() -> bpy.types.Text:
     run = current.run or current.last
     assert run is not None
     text = next((text for text in bpy.data.texts if "mocap_log" in text), None)

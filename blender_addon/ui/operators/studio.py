@@ -43,8 +43,8 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
 
     def call(self, context: bpy.types.Context) -> Call:
         settings = context.scene.mocap.studio
-        folder = next_folder(context.scene, "benchmark")
-        path = write_description(benchmark_description(context), folder.with_suffix(".json"))
+        folder = _next_folder(context.scene, "benchmark")
+        path = _write_description(benchmark_description(context), folder.with_suffix(".json"))
         self._faults = next(label for value, label, _ in FAULTS if value == settings.faults)
         return self.film(path, folder, "--benchmark", *sorted(settings.methods), "--places")
 
@@ -62,7 +62,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
             median = next(item.median_mm for item in places if item.array == array)
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(file)
-        show_row(context, first)
+        _show_row(context, first)
         return f"{settings.rows[first].array}: {settings.rows[first].reached}"
 
 
@@ -73,11 +73,11 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
 
     def call(self, context: bpy.types.Context) -> Call:
         settings = context.scene.mocap.studio
-        out = absolute(settings.out) if settings.out else next_folder(context.scene, "data_set")
+        out = absolute(settings.out) if settings.out else _next_folder(context.scene, "data_set")
         if settings.planned:  # nothing has changed, so an unfinished run can continue
             out = file_of(settings.planned_out)
-        description = next_folder(context.scene, "data_set").with_name("data_set.json")
-        path = write_description(data_set_description(context), description)
+        description = _next_folder(context.scene, "data_set").with_name("data_set.json")
+        path = _write_description(data_set_description(context), description)
         self._checked = stored(path), stored(out)
         return self.film(path, out, "--plan")
 
@@ -110,7 +110,7 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
 @operator("Show on the Floor", index=int)
 def show_places(self: Any, context: bpy.types.Context) -> None:
     """Show the array's errors by place as coloured squares on the floor."""
-    show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
+    _show_row(context, min(self.index, len(context.scene.mocap.studio.rows) - 1))
 
 
 @operator("Open Page", options=OPENS, index=int)
@@ -131,8 +131,7 @@ def clear_benchmarks(self: Any, context: bpy.types.Context) -> None:
     remove_places(context.scene)
 
 
-def show_row(context: bpy.types.Context, index: int) -> None:
-    """Show the map of a row, in the colours of all rows of its benchmark."""
+def _show_row(context: bpy.types.Context, index: int) -> None:
     from ...studio.places import read_places, shared_limits, show_places
 
     maps = read_places(_row(context, index)[1])
@@ -208,15 +207,13 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
     }
 
 
-def write_description(description: dict[str, Any], path: Path) -> Path:
-    """Write a description and return its path."""
+def _write_description(description: dict[str, Any], path: Path) -> Path:
     import json
 
     return write_text(path, json.dumps(description, indent=1, ensure_ascii=False) + "\n", overwrite=True)
 
 
-def next_folder(scene: bpy.types.Scene, name: str) -> Path:
-    """Return the next numbered folder in the scene's folder of files."""
+def _next_folder(scene: bpy.types.Scene, name: str) -> Path:
     return next_path(usable(files_folder(scene) / "studio"), name)
 
 

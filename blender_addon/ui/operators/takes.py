@@ -96,7 +96,7 @@ class MOCAP_OT_thin_take(MocapOperator, bpy.types.Operator):
         self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
 
     def work(self, context: bpy.types.Context) -> str:
-        from ...scene.add_take import thinned_take
+        from ...scene.bake import thinned_take
 
         scene, review = context.scene, context.scene.mocap.review
         limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)

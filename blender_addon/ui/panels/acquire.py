@@ -30,10 +30,9 @@ _STATES = {
 
 @panel("Live", ACQUIRE, order=7, closed=True)
 def live(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings and Start, or the run and Stop."""
     settings = context.scene.mocap.live
     if running.busy and not running.of_sensors:
-        draw_run(layout, context)
+        _draw_run(layout, context)
         return
     draw_field(layout, settings, "kind")
     column = layout.column(align=True)
@@ -78,8 +77,7 @@ def _draw_sending(layout: bpy.types.UILayout, settings: Any) -> None:
         draw_field(layout, settings, "send_to", "EXPORT")
 
 
-def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the state of the run, its timing, the coverage of a wand, the last message, and Stop."""
+def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     run = running.run
     assert run is not None  # drawn only during a run
     pose = run.latest
@@ -111,10 +109,9 @@ def timing_lines(pose: LivePose) -> list[str]:
 
 @panel("Sensor Array", ACQUIRE, order=8, closed=True)
 def sensor_array(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw sensors, calibration and take, or the run."""
     sensors, verbs = context.scene.mocap.sensors, ("oaks", "calibrate-wand")
     if running.busy and running.of_sensors:
-        draw_run(layout, context)
+        _draw_run(layout, context)
         return
     if not draw_progress(layout, verbs):
         draw_failure(layout, context, verbs)
@@ -160,7 +157,6 @@ def _draw_take(layout: bpy.types.UILayout, sensors: MocapSensors) -> None:
 
 @panel("Studio", ACQUIRE, order=9, closed=True)
 def studio(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the camera array and the simulated errors, and the failure of the last run."""
     settings = context.scene.mocap.studio
     column = layout.column()
     column.enabled = not current.busy
@@ -175,7 +171,6 @@ def studio(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Benchmark", ACQUIRE, parent="studio")
 def benchmark(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings, the button and the table of arrays."""
     settings = context.scene.mocap.studio
     column = layout.column(align=True)
     column.enabled = not current.busy
@@ -207,7 +202,6 @@ def _draw_row(
 
 @panel("Data Set", ACQUIRE, parent="studio", closed=True)
 def data_set(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings of a data set, its size, and the buttons."""
     settings = context.scene.mocap.studio
     column = layout.column()
     column.enabled = not current.busy

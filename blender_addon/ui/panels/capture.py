@@ -30,7 +30,6 @@ _FEW_PERCENT = 60
 
 @panel("Capture", "CAPTURE")
 def capture(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the ways to import, and the capture."""
     settings = context.scene.mocap
     if draw_progress(layout, ("convert", "demo-capture")):
         return
@@ -72,7 +71,6 @@ def _draw_recognised(layout: bpy.types.UILayout, context: bpy.types.Context, ite
 
 @panel("Reading Options", "CAPTURE", parent="capture", order=3, closed=True)
 def reading(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the options, and the button that reads the same recording again."""
     settings = context.scene.mocap
     layout.enabled = not current.busy
     names = ("scene_setup", "joint_set", "unit", "up_axis", *READING_ROWS, "footage_anywhere")
@@ -94,7 +92,6 @@ def _has_problems(context: bpy.types.Context) -> bool:
 
 @panel("Problems", "CAPTURE", parent="capture", needs=_has_problems, draw_header=_draw_problem_icon)
 def problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the problems with their remedies."""
     for message in context.scene.mocap.capture.messages:
         for found in message.found if message.is_problem else ():
             draw_finding(layout, context, found)
@@ -106,7 +103,6 @@ def _has_notes(context: bpy.types.Context) -> bool:
 
 @panel("Notes", "CAPTURE", parent="capture", order=1, closed=True, needs=_has_notes)
 def notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the notes of the reader. Markers have them in their own panel."""
     _draw_notes(layout, context)
 
 
@@ -132,7 +128,6 @@ class MOCAP_UL_markers(bpy.types.UIList):
 
 @panel("Markers", "CAPTURE", parent="capture", order=1, needs=has_markers)
 def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw a summary of the markers, the notes, and the display options."""
     item = context.scene.mocap.capture
     for line in summarise(item):
         wrapped(layout, context, line)
@@ -163,7 +158,6 @@ def summarise(capture: MocapCapture) -> list[str]:
 
 @panel("Labels", "CAPTURE", parent="capture", order=2, closed=True, needs=has_markers)
 def labels(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the list of markers, and the labels from the user."""
     item = context.scene.mocap.capture
     lists = (MOCAP_UL_markers.__name__, "", item, "marker_items", item, "marker_index")
     layout.template_list(*lists, rows=6, maxrows=12)
@@ -208,7 +202,6 @@ def _has_people(context: bpy.types.Context) -> bool:
 
 @panel("People", "CAPTURE", parent="capture", order=2, needs=_has_people)
 def people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the list of people."""
     item = context.scene.mocap.capture
     rows = min(6, max(2, len(item.people)))
     layout.template_list(MOCAP_UL_people.__name__, "", item, "people", item, "person_shown", rows=rows)
@@ -219,7 +212,6 @@ def people(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Cameras", "CAPTURE", order=1, needs=lambda context: len(context.scene.mocap.capture.cameras))
 def cameras(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw a row per camera, the excluded ranges, and the calibration."""
     scene, narrow = context.scene, is_narrow(context)
     if scene.mocap.review.armature is None:
         draw_next(layout, context, "Look through the cameras and check that the points are on the person.")

@@ -19,7 +19,6 @@ _LEFT, _RIGHT = "left", "right"
 
 @panel("Export", "DELIVER", order=5, needs=has_body)
 def export(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the armature to export, and a button per program."""
     armature = exported_armature(context)
     if armature is None:
         return
@@ -34,7 +33,6 @@ def export(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Formats", "DELIVER", parent="export", closed=True, needs=has_body)
 def formats(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw a button per format."""
     columns = 1 if is_slim(context) else 2
     grid = layout.grid_flow(row_major=True, columns=columns, even_columns=True, align=True)
     for name, item in FORMATS.items():
@@ -44,7 +42,6 @@ def formats(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Markers", "DELIVER", parent="export", needs=has_markers)
 def export_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the formats of cleaned and solved markers."""
     if draw_progress(layout, ("export-markers",)):
         return
     column = layout.column(align=True)
@@ -58,7 +55,6 @@ def export_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 @panel("Retarget", "DELIVER", order=6, closed=True, needs=lambda context: len(bpy.data.armatures))
 def retarget(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw actor, target, map and the button."""
     settings = context.scene.mocap.retarget
     layout.prop(settings, "actor")
     if foreign_actor(context) is not None:
@@ -90,7 +86,6 @@ def _is_mapped(context: bpy.types.Context) -> bool:
 
 @panel("Bones", "DELIVER", parent="retarget", closed=True, needs=_is_mapped)
 def bone_table(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the table of bones to correct, and the map pose."""
     settings = context.scene.mocap.retarget
     rows, bones = {row.name: row for row in settings.table}, settings.target.data
     column = layout.column(align=True)

@@ -53,7 +53,6 @@ def panel(
         name = f"VIEW3D_PT_mocap_{draw.__name__}"
         options = ({"DEFAULT_CLOSED"} if closed else set()) | (set() if header else {"HIDE_HEADER"})
         members: dict[str, Any] = {
-            "__doc__": draw.__doc__,
             "__module__": draw.__module__,
             "bl_space_type": "VIEW_3D",
             "bl_region_type": "UI",

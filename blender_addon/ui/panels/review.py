@@ -24,7 +24,6 @@ _SLIDER, _NARROW_SLIDER = 0.75, 0.82
 
 @panel("Review", "EDIT", order=4, needs=has_body)
 def review(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the takes, the worst joint, and the buttons to the ranges to review and the report."""
     settings = context.scene.mocap.review
     take = settings.take
     _draw_takes(layout, context.scene.mocap, take)
@@ -79,7 +78,6 @@ def _draw_worst(layout: bpy.types.UILayout, settings: MocapReview, frame: int) -
 
 @panel("Fix a Range", "EDIT", parent="review", needs=has_take)
 def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the range, the pins and the button."""
     settings = context.scene.mocap.review
     layout.enabled = not current.busy
     row = layout.column(align=True) if is_slim(context) else layout.row(align=True)
@@ -98,7 +96,6 @@ def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Clean Up", "EDIT", parent="review", order=2, closed=True, needs=has_take)
 def clean_up(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings to solve again with, the floor and the gaps."""
     settings = context.scene.mocap
     if settings.capture.file:
         column = layout.column(align=True)
@@ -120,7 +117,6 @@ def clean_up(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Take", "EDIT", parent="review", order=3, closed=True, needs=has_take)
 def take(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the ways to use the take, and the deviation of a thinned one."""
     action = context.scene.mocap.review.take
     if "keys_deviation" in action:
         wrapped(layout, context, action["keys_deviation"], "INFO")
@@ -143,7 +139,6 @@ def _has_sliders(context: bpy.types.Context) -> bool:
 
 @panel("Body Shape", "EDIT", parent="review", order=2, closed=True, needs=_has_sliders)
 def shape(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the look, and a slider per component of the shape."""
     from ...body.shape import body_mesh, effect_of, look_key, sliders
 
     mesh = body_mesh(context.scene.mocap.review.armature)
@@ -165,7 +160,6 @@ def _has_limbs(context: bpy.types.Context) -> bool:
 
 @panel("FK and IK", "EDIT", parent="review", order=4, needs=_has_limbs)
 def limbs(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw a slider per limb, and the button that switches it and keeps the motion."""
     root = context.scene.mocap.review.armature.pose.bones[ROOT]
     column = layout.column(align=True)
     share = _NARROW_SLIDER if is_narrow(context) else _SLIDER
@@ -191,7 +185,6 @@ def _has_fingers(context: bpy.types.Context) -> bool:
 
 @panel("Fingers", "EDIT", parent="review", order=5, closed=True, needs=_has_fingers)
 def fingers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button that adds gloves, and the controls of both hands if the body has them."""
     column = layout.column()
     column.enabled = not current.busy
     column.operator("mocap.add_gloves", icon="VIEW_PAN")

@@ -23,7 +23,6 @@ HEADERS = ("VIEW3D_HT_header", "DOPESHEET_HT_header", "GRAPH_HT_header", "RENDER
 
 @panel("Stages", order=-1, header=False)
 def run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the stages, then the progress of the run, or the status and the next step."""
     settings = context.scene.mocap
     columns = 2 if is_narrow(context) else len(STAGES)
     grid = layout.grid_flow(row_major=True, columns=columns, even_columns=True, align=True)
@@ -42,7 +41,6 @@ def run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Run", ACQUIRE, order=-1, header=False, needs=lambda context: current.busy)
 def acquisition_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the progress of the run."""
     if current.run is not None:
         _draw_run(layout, context)
 
@@ -60,8 +58,7 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator("mocap.cancel", icon="CANCEL")
 
 
-def needs_new_rate(scene: bpy.types.Scene) -> bool:
-    """Return whether motion, detections or footage have another frame rate than the scene."""
+def _needs_new_rate(scene: bpy.types.Scene) -> bool:
     from ...scene.frame_rate import needs_relaying
 
     return needs_relaying(scene, takes_of_captures(scene))
@@ -70,7 +67,7 @@ def needs_new_rate(scene: bpy.types.Scene) -> bool:
 def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     from ...conventions.timing import scene_frame_rate
 
-    if not needs_new_rate(context.scene):
+    if not _needs_new_rate(context.scene):
         return
     rate = f"The scene now has {scene_frame_rate(context.scene):g} fps, so motion or detections play too fast or slow."
     box = layout.box()
@@ -80,7 +77,7 @@ def _draw_rate(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.types.Context) -> None:
     """Draw the button that follows the frame rate, in headers of editors and below Blender's frame rate."""
-    if context.scene is None or not needs_new_rate(context.scene):
+    if context.scene is None or not _needs_new_rate(context.scene):
         return
     row = self.layout.row()
     row.alert = True

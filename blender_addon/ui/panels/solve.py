@@ -23,7 +23,6 @@ if TYPE_CHECKING:
 
 @panel("Solve", "SOLVE", order=2, needs=has_capture)
 def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the preset, the person of the markers, and the buttons for several people. Solve itself is on top."""
     settings = context.scene.mocap
     row = layout.row()
     row.enabled = not current.busy
@@ -53,7 +52,6 @@ def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Advanced", "SOLVE", parent="solve", closed=True, needs=has_capture)
 def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the settings of the method, greyed with the values of a preset, and the other settings."""
     settings = context.scene.mocap.solve
     column = layout.column()
     acting = tuple(filter(settings.acts, CHOSEN_BY_PRESETS))
@@ -93,7 +91,6 @@ def _kept_warnings(context: bpy.types.Context) -> Sequence[Diagnostic]:
 
 @panel("Result", "EDIT", order=3, needs=lambda context: _solved(context) is not None or _kept_warnings(context))
 def result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the result of the last solve, or the warnings that the take keeps from another session."""
     solved = _solved(context)
     if solved is not None:
         _draw_outcome(layout.box(), context, solved)
@@ -104,7 +101,6 @@ def result(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 @panel("Details", "EDIT", parent="result", closed=True, needs=lambda context: _solved(context) is not None)
 def result_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the notes, and the button of the log."""
     solved = _solved(context)
     for take in () if solved is None else solved.get("takes", [solved]):
         for note in notes_in(read_diagnostics(take.get("diagnostics"))):

@@ -60,7 +60,6 @@ previews = Previews()
 
 @panel("From Videos", "CAPTURE", parent="capture", order=2, closed=True)
 def videos(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the detector, the steps and the settings."""
     settings = context.scene.mocap.videos
     draw_progress(layout, ("from-videos",))
     _draw_detector(layout, context)

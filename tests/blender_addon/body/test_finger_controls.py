@@ -19,7 +19,7 @@ from blender_addon.body.posed_body import pose_joints
 from blender_addon.body.rig import create_rig
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
-from blender_addon.scene.add_take import add_take
+from blender_addon.scene.bake import add_take
 from blender_addon.scene.hand_edits import played_channels
 from solver_backend.io.motions.bvh import read_bvh
 from tests.support.moving_fingers import FRAMES, moving_fingers

@@ -15,11 +15,10 @@ from blender_addon.animation.deviation import measure_deviation
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.posed_body import pose_joints, skin, with_own_hands
 from blender_addon.conventions.coordinates import R_ARMATURE_BODY
-from blender_addon.retarget.actor_rig import is_actor, read_actor
 from blender_addon.retarget.motion.figures import Target, actor_of_motion
 from blender_addon.retarget.motion.limbs import bend_fingers
-from blender_addon.scene.add_take import add_take, plays_body
-from blender_addon.scene.bake import BakeSettings, bake_take
+from blender_addon.retarget.rig_actor import is_actor, read_actor
+from blender_addon.scene.bake import BakeSettings, add_take, bake_take, plays_body
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import load_body_with_hands, with_fingers
 from solver_backend.body.mesh import pose_mesh

@@ -15,10 +15,10 @@ from blender_addon.errors import TargetUnsuitable
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
-from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.retarget import RetargetSettings, retarget
+from blender_addon.retarget.rig_actor import read_actor
 from blender_addon.scene.bake import BakeSettings, bake_take
 from blender_addon.scene.limb_modes import pose_by_joints, pose_from_ends
 from tests.support.addon_stand_in import Files

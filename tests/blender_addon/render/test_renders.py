@@ -21,7 +21,7 @@ from blender_addon.render.strips import encode_video, open_footage
 from blender_addon.render.subject import DETECTION_DOT, KEYPOINT_DOT, RenderedTake, footage_backdrop
 from blender_addon.render.view import View
 from blender_addon.scene.bake import BakedTake, bake_take
-from blender_addon.scene.footage import Footage
+from blender_addon.scene.cameras import Footage
 
 
 @pytest.fixture

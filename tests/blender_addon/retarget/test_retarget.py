@@ -12,11 +12,11 @@ from blender_addon.animation.curves import action_curves
 from blender_addon.body.posed_body import pose_joints
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import MapInvalid, TargetUnsuitable
-from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.recognition import named_preset
 from blender_addon.retarget.retarget import MAP, RetargetSettings, retarget
+from blender_addon.retarget.rig_actor import read_actor
 from blender_addon.scene.bake import BakeSettings, bake_take
 from tests.support.addon_stand_in import Files
 from tests.support.mixamo_rig import PREFIX, mixamo_rig

@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 
 from blender_addon.body.shape import body_mesh, get_betas
-from blender_addon.scene.add_take import add_take
-from blender_addon.scene.bake import BakedTake
+from blender_addon.scene.bake import BakedTake, add_take
 
 
 def test_takes_of_one_body_share_it_and_its_sliders_follow(scene: bpy.types.Scene, take: BakedTake, files: Any) -> None:

@@ -18,8 +18,7 @@ from blender_addon.conventions.coordinates import SENSOR_WIDTH_MM, camera_to_wor
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.render.picture import write_png
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
-from blender_addon.scene.cameras import create_camera, look_through
-from blender_addon.scene.footage import find_footage
+from blender_addon.scene.cameras import create_camera, find_footage, look_through
 
 _RNG = np.random.default_rng(5)
 

@@ -8,7 +8,7 @@ import pytest
 
 from blender_addon.conventions.datablocks import MARKER_COLOURS
 from blender_addon.conventions.timing import TakeTiming
-from blender_addon.scene.marker_cloud import create_marker_cloud, grade_markers, labels_of, marker_positions
+from blender_addon.scene.overlay import create_marker_cloud, grade_markers, labels_of, marker_positions
 from blender_addon.scene.point_player import set_played_rate
 from tests.support.addon_stand_in import bare_motion
 

@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.props import Prop
-from blender_addon.scene.add_take import add_take
-from blender_addon.scene.bake import BakeSettings, bake_take
+from blender_addon.scene.bake import BakeSettings, add_take, bake_take
 from blender_addon.scene.props import MARKERS, SIGMA_DEG, SIGMA_MM
 
 

@@ -14,13 +14,12 @@ import pytest
 from blender_addon._exchange.errors import MocapError
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.body.body_choice import body_path_of
-from blender_addon.body.body_file import read_body
+from blender_addon.body.body_file import body_path_of, read_body
 from blender_addon.conventions.timing import scene_frame_rate
 from blender_addon.errors import BodyMismatch
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
-from blender_addon.scene.add_take import add_take
+from blender_addon.scene.bake import add_take
 from blender_addon.ui.operators.base import SolverOperator, current
 from blender_addon.ui.operators.import_results import take_motion
 from tests.support.narrow_layout import draw_panel

@@ -16,7 +16,7 @@ from blender_addon.headless.bake import run_bake
 from blender_addon.headless.verb_table import VERBS
 from blender_addon.render.picture import write_png
 from blender_addon.scene import cameras
-from blender_addon.scene.footage import find_footage, near_footage
+from blender_addon.scene.cameras import find_footage, near_footage
 from blender_addon.ui.operators.import_results import add_motion
 from solver_backend.io.native.capture_file import read_capture as read_whole
 from solver_backend.io.native.capture_file import write_capture

@@ -13,8 +13,8 @@ from blender_addon._exchange.stands import stands, steps
 from blender_addon.animation.curves import action_curves, current_action
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.rig_actor import read_actor
 from blender_addon.review.ranges import sole_height
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.imports import remarks

@@ -8,8 +8,7 @@ import pytest
 
 from blender_addon.animation.action import read_pose
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.body.body_choice import body_path_of
-from blender_addon.body.body_file import read_body
+from blender_addon.body.body_file import body_path_of, read_body
 from blender_addon.body.controls.limbs import LIMBS, ROOT
 from blender_addon.ui.operators.import_results import take_motion
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import read_motion
-from blender_addon.scene.marker_cloud import labels_of
+from blender_addon.scene.overlay import labels_of
 from blender_addon.ui.operators.base import SolverOperator
 from blender_addon.ui.operators.imports import SUFFIXES
 from blender_addon.ui.panels.capture import summarise

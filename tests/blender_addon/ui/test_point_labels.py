@@ -11,7 +11,7 @@ import pytest
 
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.conventions.naming import MARKERS
-from blender_addon.scene.marker_cloud import labels_of
+from blender_addon.scene.overlay import labels_of
 from blender_addon.ui.operators.capture import choose_nearest
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.job import Job

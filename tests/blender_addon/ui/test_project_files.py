@@ -221,8 +221,7 @@ def test_a_take_that_arrives_after_saving_comes_home(mocap, unsaved, solved, tmp
 
 
 def test_footage_is_linked_relative_to_the_file(mocap, unsaved, tmp_path) -> None:
-    from blender_addon.scene.cameras import _load
-    from blender_addon.scene.footage import Footage
+    from blender_addon.scene.cameras import Footage, _load
 
     save(tmp_path / "shot" / "a.blend")
     image = bpy.data.images.new("picture", 4, 4)

@@ -20,7 +20,7 @@ from blender_addon.animation.lanes import current_confidence, read_lane
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.shape import body_mesh, sliders
 from blender_addon.conventions.timing import set_scene_frame_rate
-from blender_addon.scene.add_take import add_take
+from blender_addon.scene.bake import add_take
 from blender_addon.solving.presets import PRESETS
 from blender_addon.ui.operators import solve
 from blender_addon.ui.operators.base import SolverOperator, current

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blender_addon.body import body_choice
+from blender_addon.body import body_file
 from blender_addon.errors import BodyMissing
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.files.choices import (
@@ -76,13 +76,13 @@ def test_smpl_family_files_work_by_path(tmp_path: Path, suffix: str, joints: int
 )
 def test_addon_and_solver_agree_on_the_folder(platform: str, environment: dict[str, str]) -> None:
     found = bodies_folder(environment, platform)
-    assert found == body_choice.bodies_folder(environment, platform)
+    assert found == body_file.bodies_folder(environment, platform)
     assert (
         found == Path(environment[FOLDER_VARIABLE]).expanduser()
         if FOLDER_VARIABLE in environment
         else found.is_absolute()
     )
-    assert body_choice.SHIPPED == SHIPPED
+    assert body_file.SHIPPED == SHIPPED
 
 
 def test_addon_finds_the_body_of_a_motion(folder: Path) -> None:
@@ -90,11 +90,11 @@ def test_addon_finds_the_body_of_a_motion(folder: Path) -> None:
     shutil.copy(DEFAULT_BODY, folder / "tall.npz")
     for choice in (SHIPPED, "tall", str(folder / "tall.npz")):
         provenance = json.dumps({"settings": {"body": choice}})
-        assert body_choice.body_path_of(provenance) == resolve_body(choice)
+        assert body_file.body_path_of(provenance) == resolve_body(choice)
     for silent in ("", "no json", "{}", '{"settings": null}'):
-        assert body_choice.body_path_of(silent) == DEFAULT_BODY
+        assert body_file.body_path_of(silent) == DEFAULT_BODY
     with pytest.raises(BodyMissing, match="solved for the body 'short', whose file is not there") as error:
-        body_choice.body_path_of(json.dumps({"settings": {"body": "short"}}))
+        body_file.body_path_of(json.dumps({"settings": {"body": "short"}}))
     assert str(folder) in error.value.hint
 
 
