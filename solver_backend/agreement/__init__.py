@@ -1,8 +1,8 @@
-"""Explain what the files of a capture mean: one list of hypotheses, one likelihood, one search.
+"""Explain the files of a capture by one list of hypotheses, one likelihood and one search.
 
-A ``Reading`` is an immutable statement of how every file is read: poses, sizes and turns of pictures, camera names,
-sides, clocks. ``hypotheses`` holds one row for each fault that a file can have: a code, the readings that it proposes,
-and what they cost. ``explain`` scores the capture as written, proposes readings, scores them, and keeps the winner.
+A ``Reading`` is an immutable interpretation of every file: poses, sizes and turns of pictures, camera names, sides,
+clocks. ``hypotheses`` has one row per fault: a code, proposed readings, and their costs. ``explain`` scores the literal
+reading and all proposed ones, and keeps the winner.
 
 The score of a reading is a log-likelihood in nats:
 

@@ -18,11 +18,11 @@ LEAST_CAMERAS = 3
 MOST_WAYS = 50_000
 """Assignments that are compared: of 8 cameras to 8 there are 40,320."""
 _POSES, _JUDGED = 20, 20
-"""Poses that are compared, and best assignments whose noise is estimated."""
+"""Compared poses, and best assignments with an estimated noise."""
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
-    """Return the calibrated camera of each recorded one under which all views agree, None where none stands out.
+    """Return the calibrated camera of each recorded one by the agreement of views, None if it is not clear.
 
     Rings of equal cameras can be turned without a difference: then only ``by_order`` may show which is which.
 

@@ -1,8 +1,8 @@
-"""How well views of one person agree with a calibration, its focal lengths and small turns of cameras left free.
+"""Fit focal lengths and small rotations of cameras to views of one person.
 
-Distances of points from each other's epipolar lines are fitted by Gauss-Newton with Cauchy's weights. Every camera may
-be turned a little, or calibrations that are a little off would count as evidence for something else. A camera's turn
-moves the distances of its own pairs alone, so each pair adds to 7 rows of the normal equations.
+Distances of points from epipolar lines are minimised by Gauss-Newton with Cauchy weights. Every camera may rotate a
+little, so that an inexact calibration is no evidence for another fault. A rotation changes the distances of the
+camera's own pairs alone, so each pair adds to 7 rows of the normal equations.
 """
 
 from __future__ import annotations
@@ -22,54 +22,53 @@ from solver_backend.geometry.small_matrices import dot, squared_length, sum_of_r
 from solver_backend.types import Cameras, Keypoints2D
 
 FACTOR_SPREAD = 0.3
-"""Of the logarithm, before anything is seen."""
+"""Prior deviation of the logarithm of the factor."""
 TURN_SPREAD_RAD, LARGEST_TURN_RAD = 0.005, 0.015
-"""How far calibrated cameras are turned from the true ones; beyond the second they are not what lenses explain."""
+"""Prior deviation of a calibrated camera's rotation, and largest rotation that a fault of lenses explains."""
 OFF_PERSON = 0.006
-"""Least spread of detections by the person's extent in the picture, for those of a person who stands still."""
+"""Least scatter of detections by the person's extent in the picture, for a person who stands still."""
 MOMENTS = 6
-"""Moments of a take between which errors of detections are independent; chosen so that ten simulated takes spread as
-far as their standard deviations state."""
+"""Independent moments of a take, chosen so that ten simulated takes scatter as their standard deviations state."""
 LARGEST_LOG = 0.7
 ROUNDS, CONVERGED = 40, 1e-3
-"""Focal lengths and turns give way to each other: the last steps shrink by a quarter each, and 16 are usual there."""
+"""Focal lengths and rotations are correlated: the last steps shrink by a quarter each, and 16 are usual."""
 LEAST_CAMERAS = 3
 """Two views agree by chance in too many ways."""
 MOST_CAMERAS, FRAMES = 8, 24
 """Cameras and frames that are compared, of more."""
 SEEN = 0.3
-"""Confidence from which a keypoint counts."""
+"""Least confidence of a keypoint."""
 _CAUCHY = 2.0
-"""Standard deviations from which a distance counts less."""
+"""Scale of the Cauchy weights, standard deviations."""
 
 
 @dataclass(frozen=True)
 class EpipolarFit:
-    """Focal lengths and turns under which C cameras agree best."""
+    """Best focal lengths and rotations of C cameras."""
 
     log: float
-    """Logarithm of the factor by which focal lengths are too short."""
+    """Logarithm of the factor that focal lengths lack."""
     sigma: float
     """Its standard deviation."""
     x: np.ndarray
-    """(1 + 3 C,) the same logarithm, and the cameras' turns, rad."""
+    """(1 + 3 C,) the same logarithm, and the cameras' rotations, rad."""
     off: np.ndarray
     """(N,) signed distances of points from epipolar lines, px."""
     frames: int
-    """Frames that they are of."""
+    """Number of frames."""
     spread_px: float
-    """Standard deviation of the distances that are no outliers."""
+    """Standard deviation of the distances without outliers."""
 
     @property
     def is_calibrated(self) -> bool:
-        """Whether the cameras are turned by no more than calibrated ones."""
+        """Whether the rotations are those of calibrated cameras."""
         return bool(np.abs(self.x[1:]).max() < LARGEST_TURN_RAD)
 
     def misfit(self, spread_px: float) -> float:
-        """Return twice the negative logarithm of the posterior, of independent moments, but for a constant.
+        """Return twice the negative log posterior of independent moments, up to a constant.
 
         Args:
-            spread_px: standard deviation of detections, the same for all fits that are compared.
+            spread_px: standard deviation of detections, the same for all compared fits.
         """
         lengths = _CAUCHY**2 * np.log1p((self.off / (_CAUCHY * spread_px)) ** 2)
         return float(_share(self.frames) * lengths.sum() + ((self.x / _spreads(len(self.x))) ** 2).sum())
@@ -77,7 +76,7 @@ class EpipolarFit:
 
 @dataclass(frozen=True)
 class ComparedViews:
-    """Cameras and what they see of one person, for several checks of their lenses."""
+    """Cameras and their detections of one person, for several checks of lenses."""
 
     cameras: Cameras
     xy: np.ndarray
@@ -85,24 +84,24 @@ class ComparedViews:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
-        """Return what is compared, see ``compared_points``."""
+        """Return the compared cameras and points, see ``compared_points``."""
         compared = compared_points(cameras, keypoints)
         return None if compared is None else cls(*compared)
 
     @cached_property
     def fit(self) -> EpipolarFit | None:
-        """How they agree in the lenses as calibrated, see ``fit_epipolar``."""
+        """Fit with the calibrated lenses, see ``fit_epipolar``."""
         return fit_epipolar(self.cameras, self.xy)
 
     def without_one(self) -> list[ComparedViews]:
-        """Return what is left without each camera in turn, nothing where that would be two views."""
+        """Return the views without each camera in turn, nothing for three views."""
         count = len(self.cameras)
         rest = [[c for c in range(count) if c != left] for left in range(count)] if count > LEAST_CAMERAS else []
         return [ComparedViews(self.cameras.subset(kept), self.xy[kept]) for kept in rest]
 
 
 def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, np.ndarray] | None:
-    """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen. None where they are too few.
+    """Return compared cameras and (C, F, J, 2) pixels, NaN where unseen. None if they are too few.
 
     Args:
         cameras: in any unit.
@@ -118,7 +117,7 @@ def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, 
 
 
 def fit_epipolar(cameras: Cameras, xy: np.ndarray) -> EpipolarFit | None:
-    """Return the fit, None where too little is seen, or it does not converge.
+    """Return the fit, None if too little is seen or it does not converge.
 
     Args:
         cameras: C cameras in any unit.
@@ -205,9 +204,9 @@ def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> tuple[np.ndarray, np.
 
 
 def pixels_a_direction(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
-    """Return (C, F, J) by how many px a point moves if its direction (x, y, 1) does, in the lenses as calibrated.
+    """Return (C, F, J) px per unit of a point's direction (x, y, 1) in the calibrated lenses.
 
-    A lens that bends shows less or more of it at its edge: distances are compared where the detector measured.
+    Distorting lenses have another scale at their edge, and detectors err in pixels.
     """
     n = undistort(cameras, xy)
     _, (xx, cross, yy) = distort_with_jacobian(n, cameras.distortion, cameras.models)
@@ -220,7 +219,7 @@ def _spreads(count: int) -> np.ndarray:
 
 
 def _share(frames: int) -> float:
-    """Return what a frame counts: neighbouring ones show the same."""
+    """Return the weight of a frame. Neighbouring frames show the same."""
     return min(1.0, MOMENTS / frames)
 
 
@@ -234,19 +233,19 @@ def _extent(xy: np.ndarray) -> float:
 
 
 OFF = 0.05
-"""Logarithm of a factor from which it is a finding."""
+"""Least logarithm of a reported factor."""
 SIGMAS = 3.5
-"""Standard deviations from which it is: right lenses reach 2.5 in ten simulated takes, the demo and recorded takes;
-those of nine in ten simulated takes that are calibrated 10 % too long, 3.9."""
+"""Its least number of standard deviations. Right lenses reach 2.5 in ten simulated takes, the demo and recorded takes.
+Lenses that are 10 % too long reach 3.9 in nine of ten simulated takes."""
 LEFT_SHARE = 0.3
-"""Of the logarithm that must be left without any one camera: lenses that are all 10 to 25 % off leave 0.47 to 1.6 of it
-in the demo; a camera that takes a poster for the person for a third of the take, when it is left out, -0.02."""
+"""Least share of the logarithm without any one camera. In the demo, lenses that are all 10 to 25 % off leave 0.47 to
+1.6. Without a camera that detects a poster for a third of the take, -0.02 are left."""
 
 
 def report_focal_lengths(
     cameras: Cameras, keypoints: Keypoints2D, views: ComparedViews | None = None
 ) -> tuple[Diagnostic, ...]:
-    """Return the warning that all focal lengths seem too long or too short, () where the views do not clearly show it.
+    """Warn of focal lengths that are all too long or too short, if the views show it clearly.
 
     Args:
         cameras: C cameras in any unit.
@@ -266,19 +265,18 @@ def report_focal_lengths(
 
 
 GAIN = 8.0
-"""Twice the logarithm of how much likelier the views are without distortion, from which it is a finding: five recorded
-takes and the demo with lenses of k1 from -0.32 to 0.2 reach 4.7 where they are right. Undistorted they reach 9 to 33
-where a person walks to the edge of pictures that bend by 9 px there; of a person in the middle, moved by 1 to 2
-px where detectors are off by 5, nothing shows."""
+"""Least doubled log-likelihood ratio of views without distortion. Five recorded takes and the demo with right lenses of
+k1 from -0.32 to 0.2 reach 4.7. Undistorted pixels reach 9 to 33 if a person walks to an edge with 9 px of distortion.
+1 to 2 px in the middle cannot be detected."""
 UNDISTORTED_LEFT_SHARE = 0.1
-"""Of the gain that must be left in the mean without one camera: undistorted pixels leave 0.22 to 0.4 (four cameras), a
-camera that follows a person who crosses -0.03."""
+"""Least mean share of the gain without one camera. Undistorted pixels leave 0.22 to 0.4 (four cameras), a camera that
+follows a passer-by -0.03."""
 
 
 def report_undistorted(
     cameras: Cameras, keypoints: Keypoints2D, views: ComparedViews | None = None
 ) -> tuple[Diagnostic, ...]:
-    """Return the warning that pixels seem to be undistorted, () where the views do not clearly show it.
+    """Warn of pixels that are already undistorted, if the views show it clearly.
 
     Args:
         cameras: C cameras in any unit.
@@ -297,7 +295,7 @@ def report_undistorted(
 
 
 def _gain(views: ComparedViews) -> float:
-    """Return twice the logarithm of how much likelier the views are without distortion. 0 where that is unknown."""
+    """Return the doubled log-likelihood ratio of the views without distortion, 0 if it is unknown."""
     chosen = views.cameras
     without = replace(chosen, distortion=np.zeros_like(chosen.distortion), models=(DEFAULT_MODEL,))
     fits = views.fit, fit_epipolar(without, views.xy)

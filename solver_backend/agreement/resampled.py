@@ -1,4 +1,4 @@
-"""Detections of cameras of other frame rates, brought to one rate."""
+"""Bring detections of cameras with different frame rates to one rate."""
 
 from __future__ import annotations
 
@@ -15,12 +15,11 @@ from solver_backend.agreement.starts import matches
 from solver_backend.types import UNSEEN_POINT, Cameras
 
 NEAR = 0.15
-"""Mean move of keypoints from frame to frame, in the extent of all of them, up to which it is the same person in the
-same place of the list."""
+"""Largest mean step of one person's keypoints from frame to frame, in the person's extent."""
 
 
 def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[float]) -> Detections:
-    """Return chosen cameras, of each the frame that is nearest to every moment.
+    """Return the nearest frame of chosen cameras to every moment.
 
     Args:
         detections: C cameras, each from its own first frame.
@@ -44,7 +43,7 @@ def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
-    """Return every camera at the moments of the take, between two frames of its own where both show the same person.
+    """Return every camera at the moments of the take, interpolated where both frames show the same person.
 
     Args:
         detections: C cameras, each from its own first frame.
@@ -71,7 +70,7 @@ def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
 
 
 def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
-    """Write keypoints between two frames into ``result`` where the same place of both holds the same person."""
+    """Write keypoints between two frames with the same person into ``result``."""
     before = np.floor(at).astype(int)
     after = np.minimum(before + 1, detections.num_frames - 1)
     share = (at - before)[:, None, None, None]
@@ -95,7 +94,7 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
 
 
 SAME_FRAMES = 2.0
-"""By how many frames cameras that record the same seconds differ in their number at most."""
+"""Largest difference of frame numbers of cameras that record the same seconds."""
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)
 """Frames per second that cameras have."""
 MATCH_TIMES = 1.2
@@ -103,7 +102,7 @@ MATCH_TIMES = 1.2
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:
-    """Return (C,) frames of each camera for one of the longest's; ones unless their likelihood is far larger.
+    """Return (C,) frames of each camera for one of the longest, ones unless the likelihood is far larger.
 
     Args:
         cameras: C cameras as written.
@@ -139,7 +138,7 @@ def rates_match(cameras: Cameras, detections: Detections, rates: np.ndarray) -> 
 
 
 def _standard(length: int, longest: int) -> float:
-    """Return the ratio of two rates that cameras have which explains a number of frames, 1 where none does."""
+    """Return the ratio of two usual rates that explains a number of frames, 1 if none does."""
     ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
     ratio = min(ratios, key=lambda ratio: abs(ratio * longest - length))
     return ratio if abs(ratio * longest - length) <= SAME_FRAMES else 1.0

@@ -48,6 +48,7 @@ LEAST_READING, READING_RIVAL, NEAR_SIZE = 1.0, 0.6, 0.5
 """Least strength of another reading on few frames, share of it that leaves open which is right, and difference of
 logarithms up to which sizes are neighbours."""
 _ROUNDS = 8
+"""Rounds of descent at most, chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""A gesture that all views see turn in a moment: both wrists rush together, meet, and part."""
+"""Synchronise by claps of the hands, flashes of light, and sound."""
 
 from __future__ import annotations
 
@@ -17,29 +17,29 @@ from solver_backend.videos.sync.speeds import person_size
 RATE_HZ = 240.0
 """The wrists are looked at at so many moments per second."""
 FLOOR_S = 0.008
-"""Standard deviation of a clap's moment in a view, which sees wrists and not palms."""
+"""Standard deviation of a clap's moment in a view. Wrists are not palms."""
 SMOOTHING_S = 0.035
-"""Standard deviation of the smoothing: hands rush together for about 0.1 s."""
+"""Standard deviation of the smoothing. Hands approach each other for about 0.1 s."""
 NEAR = 0.25
-"""Wrists this near, in sizes of the person in the picture, may be meeting."""
+"""Largest distance of wrists in a clap, in sizes of the person in the picture."""
 WRISTS = ("left_wrist", "right_wrist")
 LEAST_AGREEMENT = 0.3
-"""Claps of two views that agree less are not the same."""
+"""Least correlation of the same claps in two views."""
 MEDIAN_S = 0.15
 """Length of the running median."""
 TOP_LAGS, KEPT = 8, 40
-"""Lags tried for each camera beside those known, and sets of lags that are followed."""
+"""New lags that are tried for each camera, and sets of lags that are kept."""
 ALIKE = 0.85
-"""Lags whose correlations sum to this share of the best may be the true ones too."""
+"""Share of the best sum of correlations from which other lags may be true, too."""
 APART_S = 0.1
-"""Lags nearer than this to a better one are not tried."""
+"""Least distance of a tried lag to a better one."""
 
 
 def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
-    """Return how sharply the wrists' distance turns from falling to rising, 0 where they are apart or unknown.
+    """Return the positive second derivative of the wrists' distance, 0 where they are apart or unknown.
 
-    ``max(0, d²/dt² |l - r| / size)``, the distance smoothed by a running median, for detections are elsewhere at times,
-    and a Gaussian. Left and right may be exchanged.
+    ``max(0, d²/dt² |l - r| / size)`` with the distance smoothed by a running median and a Gaussian. Left and right may
+    be exchanged.
 
     Args:
         track: (F, K, 2) px of the person, NaN where missing.
@@ -58,7 +58,7 @@ def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal
 
 
 def _median(values: np.ndarray, length: int) -> np.ndarray:
-    """Return (F,) running medians over so many, NaN where most are missing."""
+    """Return (F,) running medians, NaN where most values are missing."""
     padded = np.pad(values, length // 2, constant_values=np.nan)
     around = np.sort(np.lib.stride_tricks.sliding_window_view(padded, length), axis=-1)  # what is missing comes last
     count = np.isfinite(around).sum(-1)
@@ -67,10 +67,10 @@ def _median(values: np.ndarray, length: int) -> np.ndarray:
 
 
 def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: float) -> Clocks:
-    """Return the clocks of cameras by claps that they saw; rates cannot be found by these.
+    """Return the clocks of cameras by claps. Rates cannot be found.
 
-    Sets of lags are built camera by camera, those whose correlations over all pairs sum to most are followed; between
-    the lags of the best set and what each pair shows near by, least squares decide.
+    Sets of lags are built camera by camera. The sets with the largest sums of correlations over all pairs are kept.
+    Least squares of the pairs' lags near the best set give the clocks.
 
     Args:
         names: of C cameras.
@@ -106,7 +106,7 @@ def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: floa
 def _doubts(
     names: tuple[str, ...], best: float, lags: list[int], others: list[tuple[float, list[int]]]
 ) -> list[Diagnostic]:
-    """Return a diagnostic of each camera whose claps fit elsewhere nearly as well."""
+    """Report each camera with claps that fit nearly as well at another lag."""
     found: list[Diagnostic] = []
     for c in range(1, len(names)):
         rivals = [
@@ -121,9 +121,9 @@ def _doubts(
 
 
 def _agreement(first: Signal, second: Signal, reach_s: float) -> np.ndarray:
-    """Return (2 L + 1,) the correlations of wholes at lags of -L to L samples.
+    """Return (2 L + 1,) correlations at lags of -L to L samples.
 
-    Not by what overlaps: claps are few, and where only one is left it agrees with any other.
+    They are not normalised by the overlap: claps are few, and a single one agrees with any other.
     """
     a, b = first.values, second.values
     size = 1 << int(np.ceil(np.log2(len(a) + len(b))))
@@ -133,7 +133,7 @@ def _agreement(first: Signal, second: Signal, reach_s: float) -> np.ndarray:
 
 
 def _shifted(values: np.ndarray, by: int) -> np.ndarray:
-    """Return values that are moved up by so many samples, 0 where nothing is known."""
+    """Return values moved up by so many samples, 0 where unknown."""
     moved = np.zeros_like(values)
     if abs(by) < len(values):
         moved[max(by, 0) : len(values) + min(by, 0)] = values[max(-by, 0) : len(values) - max(by, 0)]
@@ -141,7 +141,7 @@ def _shifted(values: np.ndarray, by: int) -> np.ndarray:
 
 
 def _tops(values: np.ndarray) -> list[int]:
-    """Return the places of the highest values that are no neighbours."""
+    """Return the places of the highest values that are apart."""
     left, tops = values.copy(), []
     for _ in range(TOP_LAGS):
         at = int(np.argmax(left))
@@ -168,13 +168,13 @@ def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
 FLASH_RATE_HZ = 240.0
 """Brightness is compared at so many moments per second."""
 COARSE = 16
-"""Every so many rows and columns are looked at."""
+"""Step of rows and columns."""
 CLIP_SIGMAS = 8.0
 """Spreads at which a change of brightness is clipped, chosen by hand."""
 
 
 def brightness_signal(info: VideoInfo) -> Signal:
-    """Return how fast the median brightness of a video changes; a flash is a step up and a step down.
+    """Return the rate of change of a video's median brightness.
 
     Args:
         info: of the video; times count from its first picture.
@@ -204,7 +204,7 @@ SOUND_SMOOTHING_S = 0.002
 def onsets(sound: Sound) -> Signal:
     """Return how fast the logarithm of the loudness rises in three bands, whatever a microphone's gain.
 
-    ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median; made by one FFT over the whole.
+    ``max(0, d/dt log(e + e₀))`` with e the envelope of a band and e₀ its median.
 
     Reference: Klapuri 1999 (onsets by relative differences of bands).
     """

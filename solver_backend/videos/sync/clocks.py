@@ -1,4 +1,4 @@
-"""The clocks of cameras against each other: offset and drift, with what is known of them."""
+"""Offsets and drifts of camera clocks, with covariances."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ LARGEST_SIGMA_S = 1e-3
 
 @dataclass(frozen=True)
 class Clocks:
-    """Where C cameras' clocks stand: what happens at t is in camera c's video at ``t + offset_c + rate_c (t - t0)``.
+    """Clocks of C cameras: time t is in camera c's video at ``t + offset_c + rate_c (t - t0)``.
 
     Videos' clocks begin with their first picture. The first camera's clock is everybody's: its offset and rate are 0.
     """
@@ -38,7 +38,7 @@ class Clocks:
     middle_s: float
     """t0, seconds."""
     method: str = "as filmed"
-    """What they were estimated from."""
+    """Method of the estimate."""
     findings: tuple[Diagnostic, ...] = ()
     """Warnings for the user."""
 
@@ -49,11 +49,11 @@ class Clocks:
         return cls(names, np.zeros(count), np.zeros(count), np.zeros((count, 2, 2)), 0.0)
 
     def in_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Return when, on a camera's clock, it is these times."""
+        """Return these times on a camera's clock."""
         return times_s + self.offset_s[camera] + self.rate[camera] * (times_s - self.middle_s)
 
     def from_video(self, camera: int, times_s: np.ndarray) -> np.ndarray:
-        """Return what time it is when a camera's clock shows these times; the inverse of ``in_video``."""
+        """Return the times of a camera's clock on the common clock, the inverse of ``in_video``."""
         late = times_s - self.offset_s[camera] - self.middle_s
         return self.middle_s + late / (1.0 + self.rate[camera])
 
@@ -77,7 +77,7 @@ class Clocks:
         return rows
 
     def notes(self) -> tuple[Diagnostic, ...]:
-        """Return how each camera's clock stands; none where the cameras are taken as filmed."""
+        """Return notes on each camera's clock, none if the cameras are used as filmed."""
         if self.method == "as filmed":
             return ()
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
@@ -92,7 +92,7 @@ class Clocks:
         return tuple(found)
 
     def _in_sync(self, camera: int) -> bool:
-        """Return whether a clock is the first one's, or differs by no more than its uncertainty, which is small."""
+        """Return whether a clock equals the first one within a small uncertainty."""
         found = np.array([self.offset_s[camera], self.rate[camera]])
         sigma = np.sqrt(np.diag(self.covariance[camera]))
         sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= SIGMAS * sigma).all()
@@ -135,14 +135,14 @@ def _texts(values: Any) -> list[str]:
 
 
 CONTRADICTION_S = 0.05
-"""A pair's lag this far from what the others measure is wrong."""
+"""Least deviation of a wrong pair's lag from the others."""
 
 
 def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:
     """Return the clocks that fit the lags of pairs (i, j) best.
 
-    Pairs enter by their information; the pair that contradicts the rest most is left out until none does. Cameras that
-    no pair connects to the first are an error.
+    Pairs enter by their information. The pair that contradicts the rest most is excluded until none does. Every camera
+    must be connected with the first.
 
     Raises:
         SyncUnknown: a camera is connected by no pair.
@@ -187,7 +187,7 @@ def _solved(count: int, pairs: Mapping[tuple[int, int], PairLag], middle_s: floa
 
 
 def _connected(count: int, pairs: Mapping[tuple[int, int], PairLag]) -> set[int]:
-    """Return the cameras that are connected to the first if all are, else nothing."""
+    """Return all cameras if they are connected, else nothing."""
     reached = {0}
     for _ in range(count):
         reached |= {b for pair in pairs for a, b in (pair, pair[::-1]) if a in reached}
@@ -209,13 +209,13 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
 EXACT_SHARE = 0.01
 """A moment this near a picture, as a share of the interval, is that picture."""
 LONGEST_GAP_S = 0.1
-"""Between pictures further apart nothing is known."""
+"""Largest interval of pictures that are interpolated."""
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:
-    """Return (F,) the moments, 1/fps apart, that all videos show; empty where there are none.
+    """Return (F,) moments of all videos, 1/fps apart. Empty without any.
 
-    They begin with a picture of the video that starts last, so that detections of cameras in step are not touched.
+    They begin with a picture of the video that starts last, so that detections of cameras in step do not change.
 
     Args:
         first_to_last: each video's first and last time on its own clock, which begins with its first picture.
@@ -228,7 +228,7 @@ def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, f
 
 
 def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> np.ndarray:
-    """Return (N, ...) values at wanted moments, linear between neighbouring pictures. NaN where one of them is missing.
+    """Return (N, ...) values at moments, linear between neighbouring pictures. NaN where one is missing.
 
     Args:
         values: (F, ...), NaN where missing.

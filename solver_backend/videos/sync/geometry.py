@@ -1,4 +1,4 @@
-"""The clocks of calibrated cameras to a small part of a frame: delays under which the views' rays meet best."""
+"""Estimate the clocks of calibrated cameras to a small part of a frame, by the best intersection of rays."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved, smoothed
 
 LAG_SIGMA_SHARE = 0.005
-"""How far detections scatter where whole lags are compared, as a share of the picture's width."""
+"""Scatter of detections as a share of the picture's width."""
 LAG_FRAMES = 120
 MOST_FRAMES = 4000
 """Frames on which delays are refined, at most."""
 PATH_FRAMES = 2
-"""Standard deviation of the smoothing of the points whose movement shows the time."""
+"""Standard deviation of the smoothing of points for their velocity."""
 WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 150
-"""Frames after which errors are taken as new, over which their spread is known, and of a block that errs alone."""
+"""Frames between new errors, of a local spread, and of an independent block."""
 OUTLIER_SIGMAS = 8.0
 ROUNDS, REFINED_ROUNDS, SETTLED_FRAMES = 12, (1, 3), 0.002
-"""Rounds of steps, those before which the cameras' poses are refined, and how small a last step is."""
+"""Rounds of steps, rounds with refined camera poses, and largest last step."""
 LEAST_FRAMES = 24
 NEAR_S = 0.5
-"""How far off a start may be."""
+"""Largest error of a start."""
 IN_STEP_BONUS = 0.97
-"""Cameras are in step unless other clocks explain the detections better by more than this factor."""
+"""Ratio of the residual below which other clocks replace clocks in step."""
 LEAST_COMMON_S, LEAST_COMMON_SHARE = 3.0, 0.7
-"""Time that all videos must have in common, or the share of the shortest one where it is shorter."""
+"""Least time in common, or share of a shorter video."""
 _HINT = "Check that these are the calibration's cameras, or use sound: --sync sound."
 MOTION_FRAMES, MOTION_SIGMAS, LEAST_MOVES = 4, 3.0, 100
-"""A keypoint moves where it goes further than so many deviations in twice so many frames."""
+"""Motion over twice so many frames in deviations, and least number of moves."""
 
 
 @dataclass(frozen=True)
@@ -58,14 +58,13 @@ class FilmedTracks:
 def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: float) -> Clocks:
     """Return the clocks of calibrated cameras.
 
-    Whole frames by epipolar lines (``whole_lags``), from a start and over the whole reach; of these, and of clocks that
-    agree, those under which the views agree best; then Gauss-Newton steps on
-    delay and drift of all cameras with the points eliminated (``delay_step``), the drift held by the crystal's prior;
-    cameras' poses are refined by the person in between, so that a calibration a little off counts less.
+    Candidates are clocks in step, and whole frames by epipolar lines (``whole_lags``) near a start and over the whole
+    reach. The best candidate is refined by Gauss-Newton steps on delay and drift of all cameras with the points
+    eliminated (``delay_step``) and the crystal's prior on the drift. Camera poses are refined in between.
 
     Args:
         filmed: the person in every view.
-        start: clocks known roughly; None looks over all lags.
+        start: approximate clocks, None for all lags.
         reach_s: largest offset looked for.
 
     Raises:
@@ -92,7 +91,7 @@ def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: floa
 
 
 def _by_whole_lags(filmed: FilmedTracks, clocks: Clocks, reach_s: float) -> Clocks:
-    """Return clocks moved by the whole frames at which the views' epipolar lines are met best."""
+    """Return clocks moved by the best whole frames."""
     xy = _whole_grid(filmed, clocks)
     reach = max(round(reach_s * filmed.fps), 2)
     lags = whole_lags(filmed.cameras, xy, reach)
@@ -116,7 +115,7 @@ def _disagreement_px(filmed: FilmedTracks, clocks: Clocks) -> float:
 
 
 def _whole_grid(filmed: FilmedTracks, clocks: Clocks) -> np.ndarray:
-    """Return (C, F, K, 2) limbs at moments that any view shows, on the clocks as they are known."""
+    """Return (C, F, K, 2) limbs at the moments of any view, on given clocks."""
     ends = [clocks.from_video(c, when[[0, -1]]) for c, when in enumerate(filmed.times_s)]
     low, high = min(e[0] for e in ends), max(e[1] for e in ends)
     wanted = low + np.arange(int((high - low) * filmed.fps) + 1) / filmed.fps
@@ -141,7 +140,7 @@ def _moving(xy: np.ndarray, sigma_px: float) -> np.ndarray:
 
 
 def _lively(xy: np.ndarray, count: int) -> np.ndarray:
-    """Return numbers of frames spread over the take, those of each stretch in which most moves."""
+    """Return frames spread over the take, from each part the one with most motion."""
     speed = np.nan_to_num(np.linalg.norm(np.gradient(xy, axis=1), axis=-1)).sum(axis=(0, 2))
     seen = np.isfinite(xy[..., 0]).any(-1).sum(0)
     parts = np.array_split(np.arange(xy.shape[1]), min(count, xy.shape[1]))
@@ -180,11 +179,11 @@ def _refined(filmed: FilmedTracks, clocks: Clocks, usual: float) -> Clocks:
 
 
 def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
-    """Return one step on all delays, of residuals whose memory is taken away.
+    """Return one step on all delays, of whitened residuals.
 
-    A detector's errors last: of ``e(t) = x - π(X)`` and the velocity v only what is new after ``WHITENED_FRAMES`` m
-    counts, ``e(t) - ρ e(t - m)`` and ``v(t) - ρ v(t - m)`` with ρ the residuals' own correlation. Slow errors, those of
-    a calibration too, vanish, and fast movement, which shows the time, remains.
+    A detector's errors last. From ``e(t) = x - π(X)`` and the velocity v only the new parts after ``WHITENED_FRAMES`` m
+    count: ``e(t) - ρ e(t - m)`` and ``v(t) - ρ v(t - m)`` with the residuals' correlation ρ. Slow errors vanish, and
+    fast motion remains.
 
     Reference: Cochrane and Orcutt 1949 (regression with errors that last).
     """
@@ -211,9 +210,9 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
 
 
 def _local_spread(error: np.ndarray, usual: float) -> np.ndarray:
-    """Return (C, F, K) px, how far (C, F, K, 2) errors scatter around each frame, more where a keypoint is hidden.
+    """Return (C, F, K) px, the scatter of (C, F, K, 2) errors around each frame.
 
-    Half the window's own mean square of clipped errors, half the view's and keypoint's.
+    It is half the window's mean square of clipped errors, half that over the take.
     """
     overall = 1.4826 * np.nanmedian(np.abs(np.where(np.isfinite(error), error, np.nan)), axis=(0, 1, 3))
     overall = np.where(overall > 0, overall, usual)

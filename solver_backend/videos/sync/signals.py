@@ -1,4 +1,4 @@
-"""By how much one signal lags behind another, and how that drifts: correlation over the whole, then piece by piece."""
+"""Estimate lag and drift of two signals by correlation of the wholes, then of pieces."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ import numpy as np
 from solver_backend.exchange.errors import MocapError
 
 LEAST_CORRELATION = 0.25
-"""Pieces, and wholes, that agree less show nothing."""
+"""Least correlation of pieces and wholes."""
 LEAST_OVERLAP = 0.3
-"""Lags at which less than this share of the shorter signal overlaps are not looked at."""
+"""Least overlap of a lag, as a share of the shorter signal."""
 RATE_SIGMA = 25e-6
-"""Standard deviation of what a camera's rate is off, before anything is measured: quartz keeps within 50 ppm."""
+"""Prior deviation of a camera's rate: quartz keeps within 50 ppm."""
 ROUNDS = 5
 """Rounds of reweighting, chosen by hand."""
 HUBER_SIGMAS = 2.0
-"""Spreads at which a residual begins to lose weight, chosen by hand."""
+"""Scale of the Huber weights, in spreads, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Signal:
 
 @dataclass(frozen=True)
 class PairLag:
-    """How far a second signal's clock is ahead of a first one's: ``lag + rate (t - middle)`` seconds."""
+    """Lead of a second signal's clock over a first one's: ``lag + rate (t - middle)`` seconds."""
 
     lag_s: float
     """At ``middle_s``."""
@@ -51,16 +51,16 @@ class PairLag:
 def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:
     """Return the lag of two signals of the same rate. None where they do not agree.
 
-    What happens at t on the first one's clock is at ``t + lag`` on the second one's. The whole is correlated by FFT,
-    normalised by the energies that overlap; then every piece by itself within half a piece's reach of that, its peak
-    by a parabola; a line through the pieces, robust and with the crystal's prior on its slope, gives lag and rate.
+    Time t on the first clock is ``t + lag`` on the second. The wholes are correlated by FFT, normalised by the
+    overlapping energies, then every piece near that lag, with its peak by a parabola. A robust line through the pieces,
+    with the crystal's prior on its slope, gives lag and rate.
 
     Args:
         first: with (N, D) values.
         second: with (M, D) values.
         reach_s: largest lag looked for.
         piece_s: length of a piece.
-        floor_s: standard deviation that no piece undercuts, such as the way of sound or a picture's interval.
+        floor_s: least standard deviation, such as the delay of sound or a picture's interval.
 
     Reference: Knapp and Carter 1976 (delay by correlation); Huber 1964 (the robust line).
     """
@@ -101,7 +101,7 @@ def line_fit(
         lag_s: (N,) seconds.
         weight: (N,) correlations.
         middle_s: at which the lag is stated.
-        floor_s: standard deviation common to all pieces: it stays however many there are.
+        floor_s: standard deviation common to all pieces.
     """
     basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)
     prior = np.diag([0.0, RATE_SIGMA**-2])
@@ -146,7 +146,7 @@ def _correlation(
 
 
 def _vertex(three: np.ndarray) -> float:
-    """Return where the parabola through three neighbouring values has its top, in samples from the middle one."""
+    """Return the vertex of the parabola through three values, in samples from the middle one."""
     bend = three[0] - 2 * three[1] + three[2]
     return float(np.clip(0.5 * (three[0] - three[2]) / bend, -0.5, 0.5)) if bend < 0 else 0.0
 

@@ -1,4 +1,4 @@
-"""Clocks of cameras without any calibration: by how fast keypoints move in each view."""
+"""Synchronise cameras without a calibration, by speeds of keypoints."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ RATE_HZ = 120.0
 """Speeds are compared at so many moments per second."""
 PIECE_S = 6.0
 FLOOR_S = 0.002
-"""What perspective makes of a speed shifts its peak by this."""
+"""Shift of a speed's peak by perspective."""
 SMOOTHING_S = 0.04
 """Standard deviation of the smoothing, the same for all cameras."""
 CLIP_SIGMAS = 4.0

@@ -1,4 +1,4 @@
-"""The clocks of a take's cameras, by whatever shows them."""
+"""Synchronise the cameras of a take by keypoints, claps, sound or light."""
 
 from __future__ import annotations
 
@@ -13,9 +13,15 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras
 from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
-from solver_backend.videos.sync.clap import PIECE_S as SOUND_PIECE_S
-from solver_backend.videos.sync.clap import SOUND_FLOOR_S as SOUND_FLOOR_S
-from solver_backend.videos.sync.clap import WRISTS, brightness_signal, claps, clocks_by_claps, onsets
+from solver_backend.videos.sync.clap import (
+    PIECE_S,
+    SOUND_FLOOR_S,
+    WRISTS,
+    brightness_signal,
+    claps,
+    clocks_by_claps,
+    onsets,
+)
 from solver_backend.videos.sync.clocks import Clocks, clocks_of_pairs
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
 from solver_backend.videos.sync.signals import Signal, SyncUnknown, pair_lag
@@ -23,12 +29,12 @@ from solver_backend.videos.sync.speeds import clocks_by_speeds
 from solver_backend.videos.video_detections import VideoDetections
 
 WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
-"""How clocks may be found; ``auto`` is by keypoints, or by sound where those show nothing."""
+"""Methods. ``auto`` uses keypoints, or sound if those show nothing."""
 REACH_S = 6.5
-"""Largest offset that is looked for."""
+"""Largest offset."""
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
-"""Cameras none of which is off by more than this, or by more than so many deviations, are in step: nobody starts four
-by hand within a frame; what is left is the solve's own check to find."""
+"""Largest offset of cameras in step, and in deviations. Nobody starts four cameras by hand within a frame. The solve
+corrects the rest."""
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
@@ -54,22 +60,17 @@ def synchronise(
     if way == "none" or len(found) == 1:
         return Clocks.alike(names)
     progress("Synchronising", 0, 1)
-    if way == "sound":
-        clocks = by_sound(found)
-    elif way == "flash":
-        clocks = by_flash(found)
-    elif way == "clap":
-        clocks = by_claps(found)
-    elif way == "keypoints":
-        clocks = by_keypoints(found, cameras)
+    alone = {"sound": by_sound, "flash": by_flash, "clap": by_claps}
+    if way in alone:
+        clocks = alone[way](found)
     else:
-        clocks = _by_what_tells(found, cameras)
+        clocks = by_keypoints(found, cameras) if way == "keypoints" else _by_what_tells(found, cameras)
     progress("Synchronising", 1, 1)
     return in_step(clocks, float(np.median([item.fps for item in found])))
 
 
 def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks by keypoints; by sound where they show nothing; as filmed, with a word, where neither does."""
+    """Return the clocks by keypoints, else by sound, else as filmed with a warning."""
     try:
         return by_keypoints(found, cameras)
     except SyncUnknown as why:
@@ -81,7 +82,7 @@ def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) ->
 
 
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks by the person who is seen most, by rays where cameras are calibrated, else by speeds.
+    """Return the clocks by the main person: by rays of calibrated cameras, else by speeds.
 
     Raises:
         SyncUnknown: nobody moves enough, or the views do not agree.
@@ -103,7 +104,7 @@ def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> C
 
 
 def by_sound(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by what all microphones heard.
+    """Return the clocks by sound.
 
     Raises:
         VideoWithoutSound: a video has no sound.
@@ -113,11 +114,11 @@ def by_sound(found: Sequence[VideoDetections]) -> Clocks:
     for item in found:
         heard = read_sound(item.video)
         signals.append(onsets(replace(heard, start_s=heard.start_s - float(item.times_s[0]))))
-    return _of_signals(found, signals, SOUND_PIECE_S, SOUND_FLOOR_S, "sound")
+    return _of_signals(found, signals, PIECE_S, SOUND_FLOOR_S, "sound")
 
 
 def by_claps(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by hand claps that all cameras saw the person do, calibrated or not.
+    """Return the clocks by claps of the person.
 
     Raises:
         SyncUnknown: no clap is seen by all, or the detector finds no wrists.
@@ -132,7 +133,7 @@ def by_claps(found: Sequence[VideoDetections]) -> Clocks:
 
 
 def by_flash(found: Sequence[VideoDetections]) -> Clocks:
-    """Return the clocks by the light that all cameras saw change.
+    """Return the clocks by changes of the light.
 
     Raises:
         SyncUnknown: nothing flashed.
