@@ -23,7 +23,7 @@ QUESTIONS = {
     "I have a C3D": (("from markers",), ("solve take.c3d --out", "bake", "C3D")),
     "how accurate is it with three cameras": (
         ("by number of cameras",),
-        (r"| views | 2 | 3 | 4 | 8 |", "bench bundle", "Median MPJPE"),
+        (r"| views | 2 | 3 | 4 | 8 |", "bench bundle", "median MPJPE"),
     ),
     "how do I add my detector": (
         ("add a detector",),
