@@ -27,11 +27,10 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.sensors.fusion.moments import FusionSettings
     from solver_backend.sensors.take import capture_from, cloud_of
 
     folder = folder_of(args)
-    take = cloud_of(folder, masks=mask_of(args), fusion=FusionSettings(clusters=args.clusters), progress=progress)
+    take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":
         write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=args.overwrite)
     else:
@@ -72,7 +71,6 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
     from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
-    from solver_backend.sensors.fusion.moments import FusionSettings
 
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
@@ -82,7 +80,7 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
         SensorTask(device, folder.cameras, masks.get(device.name), record=record, kind=args.pictures, live=live)
         for device in devices
     ]
-    return MarkerChain(tasks, folder.fps, FusionSettings(clusters=args.clusters), recording)
+    return MarkerChain(tasks, folder.fps, args.clusters, recording)
 
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:

@@ -87,7 +87,6 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
         return chain_of(args, folder_of(args), args.record, live=True)
     from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
-    from solver_backend.sensors.fusion.moments import FusionSettings
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
@@ -96,7 +95,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     tasks = [
         SensorTask(oak, cameras, masks.get(oak.name), record=args.record, kind=args.pictures) for oak in reversed(oaks)
     ]
-    return MarkerChain(tasks, args.fps, FusionSettings(clusters=args.clusters), recording)
+    return MarkerChain(tasks, args.fps, args.clusters, recording)
 
 
 def _moments(

@@ -22,9 +22,7 @@ from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSighti
 from solver_backend.sensors.devices.device import Device, SensorFrame
 from solver_backend.sensors.devices.recorded import Recording, SensorFiles, SensorRecorder
 from solver_backend.sensors.fusion.moments import (
-    DEFAULT,
     Finding,
-    FusionSettings,
     Gatherer,
     MarkerTracks,
     TrackedPoints,
@@ -218,15 +216,15 @@ class MarkerChain:
     """
 
     def __init__(
-        self, tasks: list[SensorTask], fps: float, fusion: FusionSettings = DEFAULT, recording: Recording | None = None
+        self, tasks: list[SensorTask], fps: float, clusters: str = "test", recording: Recording | None = None
     ) -> None:
-        self._tasks, self._fusion, self._recording = tasks, fusion, recording
+        self._tasks, self._clusters, self._recording = tasks, clusters, recording
         names, present = tasks[0].cameras.names, {task.device.name for task in tasks}
         self._patient = not any(task.live for task in tasks)
         self._gatherer = Gatherer(names, 1.0 / fps, None if self._patient else WAIT_S)
         for name in set(names) - present:
             self._gatherer.ended(names.index(name))
-        self._tracks = MarkerTracks(fusion)
+        self._tracks = MarkerTracks()
         self._number: dict[int, int] = {}
         self._open: dict[Connection, int] = {}
         self._processes: list[Any] = []
@@ -294,7 +292,7 @@ class MarkerChain:
             ready = ready[-MOST_WAITING:]
         for moment in ready:
             begin = time.process_time()
-            tracked = self._tracks.update(fuse(moment, self._fusion))
+            tracked = self._tracks.update(fuse(moment, self._clusters))
             self.cpu_s += time.process_time() - begin
             arrived, done = min(s.host_s for s in moment), time.perf_counter()
             self.statistics.add(done - arrived, len(tracked.points), done)

@@ -16,8 +16,7 @@ from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSighti
 from solver_backend.sensors.acquisition.blobs import learned_mask
 from solver_backend.sensors.devices.device import NoMarkers, SensorFailed
 from solver_backend.sensors.devices.recorded import SensorFolder
-from solver_backend.sensors.fusion.moments import DEFAULT as FUSION
-from solver_backend.sensors.fusion.moments import Finding, FusionSettings, Gatherer, MarkerTracks, build_cloud, fuse
+from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, build_cloud, fuse
 from solver_backend.types import Capture, MarkerCloud
 from solver_backend.videos.sync.clocks import Clocks
 
@@ -36,7 +35,7 @@ def cloud_of(
     folder: SensorFolder,
     *,
     masks: Mapping[str, np.ndarray] = MappingProxyType({}),
-    fusion: FusionSettings = FUSION,
+    clusters: str = "test",
     progress: Progress = silent,
 ) -> SensorTake:
     """Return the point cloud of a folder of sensors.
@@ -51,12 +50,12 @@ def cloud_of(
     """
     finders = [Acquisition(folder.cameras, d.name, masks.get(d.name)) for d in folder.devices]
     gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
-    tracks, tracked = MarkerTracks(fusion), []
+    tracks, tracked = MarkerTracks(), []
     frames: Counter[str] = Counter()
     ended: list[Diagnostic] = []
     expected = max((device.count() for device in folder.devices), default=0)
     for moment in _moments(folder, gatherer, finders, frames, ended):
-        tracked.append(tracks.update(fuse(moment, fusion)))
+        tracked.append(tracks.update(fuse(moment, clusters)))
         progress("Markers from sensors", len(tracked), max(len(tracked), expected))
     cloud = build_cloud(tracked, folder.fps)
     found = (*ended, *counted(gatherer.findings))

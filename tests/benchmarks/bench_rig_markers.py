@@ -26,7 +26,7 @@ from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.devices.recorded import SensorFolder, open_folder
-from solver_backend.sensors.fusion.moments import FusionSettings, MarkerTracks, fuse
+from solver_backend.sensors.fusion.moments import MarkerTracks, fuse
 from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
@@ -101,7 +101,7 @@ def _single(shots: list[Shot]) -> list[Metric]:
 def _fused(shots: list[Shot], kind: str) -> list[Metric]:
     errors, found, visible, ghosts, frames = [], 0, 0, 0, 0
     for shot in shots:
-        cloud = cloud_of(shot.folder, fusion=FusionSettings(clusters=kind)).cloud
+        cloud = cloud_of(shot.folder, clusters=kind).cloud
         for k, true in enumerate(shot.markers):
             points = cloud.positions[k][np.isfinite(cloud.positions[k]).all(-1)]
             off, which = _one_each(points, true)

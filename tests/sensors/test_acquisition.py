@@ -9,6 +9,8 @@ import pytest
 from scipy import ndimage
 
 from solver_backend.cameras.projection import project
+from solver_backend.sensors.acquisition import acquire
+from solver_backend.sensors.acquisition import blobs as bright
 from solver_backend.sensors.acquisition.acquire import (
     SUNLIGHT,
     Acquisition,
@@ -18,7 +20,6 @@ from solver_backend.sensors.acquisition.acquire import (
     split_merged,
 )
 from solver_backend.sensors.acquisition.blobs import (
-    AcquisitionSettings,
     Blobs,
     connected,
     joined,
@@ -81,10 +82,11 @@ def test_markers_are_found_in_space_within_their_noise() -> None:
     assert 0.15 < np.median(np.concatenate(squares)) / 2.366 < 1.5
 
 
-def test_the_middle_lies_behind_the_surface() -> None:
+def test_the_middle_lies_behind_the_surface(monkeypatch: pytest.MonkeyPatch) -> None:
     points = spread_points(20)
     seen = acquired(points)
-    shallow = Acquisition(CAMERAS, "sensor1", settings=AcquisitionSettings(surface_radii=0.0))(PAINTER.frame(1, points))
+    monkeypatch.setattr(acquire, "SETTINGS", replace(acquire.SETTINGS, surface_radii=0.0))
+    shallow = acquired(points)
     assert 1e3 * np.linalg.norm(seen.points - shallow.points, axis=1) == pytest.approx(14.0 / 3.0, rel=1e-6)
     way = (seen.points - seen.origin) / np.linalg.norm(seen.points - seen.origin, axis=1, keepdims=True)
     which = np.linalg.norm(seen.points[:, None] - points, axis=-1).argmin(1)
@@ -230,16 +232,15 @@ def test_the_threshold_follows_the_room() -> None:
     assert len(Acquisition(CAMERAS, "sensor1")(eight)) == 5, "8 bits are read as 16 are"
 
 
-def test_sunlight_is_said_and_not_looked_into() -> None:
+def test_sunlight_is_said_and_not_looked_into(monkeypatch: pytest.MonkeyPatch) -> None:
     frame = PAINTER.frame(1, spread_points(10))
     sunny = frame.infrared.copy()
     sunny[:, :300] = 65535
     seen = Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=sunny))
     assert len(seen) == 0 and seen.finding == SUNLIGHT
     snow = np.where(np.random.default_rng(0).random(sunny.shape) < 0.03, 65535, frame.infrared).astype(np.uint16)
-    assert Acquisition(CAMERAS, "sensor1", settings=AcquisitionSettings(least_pixels=1))(
-        replace(frame, infrared=snow)
-    ).finding == SUNLIGHT  # fmt: skip
+    monkeypatch.setattr(bright, "SETTINGS", replace(bright.SETTINGS, least_pixels=1))
+    assert Acquisition(CAMERAS, "sensor1")(replace(frame, infrared=snow)).finding == SUNLIGHT
 
 
 @pytest.mark.parametrize("value", [0, 255, 65535])

@@ -11,7 +11,6 @@ from scipy.optimize import linear_sum_assignment
 from solver_backend.sensors.devices.device import RecordingInvalid
 from solver_backend.sensors.fusion.moments import (
     FusedPoints,
-    FusionSettings,
     Gatherer,
     MarkerTracks,
     build_cloud,
@@ -60,12 +59,12 @@ def test_the_published_radius_averages_and_takes_apart_what_the_test_joins() -> 
     moved = POINTS.copy()
     moved[0] += [0.0, 0.0, 0.011]
     seen = [sighted(CAMERAS, 0, POINTS), sighted(CAMERAS, 1, moved)]
-    radius = fuse(seen, FusionSettings(clusters="radius"))
+    radius = fuse(seen, "radius")
     assert len(radius.points) in (30, 31) and np.median(off_mm(radius.points, POINTS)) < 2.0
     far = POINTS.copy()
     far[0] += [0.0, 0.0, 0.03]
     for kind in ("radius", "test"):
-        apart = fuse([sighted(CAMERAS, 0, POINTS), sighted(CAMERAS, 1, far)], FusionSettings(clusters=kind))
+        apart = fuse([sighted(CAMERAS, 0, POINTS), sighted(CAMERAS, 1, far)], kind)
         assert len(apart.points) == 31, "three centimetres are two markers"
 
 

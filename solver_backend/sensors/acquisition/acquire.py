@@ -11,8 +11,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.cameras.projection import undistort
 from solver_backend.sensors.acquisition.blobs import (
-    DEFAULT,
-    AcquisitionSettings,
+    SETTINGS,
     Blobs,
     Shapes,
     find_blobs,
@@ -65,7 +64,6 @@ def ring_of(
     depth_mm: np.ndarray,
     saturated: np.ndarray,
     scratch: np.ndarray,
-    settings: AcquisitionSettings = DEFAULT,
 ) -> Ring:
     """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
 
@@ -81,10 +79,10 @@ def ring_of(
         without = np.bincount(blobs.owner, core, minlength=blobs.count) == 0
         core = core | (other & without[blobs.owner])
     blind, blob = blobs.pixel[core], blobs.owner[core]
-    dy, dx = _far_first(settings.ring_px)
+    dy, dx = _far_first(SETTINGS.ring_px)
     around = (blind + (dy * width + dx)).ravel()
     y, x = np.divmod(blind, width)
-    reach = settings.ring_px
+    reach = SETTINGS.ring_px
     if len(y) and not (y[0] >= reach and y[-1] < height - reach and x.min() >= reach and x.max() < width - reach):
         inside = ((y + dy >= 0) & (y + dy < height) & (x + dx >= 0) & (x + dx < width)).ravel()
         valid = np.flatnonzero(inside & (flat.take(around, mode="clip") > 0))
@@ -117,7 +115,7 @@ def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
     return ~blind & (2 * blind.sum() > blobs.count)
 
 
-def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT) -> RingDepths:
+def ring_depths(ring: Ring, count: int) -> RingDepths:
     """Return the depth of each of ``count`` rings: the mean within ``mad_limit`` spreads of its median.
 
     If part of a ring is on another surface, such as an arm in front or the room behind, the closest half of its depths
@@ -130,31 +128,29 @@ def ring_depths(ring: Ring, count: int, settings: AcquisitionSettings = DEFAULT)
     owner = np.repeat(np.arange(count), sizes)
     depth = _sorted_in_groups(ring.depth, ring.owner)
     middle = sorted_medians(depth, sizes)
-    spread = _spread(depth, owner, middle, sizes, settings)
-    two = spread > settings.two_depths_m
+    spread = _spread(depth, owner, middle, sizes)
+    two = spread > SETTINGS.two_depths_m
     if two.any():
         middle[two] = _closest_half(depth[two[owner]], sizes[two])
-        chosen = np.abs(depth - middle[owner]) <= settings.two_depths_m
+        chosen = np.abs(depth - middle[owner]) <= SETTINGS.two_depths_m
         of_chosen = np.bincount(owner[chosen], minlength=count)
-        narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen, settings)
+        narrow = _spread(depth[chosen], owner[chosen], middle, of_chosen)
         # The rest of a ring on two surfaces must still be most of it.
         spread = np.where(two, np.where(of_chosen * 2 > sizes, narrow, np.inf), spread)
     with np.errstate(invalid="ignore"):
-        good = np.abs(depth - middle[owner]) <= settings.mad_limit * spread[owner]
+        good = np.abs(depth - middle[owner]) <= SETTINGS.mad_limit * spread[owner]
     kept = np.bincount(owner[good], minlength=count)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = np.bincount(owner[good], depth[good], minlength=count) / kept
-        behind = np.bincount(owner[depth > mean[owner] + settings.behind_m], minlength=count)
-    known = (kept >= settings.least_ring) & (spread <= settings.most_spread_m)
-    known &= behind <= settings.most_behind * sizes
+        behind = np.bincount(owner[depth > mean[owner] + SETTINGS.behind_m], minlength=count)
+    known = (kept >= SETTINGS.least_ring) & (spread <= SETTINGS.most_spread_m)
+    known &= behind <= SETTINGS.most_behind * sizes
     return RingDepths(np.where(known, mean, np.nan), kept, spread, middle)
 
 
-def _spread(
-    depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.ndarray, settings: AcquisitionSettings
-) -> np.ndarray:
+def _spread(depth: np.ndarray, owner: np.ndarray, middle: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     off = np.abs(depth - middle[owner])
-    return np.maximum(NORMAL_MAD * sorted_medians(_sorted_in_groups(off, owner), sizes), settings.mad_floor_m)
+    return np.maximum(NORMAL_MAD * sorted_medians(_sorted_in_groups(off, owner), sizes), SETTINGS.mad_floor_m)
 
 
 def _sorted_in_groups(values: np.ndarray, group: np.ndarray) -> np.ndarray:
@@ -254,9 +250,7 @@ _STEPS = 6
 """Steps of k-means. Chosen by hand."""
 
 
-def split_merged(
-    blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray, settings: AcquisitionSettings = DEFAULT
-) -> tuple[Blobs, Ring, np.ndarray]:
+def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray) -> tuple[Blobs, Ring, np.ndarray]:
     """Split merged blobs and their rings. Return both and the (N',) mask of parts.
 
     A disc of radius R has the variance ``R²/4`` along any axis, and two at the distance s have ``R²/4 + s²/4`` along
@@ -267,16 +261,16 @@ def split_merged(
     Args:
         radius_px: (N,) radius of a single marker's blob, NaN where its depth is unknown.
     """
-    limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
+    limit = SETTINGS.merged * 0.25 * radius_px**2 + SETTINGS.merged_px2
     with np.errstate(invalid="ignore"):
         merged = np.flatnonzero(shapes.long > limit)
     owner, ring_owner, count = blobs.owner.copy(), ring.owner.copy(), blobs.count
-    parts = np.zeros(count + (settings.most_in_blob - 1) * len(merged), dtype=bool)
+    parts = np.zeros(count + (SETTINGS.most_in_blob - 1) * len(merged), dtype=bool)
     for blob in merged.tolist():
         fits = round(float(shapes.area[blob] / (np.pi * radius_px[blob] ** 2)))
         mine = np.flatnonzero(blobs.owner == blob)
         alone = Blobs(blobs.pixel[mine], np.zeros(len(mine), np.int64), blobs.weight[mine], 1, blobs.width)
-        centres, nearest = _round_parts(alone, shapes.middle[blob], fits, float(limit[blob]), settings)
+        centres, nearest = _round_parts(alone, shapes.middle[blob], fits, float(limit[blob]))
         number = len(centres)
         names = np.concatenate([[blob], np.arange(count, count + number - 1)])
         count += number - 1
@@ -287,16 +281,14 @@ def split_merged(
     return replace(blobs, owner=owner, count=count), replace(ring, owner=ring_owner), parts[:count]
 
 
-def _round_parts(
-    blob: Blobs, middle: np.ndarray, fits: int, limit: float, settings: AcquisitionSettings
-) -> tuple[np.ndarray, np.ndarray]:
+def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tuple[np.ndarray, np.ndarray]:
     """Return centres and pixels' parts of the fewest parts with at most ``limit`` px² of variance."""
     xy = _xy(blob.pixel, blob.width)
-    number = min(max(fits, 2), settings.most_in_blob)
+    number = min(max(fits, 2), SETTINGS.most_in_blob)
     while True:
         centres, nearest = _parted(xy, middle, number)
         parts = replace(blob, owner=nearest, count=number)
-        if number == settings.most_in_blob or shapes_of(parts).long.max() <= limit:
+        if number == SETTINGS.most_in_blob or shapes_of(parts).long.max() <= limit:
             return centres, nearest
         number += 1
 
@@ -363,15 +355,6 @@ class SensorSightings:
         return len(self.px)
 
 
-def no_sightings(
-    sensor: int, time: float, origin: np.ndarray, finding: str = "", *, number: int = 0, host_s: float = 0.0
-) -> SensorSightings:
-    """Return a frame without markers."""
-    none = np.zeros((0, 3))
-    empty = np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), origin, none, np.zeros(0)
-    return SensorSightings(sensor, time, *empty, finding, number, host_s)
-
-
 SUNLIGHT = "sensor_sunlight"
 """Code of a frame without markers because of sunlight, a window or a lamp."""
 MEDIAN_LOSS = 1.25
@@ -388,17 +371,14 @@ class Acquisition:
         SensorUnknown: the calibration has no such sensor.
     """
 
-    def __init__(
-        self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None, settings: AcquisitionSettings = DEFAULT
-    ) -> None:
+    def __init__(self, cameras: Cameras, sensor: str, mask: np.ndarray | None = None) -> None:
         if sensor not in cameras.names:
             hint = f"It names {', '.join(cameras.names)}: rename the sensor, or calibrate again."
             raise SensorUnknown(f"The calibration does not name the sensor '{sensor}'.", where=sensor, hint=hint)
         self.index = cameras.names.index(sensor)
         self.lens = SensorLens(cameras, self.index)
-        self.settings = settings
-        self._mask, self._halo = mask, settings.halo_px
-        self._beyond: deque[float] = deque(maxlen=settings.round_kept)
+        self._mask, self._halo = mask, SETTINGS.halo_px
+        self._beyond: deque[float] = deque(maxlen=SETTINGS.round_kept)
         width, height = self.lens.size
         if mask is not None and mask.shape != (height, width):
             message = f"The mask is {mask.shape[1]} x {mask.shape[0]} pixels, the sensor {width} x {height}."
@@ -409,11 +389,11 @@ class Acquisition:
     def __call__(self, frame: SensorFrame) -> SensorSightings:
         """Return the markers of a frame."""
         self._require_size(frame)
-        infrared, settings = frame.infrared, self.settings
-        blobs = find_blobs(infrared, threshold_of(infrared, settings), self._mask, settings)
+        blobs = find_blobs(frame.infrared, threshold_of(frame.infrared), self._mask)
         if blobs is None or not blobs.count:
-            found, when = "" if blobs is not None else SUNLIGHT, {"number": frame.number, "host_s": frame.host_s}
-            return no_sightings(self.index, frame.device_s, self.lens.centre, found, **when)
+            none, finding = np.zeros((0, 3)), SUNLIGHT if blobs is None else ""
+            empty = np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), self.lens.centre, none, np.zeros(0)
+            return SensorSightings(self.index, frame.device_s, *empty, finding, frame.number, frame.host_s)
         shapes, rings, parts = self._measured(frame, blobs)
         return self._lifted(frame, shapes, rings, parts)
 
@@ -433,57 +413,56 @@ class Acquisition:
             raise PicturesDiffer(message, where=frame.sensor, hint="Record whole millimetres and counts.")
 
     def _measured(self, frame: SensorFrame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:
-        settings, shapes = self.settings, shapes_of(blobs)
+        shapes = shapes_of(blobs)
         if frame.depth is None:
             nothing = np.full(blobs.count, np.nan)
             unknown = RingDepths(nothing, np.zeros(blobs.count), nothing, nothing)
             return shapes, unknown, np.zeros(blobs.count, dtype=bool)
         counts = frame.infrared.reshape(-1)[blobs.pixel]
-        saturated = counts >= settings.saturated * full_counts(frame.infrared, settings)
-        ring = ring_of(blobs, frame.depth, saturated, self._scratch, settings)
-        rings = ring_depths(ring, blobs.count, settings)
+        saturated = counts >= SETTINGS.saturated * full_counts(frame.infrared)
+        ring = ring_of(blobs, frame.depth, saturated, self._scratch)
+        rings = ring_depths(ring, blobs.count)
         self._learn_halo(shapes, rings.depth)
-        blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.rough), settings)
+        blobs, ring, parts = split_merged(blobs, shapes, ring, self._blob_radius(rings.rough))
         if parts.any():
             changed = parts[ring.owner]
             of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
             shapes, whole = shapes_of(blobs), rings
-            rings = ring_depths(of_parts, blobs.count, settings)
+            rings = ring_depths(of_parts, blobs.count)
             rings.take_over(whole, np.flatnonzero(~parts[: len(whole.depth)]))
         depth = np.where(slivers_of(blobs, saturated), np.nan, rings.depth)
         return shapes, replace(rings, depth=depth), parts
 
     def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
-        settings = self.settings
         disc = np.sqrt(shapes.area / np.pi)
-        known = (shapes.long < settings.round * shapes.area / (4.0 * np.pi)) & np.isfinite(depth)
-        self._beyond.extend((disc - self.lens.focal.mean() * settings.marker_radius_m / depth)[known].tolist())
+        known = (shapes.long < SETTINGS.round * shapes.area / (4.0 * np.pi)) & np.isfinite(depth)
+        self._beyond.extend((disc - self.lens.focal.mean() * SETTINGS.marker_radius_m / depth)[known].tolist())
         if self._beyond:
             self._halo = max(float(np.median(self._beyond)), 0.0)
 
     def _blob_radius(self, depth: np.ndarray) -> np.ndarray:
         """Return the radius in pixels of a single marker's blob at depths in metres."""
-        return self.lens.focal.mean() * self.settings.marker_radius_m / depth + self._halo
+        return self.lens.focal.mean() * SETTINGS.marker_radius_m / depth + self._halo
 
     def _lifted(self, frame: SensorFrame, shapes: Shapes, rings: RingDepths, parts: np.ndarray) -> SensorSightings:
-        settings, lens = self.settings, self.lens
+        lens = self.lens
         flat = lens.undistorted(shapes.centre)
         length = np.sqrt(1.0 + (flat**2).sum(1))
-        depth = rings.depth + settings.surface_radii * settings.marker_radius_m / length
+        depth = rings.depth + SETTINGS.surface_radii * SETTINGS.marker_radius_m / length
         radius = self._blob_radius(rings.rough)
         with np.errstate(invalid="ignore"):
             share = shapes.area / (np.pi * radius**2)
-            near, far = settings.range_m
-            believed = (depth >= near) & (depth <= far) & (share >= settings.least_share)
+            near, far = SETTINGS.range_m
+            believed = (depth >= near) & (depth <= far) & (share >= SETTINGS.least_share)
             depth = np.where(believed, depth, np.nan)
-            odd = (share > settings.too_large) | (share < settings.too_small)
+            odd = (share > SETTINGS.too_large) | (share < SETTINGS.too_small)
         keep = ~odd & np.isfinite(flat).all(1)
         hidden = np.nan_to_num(np.clip(1.0 - share, 0.0, 1.0), nan=0.0)
-        sigma_px = settings.sigma_px + settings.split_sigma_px * parts
-        sigma_px = sigma_px + settings.hidden_sigma * hidden * np.nan_to_num(radius, nan=0.0)
-        pixel = MEDIAN_LOSS * np.maximum(settings.depth_sigma(rings.depth), rings.spread)
+        sigma_px = SETTINGS.sigma_px + SETTINGS.split_sigma_px * parts
+        sigma_px = sigma_px + SETTINGS.hidden_sigma * hidden * np.nan_to_num(radius, nan=0.0)
+        pixel = MEDIAN_LOSS * np.maximum(SETTINGS.depth_sigma(rings.depth), rings.spread)
         with np.errstate(invalid="ignore", divide="ignore"):
-            sigma_depth = np.hypot(pixel / np.sqrt(rings.count), settings.depth_floor_m)
+            sigma_depth = np.hypot(pixel / np.sqrt(rings.count), SETTINGS.depth_floor_m)
         flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]
         measured = lens.points(flat, depth), lens.covariances(flat, depth, sigma_px, sigma_depth)
         rays = lens.centre, lens.directions(flat), sigma_px / lens.focal.mean()

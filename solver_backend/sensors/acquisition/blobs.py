@@ -14,15 +14,12 @@ class AcquisitionSettings:
 
     marker_radius_m: float = 0.007
     """Radius of a marker."""
-    full: float | None = None
-    """Saturated counts of infrared. None for the largest value of the picture's type."""
-
     background_quantile: float = 0.99
     """Quantile of the picture that is its background, because markers cover less than the rest."""
     contrast: float = 3.0
     """A marker is this many times brighter than the background."""
     least_threshold: float = 0.03
-    """Lower limit of the threshold as a share of ``full``, so that noise in the dark is no marker."""
+    """Lower limit of the threshold as a share of the full counts, so that noise in the dark is no marker."""
     most_threshold: float = 0.6
     """Upper limit, because retro-reflections saturate."""
     sample_step: int = 8
@@ -39,7 +36,7 @@ class AcquisitionSettings:
     least_pixels: int = 2
     """Pixels of the smallest blob."""
     saturated: float = 0.98
-    """Share of ``full`` above which a pixel is saturated. Such pixels have no depth of their own."""
+    """Share of the full counts above which a pixel is saturated. Such pixels have no depth of their own."""
 
     ring_px: int = 2
     """Width of the ring around the blind patch."""
@@ -101,7 +98,7 @@ class AcquisitionSettings:
         return self.ring_noise * (self.depth_constant_m + self.depth_quadratic * depth**2)
 
 
-DEFAULT = AcquisitionSettings()
+SETTINGS = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
@@ -179,20 +176,18 @@ class Shapes:
     """(N, 2) unit vector of that axis."""
 
 
-def find_blobs(
-    infrared: np.ndarray, threshold: float, mask: np.ndarray | None, settings: AcquisitionSettings = DEFAULT
-) -> Blobs | None:
+def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
     """Return the blobs of (h, w) counts, None where too much is bright (sunlight). ``mask`` excludes pixels."""
     flat = infrared.reshape(-1)
     pixel = np.flatnonzero(flat > infrared.dtype.type(threshold))
     if mask is not None:
         pixel = pixel[~mask.reshape(-1)[pixel]]
-    if len(pixel) > settings.most_bright * len(flat):
+    if len(pixel) > SETTINGS.most_bright * len(flat):
         return None
     owner, count = connected(pixel, infrared.shape[1])
     size = np.bincount(owner, minlength=count)
-    kept = size >= settings.least_pixels
-    if kept.sum() > settings.most_blobs:
+    kept = size >= SETTINGS.least_pixels
+    if kept.sum() > SETTINGS.most_blobs:
         return None
     number = np.cumsum(kept) - 1
     of_kept = kept[owner]
@@ -220,21 +215,21 @@ def shapes_of(blobs: Blobs) -> Shapes:
     return Shapes(centre, area, middle, half + apart, np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
-def full_counts(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) -> float:
-    """Return the saturated counts of a picture."""
-    return float(settings.full if settings.full is not None else np.iinfo(infrared.dtype).max)
+def full_counts(infrared: np.ndarray) -> float:
+    """Return the saturated counts of a picture: the largest value of its type."""
+    return float(np.iinfo(infrared.dtype).max)
 
 
-def threshold_of(infrared: np.ndarray, settings: AcquisitionSettings = DEFAULT) -> float:
+def threshold_of(infrared: np.ndarray) -> float:
     """Return the counts above which a pixel is bright: ``contrast`` times the background, within limits."""
-    full, step = full_counts(infrared, settings), settings.sample_step
+    full, step = full_counts(infrared), SETTINGS.sample_step
     sample = infrared[step // 2 :: step, step // 2 :: step].ravel()
-    rank = int(settings.background_quantile * (len(sample) - 1))
+    rank = int(SETTINGS.background_quantile * (len(sample) - 1))
     background = float(np.partition(sample, rank)[rank])
-    return min(max(settings.contrast * background, settings.least_threshold * full), settings.most_threshold * full)
+    return min(max(SETTINGS.contrast * background, SETTINGS.least_threshold * full), SETTINGS.most_threshold * full)
 
 
-def learned_mask(pictures: Iterable[np.ndarray], settings: AcquisitionSettings = DEFAULT) -> np.ndarray:
+def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
     """Return the (h, w) mask of lamps and other sensors in pictures of the empty scene, grown a little.
 
     Raises:
@@ -245,8 +240,8 @@ def learned_mask(pictures: Iterable[np.ndarray], settings: AcquisitionSettings =
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)
     if brightest is None:
         raise ValueError("The empty scene has no picture.")
-    bright = brightest > settings.mask_contrast * threshold_of(brightest, settings)
-    for _ in range(settings.mask_grow_px):
+    bright = brightest > SETTINGS.mask_contrast * threshold_of(brightest)
+    for _ in range(SETTINGS.mask_grow_px):
         grown = bright.copy()
         grown[1:] |= bright[:-1]
         grown[:-1] |= bright[1:]

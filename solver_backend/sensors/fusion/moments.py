@@ -23,8 +23,6 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 class FusionSettings:
     """Constants of fusion."""
 
-    clusters: str = "test"
-    """'test' joins sightings within their covariances, 'radius' joins all within ``radius_m``."""
     radius_m: float = 0.01
     """Radius of the published clusters (paper, appendix K)."""
     calibration_m: float = 0.0012
@@ -67,7 +65,7 @@ class FusionSettings:
     """Largest log-odds."""
 
 
-DEFAULT = FusionSettings()
+SETTINGS = FusionSettings()
 
 _NEVER = 1e6
 """Cost of an impossible pair, more than any sum of possible ones."""
@@ -115,7 +113,7 @@ Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Origin (3,), unit directions (R, 3) and standard deviations (R,) in radians of one sensor's rays."""
 
 
-def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.ndarray, np.ndarray]:
+def met_rays(rays: list[Rays]) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors meet and fit no others.
 
     A point is the midpoint of the shortest line between two rays (Hartley and Sturm 1997), if that line is no longer
@@ -125,7 +123,7 @@ def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.n
     found = [
         (begin[a] + i, begin[b] + j, point, covariance)
         for a, b in combinations(range(len(rays)), 2)
-        for i, j, point, covariance in [_meetings(rays[a], rays[b], settings)]
+        for i, j, point, covariance in [_meetings(rays[a], rays[b])]
         if len(i)
     ]
     if not found:
@@ -136,7 +134,7 @@ def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.n
     return points[only], covariances[only]
 
 
-def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def _meetings(a: Rays, b: Rays) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     (at_a, way_a, sigma_a), (at_b, way_b, sigma_b) = a, b
     cosine = way_a @ way_b.T
     between = at_b - at_a
@@ -144,15 +142,15 @@ def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, n
     of_a, of_b = way_a @ between, way_b @ between
     far_a = (of_a[:, None] - cosine * of_b) / sine2
     far_b = (cosine * of_a[:, None] - of_b) / sine2
-    near, far = settings.ray_range_m
+    near, far = SETTINGS.ray_range_m
     inside = (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far)
-    inside &= sine2 > np.sin(settings.least_angle) ** 2
+    inside &= sine2 > np.sin(SETTINGS.least_angle) ** 2
     i, j = np.nonzero(inside)
     on_a = at_a + far_a[i, j, None] * way_a[i]
     on_b = at_b + far_b[i, j, None] * way_b[j]
     width = np.stack([sigma_a[i] * far_a[i, j], sigma_b[j] * far_b[i, j]])
     gap2 = ((on_a - on_b) ** 2).sum(-1)
-    good = gap2 < settings.joined_rays * ((width**2).sum(0) + 2.0 * settings.calibration_m**2)
+    good = gap2 < SETTINGS.joined_rays * ((width**2).sum(0) + 2.0 * SETTINGS.calibration_m**2)
     i, j, on_a, on_b, width = i[good], j[good], on_a[good], on_b[good], width[:, good]
     planes = [np.eye(3) - way[k][:, :, None] * way[k][:, None, :] for way, k in ((way_a, i), (way_b, j))]
     weights = [p / (w**2)[:, None, None] for p, w in zip(planes, width, strict=True)]
@@ -176,23 +174,27 @@ class FusedPoints:
     """(N,) number of sensors that saw each without depth."""
 
 
-def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -> FusedPoints:
-    """Return the points of one moment."""
+def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
+    """Return the points of one moment.
+
+    Args:
+        clusters: 'test' joins sightings within their covariances, 'radius' joins all within ``radius_m``.
+    """
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
-    if settings.clusters == "radius":
-        return _within_radius(time, sightings, settings)
+    if clusters == "radius":
+        return _within_radius(time, sightings)
     found = _Clusters()
     for seen in sightings:
         deep = np.flatnonzero(np.isfinite(seen.depth))
-        found.join_points(seen.points[deep], seen.covariance[deep], settings)
+        found.join_points(seen.points[deep], seen.covariance[deep])
     left: list[Rays] = []
     for seen in sightings:
         flat = np.flatnonzero(~np.isfinite(seen.depth))
-        rest = flat[found.join_rays(seen, flat, settings)]
+        rest = flat[found.join_rays(seen, flat)]
         left.append((seen.origin, seen.direction[rest], seen.sigma_ray[rest]))
-    found.drop_doubles(settings)
+    found.drop_doubles()
     points, covariance = found.estimates()
-    met, met_covariance = met_rays(left, settings)
+    met, met_covariance = met_rays(left)
     points, covariance = np.concatenate([points, met]), np.concatenate([covariance, met_covariance])
     depths = np.concatenate([found.depths, np.zeros(len(met), int)])
     return FusedPoints(time, points, covariance, depths, np.concatenate([found.rays, np.full(len(met), 2)]))
@@ -211,17 +213,17 @@ class _Clusters:
         covariance = np.linalg.inv(self.information)
         return (covariance @ self.vector[..., None])[..., 0], covariance
 
-    def join_points(self, points: np.ndarray, covariance: np.ndarray, settings: FusionSettings) -> None:
+    def join_points(self, points: np.ndarray, covariance: np.ndarray) -> None:
         information = np.linalg.inv(covariance)
         vector = (information @ points[..., None])[..., 0]
         own = np.ones(len(points), dtype=bool)
         if len(self.vector) and len(points):
             at, spread = self.estimates()
             off = at[:, None] - points
-            i, j = np.nonzero((off * off).sum(-1) < settings.reach_m**2)
-            both = spread[i] + covariance[j] + 2.0 * settings.calibration_m**2 * np.eye(3)
+            i, j = np.nonzero((off * off).sum(-1) < SETTINGS.reach_m**2)
+            both = spread[i] + covariance[j] + 2.0 * SETTINGS.calibration_m**2 * np.eye(3)
             square = chi_square(off[i, j], both)
-            near = square < settings.joined
+            near = square < SETTINGS.joined
             i, j = matched(i[near], j[near], square[near])
             self.information[i] += information[j]
             self.vector[i] += vector[j]
@@ -232,7 +234,7 @@ class _Clusters:
         self.depths = np.concatenate([self.depths, np.ones(int(own.sum()), int)])
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
-    def join_rays(self, seen: SensorSightings, rows: np.ndarray, settings: FusionSettings) -> np.ndarray:
+    def join_rays(self, seen: SensorSightings, rows: np.ndarray) -> np.ndarray:
         """Add rows of a sensor's rays to the clusters that they pass. Return the (R,) mask of rays that pass none."""
         origin, direction, sigma = seen.origin, seen.direction[rows], seen.sigma_ray[rows]
         rest = np.ones(len(direction), dtype=bool)
@@ -242,17 +244,17 @@ class _Clusters:
         way = at - origin
         along = way @ direction.T
         across = way[:, None] - along[..., None] * direction
-        i, j = np.nonzero(((across * across).sum(-1) < settings.reach_m**2) & (along > settings.ray_range_m[0]))
+        i, j = np.nonzero(((across * across).sum(-1) < SETTINGS.reach_m**2) & (along > SETTINGS.ray_range_m[0]))
         off, far = across[i, j], along[i, j]
         flat = np.eye(3) - direction[j, :, None] * direction[j, None, :]
-        width = (sigma[j] * far) ** 2 + settings.calibration_m**2
+        width = (sigma[j] * far) ** 2 + SETTINGS.calibration_m**2
         # A width of a metre along the ray leaves a test across it.
         both = spread[i] + width[:, None, None] * flat + direction[j, :, None] * direction[j, None, :]
         square = chi_square(off, both)
         # A sensor's rays cannot be markers that it also sees with depth.
-        near = np.flatnonzero(square < settings.joined_ray)
+        near = np.flatnonzero(square < SETTINGS.joined_ray)
         own = seen.points[np.isfinite(seen.depth)]
-        mine = (((at[i[near]][:, None] - own) ** 2).sum(-1) < settings.radius_m**2).any(1)
+        mine = (((at[i[near]][:, None] - own) ** 2).sum(-1) < SETTINGS.radius_m**2).any(1)
         near = near[~mine]
         ii, jj = matched(i[near], j[near], square[near])
         distance = along[ii, jj]
@@ -264,11 +266,11 @@ class _Clusters:
         rest[jj] = False
         return rest
 
-    def drop_doubles(self, settings: FusionSettings) -> None:
+    def drop_doubles(self) -> None:
         at, spread = self.estimates()
         variance = np.trace(spread, axis1=1, axis2=2)
         off = at[:, None] - at
-        close = (off * off).sum(-1) < settings.closest_m**2
+        close = (off * off).sum(-1) < SETTINGS.closest_m**2
         kept = ~(close & (variance[:, None] > variance)).any(1)
         for name in ("information", "vector", "depths", "rays"):
             setattr(self, name, getattr(self, name)[kept])
@@ -279,13 +281,13 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(-1)
 
 
-def _within_radius(time: float, sightings: list[SensorSightings], settings: FusionSettings) -> FusedPoints:
+def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints:
     """Return the mean of each group of points joined by ``radius_m``, as published, and its covariance."""
     deep = [np.isfinite(s.depth) for s in sightings]
     points = np.concatenate([np.zeros((0, 3)), *(s.points[d] for s, d in zip(sightings, deep, strict=True))])
     covariance = np.concatenate([np.zeros((0, 3, 3)), *(s.covariance[d] for s, d in zip(sightings, deep, strict=True))])
     off = points[:, None] - points
-    i, j = np.nonzero(np.triu((off * off).sum(-1) < settings.radius_m**2, 1))
+    i, j = np.nonzero(np.triu((off * off).sum(-1) < SETTINGS.radius_m**2, 1))
     cluster, count = joined(len(points), i, j)
     size = np.bincount(cluster, minlength=count)
     mean, spread = np.zeros((count, 3)), np.zeros((count, 3, 3))
@@ -440,8 +442,7 @@ class TrackedPoints:
 class MarkerTracks:
     """Kalman filters of constant velocity, all at once with white noise of acceleration (Bar-Shalom and Li 1993)."""
 
-    def __init__(self, settings: FusionSettings = DEFAULT) -> None:
-        self._settings = settings
+    def __init__(self) -> None:
         self._next = 0
         self.clear()
 
@@ -455,7 +456,6 @@ class MarkerTracks:
 
     def update(self, found: FusedPoints) -> TrackedPoints:
         """Return the points of a moment with their tracks. Tracks restart if time runs back or stands still."""
-        settings = self._settings
         dt = 0.0 if self._time is None else found.time - self._time
         if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
             self.clear()
@@ -464,32 +464,32 @@ class MarkerTracks:
             self._predict(dt)
         points, covariance = found.points, found.covariance
         off = self._state[:, None, :3] - points
-        reach = 3.0 * np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2)) + settings.reach_m
+        reach = 3.0 * np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2)) + SETTINGS.reach_m
         i, j = np.nonzero((off * off).sum(-1) < reach[:, None] ** 2)
         square = chi_square(off[i, j], self._covariance[i, :3, :3] + covariance[j])
-        near = square < settings.follow
+        near = square < SETTINGS.follow
         i, j = matched(i[near], j[near], square[near])
         self._correct(i, points[j], covariance[j])
-        gained = np.where(found.depths >= 2, settings.hit_together, settings.hit_alone)
-        gained = np.where((found.depths == 1) & (found.rays > 0), settings.hit_together, gained)
-        gained = np.where(found.depths == 0, settings.hit_rays, gained)
+        gained = np.where(found.depths >= 2, SETTINGS.hit_together, SETTINGS.hit_alone)
+        gained = np.where((found.depths == 1) & (found.rays > 0), SETTINGS.hit_together, gained)
+        gained = np.where(found.depths == 0, SETTINGS.hit_rays, gained)
         hit = np.zeros(len(self._state), dtype=bool)
         hit[i] = True
         self._score[i] += gained[j]
-        self._score[~hit] -= settings.miss
-        self._score = np.minimum(self._score, settings.most)
+        self._score[~hit] -= SETTINGS.miss
+        self._score = np.minimum(self._score, SETTINGS.most)
         self._unseen_s = np.where(hit, 0.0, self._unseen_s + dt)
         row = np.full(len(points), -1)
         row[j] = i
         row[row < 0] = self._begin(points[row < 0], covariance[row < 0], gained[row < 0])
         tracked = TrackedPoints(found.time, points, covariance, self._number[row], self._score[row])
-        self._keep(self._unseen_s <= settings.lost_s)
+        self._keep(self._unseen_s <= SETTINGS.lost_s)
         return tracked
 
     def _predict(self, dt: float) -> None:
         F = np.eye(6)
         F[:3, 3:] = dt * np.eye(3)
-        noise = self._settings.acceleration_m_s2**2
+        noise = SETTINGS.acceleration_m_s2**2
         step = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * noise
         self._state = self._state @ F.T
         self._covariance = F @ self._covariance @ F.T + np.kron(step, np.eye(3))
@@ -506,11 +506,11 @@ class MarkerTracks:
         state = np.concatenate([points, np.zeros((count, 3))], axis=1)
         P = np.zeros((count, 6, 6))
         P[:, :3, :3] = covariance
-        P[:, 3:, 3:] = self._settings.start_speed_m_s**2 * np.eye(3)
+        P[:, 3:, 3:] = SETTINGS.start_speed_m_s**2 * np.eye(3)
         self._state = np.concatenate([self._state, state])
         self._covariance = np.concatenate([self._covariance, P])
         self._number = np.concatenate([self._number, self._next + np.arange(count)])
-        self._score = np.concatenate([self._score, self._settings.start + gained])
+        self._score = np.concatenate([self._score, SETTINGS.start + gained])
         self._unseen_s = np.concatenate([self._unseen_s, np.zeros(count)])
         self._next += count
         return first + np.arange(count)
