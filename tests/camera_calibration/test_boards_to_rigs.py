@@ -154,6 +154,6 @@ def test_a_board_nowhere_found_and_a_camera_alone_are_named(tmp_path: Path, monk
     lenses = {name: lens_of(cameras, c) for c, name in enumerate(cameras.names) if name != "cam2"}
     with pytest.raises(CalibrationInvalid) as caught:
         calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {**seen, "cam2": {}}), BOARD, lenses)
-    assert caught.value.where == "camera cam2" and caught.value.hint
+    assert caught.value.where.startswith("camera cam2, ") and caught.value.hint
     with pytest.raises(CalibrationMissing, match="1 cameras filmed"):
         calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {"cam1": seen["cam1"]}), BOARD, lenses)

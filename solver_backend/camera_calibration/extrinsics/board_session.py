@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -68,7 +67,6 @@ class BoardCalibration:
     """Cameras and the board's poses in the first camera's axes."""
     moments: tuple[int, ...]
     seen: BodySightings
-    together: dict[tuple[int, int], int]
     left_out: int
     """Number of excluded sightings."""
 
@@ -96,16 +94,15 @@ def calibrate_from_board(
         hint = "Use a Charuco board, or a checkerboard with an even and an odd number of squares."
         raise CalibrationInvalid(message, hint=hint)
     poses = [poses_seen(board, seen, lens) for seen, lens in zip(sightings, lenses, strict=True)]
-    together, relative = {}, {}
-    for i, j in combinations(range(len(names)), 2):
-        common = sorted(poses[i].keys() & poses[j].keys())
-        if len(common) >= FEWEST_TOGETHER:
-            together[i, j] = len(common)
-            relative[i, j] = relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common])
-    camera_poses = chained(names, together, relative)
+    moments = tuple(sorted(set().union(*poses)))
+
+    def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
+        common = [moments[m] for m in np.flatnonzero(both)]
+        return relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common]), len(common)
+
+    camera_poses = chained(names, np.array([[f in one for f in moments] for one in poses]), FEWEST_TOGETHER, pair)
     R, t = np.stack([R for R, _ in camera_poses]), np.stack([t for _, t in camera_poses])
     cameras = build_cameras(names, lenses, R, t)
-    moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
     late = np.arange(len(names)) > 0 if fps is not None else None
     fixed = Unknowns(np.ones(len(names), bool), delays=late)
@@ -114,7 +111,7 @@ def calibrate_from_board(
     kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
     unknowns = replace(lens_unknowns(found.cameras, lenses), delays=late) if free_lenses else fixed
     found = adjust(found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0)
-    return BoardCalibration(found, moments, seen.where(kept), together, int((~kept).sum()))
+    return BoardCalibration(found, moments, seen.where(kept), int((~kept).sum()))
 
 
 def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
@@ -377,13 +374,18 @@ def calibrate_lenses(
     lenses, used = {}, {}
     for done, (name, path) in enumerate(footage.items()):
         progress(f"Lens of {name}", done, len(footage))
-        sightings, size = find_boards(path, board, options.step)
-        try:
-            lenses[name] = camera_lens(board, sightings, size, options.models, name)
-        except CalibrationInvalid as error:
-            raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
-        used[name] = [sightings[f] for f in lenses[name].frames]
+        lenses[name], used[name] = _lens(name, path, board, *find_boards(path, board, options.step), options)
     return lenses, used
+
+
+def _lens(
+    name: str, path: Path, board: Board, seen: Sightings, size: tuple[int, int], options: BoardOptions
+) -> tuple[CameraLens, list[BoardSighting]]:
+    try:
+        lens = camera_lens(board, seen, size, options.models, name)
+    except CalibrationInvalid as error:
+        raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
+    return lens, [seen[f] for f in lens.frames]
 
 
 def calibrate_by_board(
@@ -456,13 +458,9 @@ def _lenses(
     """
     own = {n: p for n, p in footage.lens.items() if n in footage.extrinsic and n not in known}
     found, views = calibrate_lenses(own, board, options, progress)
-    for i, name in enumerate(footage.extrinsic):
+    for i, (name, path) in enumerate(footage.extrinsic.items()):
         if name not in known and name not in found:
-            try:
-                found[name] = camera_lens(board, seen[i], sizes[i], options.models, name)
-            except CalibrationInvalid as error:
-                raise CalibrationInvalid(error.message, where=f"camera {name}", hint=error.hint) from error
-            views[name] = [seen[i][f] for f in found[name].frames]
+            found[name], views[name] = _lens(name, path, board, seen[i], sizes[i], options)
     families = {known[n].distortion_model for n in footage.extrinsic if n in known}
     family = families.pop() if len(families) == 1 else choose_family(found, options.models)
     if family is not None:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -262,13 +263,16 @@ def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
     return proposals[int(np.argmin(np.median(distance, axis=1)))]
 
 
-def chained(
-    names: Sequence[str], together: Mapping[tuple[int, int], int], relative: Mapping[tuple[int, int], Pose]
-) -> list[Pose]:
+Pair = Callable[[int, int, np.ndarray], tuple[Pose, int]]
+"""Return the pose from camera i to j by a mask of common moments, and the number of observations that agree."""
+
+
+def chained(names: Sequence[str], seen: np.ndarray, fewest: int, pair: Pair) -> list[Pose]:
     """Return each camera's pose, from the first one's axes to its own, along the tree of pairs with most in common.
 
     Args:
-        together: number of common observations of each pair (i < j).
+        seen: (C, M) mask of the moments that a camera sees.
+        fewest: number of common moments of a usable pair.
 
     Raises:
         CalibrationInvalid: some cameras have nothing in common with the others.
@@ -276,8 +280,10 @@ def chained(
     Reference: Prim 1957 (maximum spanning tree).
     """
     poses: dict[int, Pose] = {0: (np.eye(3), np.zeros(3))}
+    both = {(i, j): seen[i] & seen[j] for i, j in combinations(range(len(names)), 2)}
+    pairs = {(i, j): pair(i, j, common) for (i, j), common in both.items() if common.sum() >= fewest}
     while len(poses) < len(names):
-        edges = [(n, i, j) for (i, j), n in together.items() if (i in poses) != (j in poses)]
+        edges = [(n, i, j) for (i, j), (_, n) in pairs.items() if (i in poses) != (j in poses)]
         if not edges:
             inside = ", ".join(names[c] for c in sorted(poses))
             outside = ", ".join(name for c, name in enumerate(names) if c not in poses)
@@ -285,9 +291,9 @@ def chained(
             raise CalibrationInvalid(message, hint="Film it where both groups see it at once.")
         _, i, j = max(edges)
         if i in poses:
-            poses[j] = composed(relative[i, j], poses[i])
+            poses[j] = composed(pairs[i, j][0], poses[i])
         else:
-            poses[i] = composed(inverted(relative[i, j]), poses[j])
+            poses[i] = composed(inverted(pairs[i, j][0]), poses[j])
     return [poses[c] for c in range(len(names))]
 
 

@@ -261,16 +261,13 @@ def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> st
     families = {LENS_MODELS[name].distortion_model for name in models}
     costs: dict[str, float] = {}
     for family in sorted(families):
-        errors = [_best_error(lens, family) for lens in lenses.values()]
+        mine = {name for name, model in LENS_MODELS.items() if model.distortion_model == family}
+        held_out = [lens.choice.held_out_px for lens in lenses.values()]
+        errors = [min((error[name] for name in mine & error.keys()), default=np.nan) for error in held_out]
         if np.isfinite(errors).all():
             counts = [len(lens.frames) for lens in lenses.values()]
             costs[family] = float(np.dot(counts, np.log(np.maximum(errors, 1e-9))))
     return min(costs, key=lambda family: costs[family]) if costs else None
-
-
-def _best_error(lens: CameraLens, family: str) -> float:
-    errors = [e for name, e in lens.choice.held_out_px.items() if LENS_MODELS[name].distortion_model == family]
-    return min(errors, default=float("nan"))
 
 
 def in_family(

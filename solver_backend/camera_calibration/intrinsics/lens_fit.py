@@ -23,11 +23,10 @@ from solver_backend.camera_calibration.adjustment.lens import (
     rough_lens,
 )
 from solver_backend.camera_calibration.boards.board import Board, BoardSighting
-from solver_backend.camera_calibration.pictures import opencv
+from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import CalibrationInvalid, OutputNotWritable
-from solver_backend.exchange.outputs import atomic_output
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types.shapes import Bool, Float
 
 FEWEST_VIEWS = 3
@@ -323,7 +322,7 @@ def _outline(view: BoardSighting) -> str:
 
 WIDTH = 480
 """Width of the picture in pixels. Chosen by hand."""
-_PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
+_CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
 def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
@@ -332,21 +331,11 @@ def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int
     Raises:
         OutputNotWritable: the file cannot be written.
     """
-    cv2 = opencv()
     scale = WIDTH / image_size[0]
-    height = max(1, round(image_size[1] * scale))
-    bgr = np.full((height, WIDTH, 3), _PAPER, dtype=np.uint8)
-    seen = coverage(list(sightings), image_size) > 0
-    down, across = seen.shape
-    for row, column in np.argwhere(seen).tolist():
-        a = round(WIDTH * column / across), round(height * row / down)
-        b = round(WIDTH * (column + 1) / across) - 2, round(height * (row + 1) / down) - 2
-        cv2.rectangle(bgr, a, b, _CELL, -1)
+    canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
+    wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS
+    for row, column in np.argwhere(coverage(list(sightings), image_size)).tolist():
+        canvas.box(wide * column, high * row, wide - 1, high - 1, _CELL)
     for view in sightings:
-        for x, y in np.round(view.px * scale).astype(int).tolist():
-            cv2.circle(bgr, (x, y), 2, _CORNER, -1, cv2.LINE_AA)
-    fine, data = cv2.imencode(".png", bgr)
-    if not fine:
-        raise OutputNotWritable("The picture cannot be made.", where=str(path))
-    with atomic_output(path, overwrite=True) as place:
-        place.write_bytes(data.tobytes())
+        canvas.dots(view.px * scale, _CORNER, 2)
+    canvas.save(path)

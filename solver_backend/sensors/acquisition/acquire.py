@@ -460,7 +460,7 @@ class Acquisition:
         hidden = np.nan_to_num(np.clip(1.0 - share, 0.0, 1.0), nan=0.0)
         sigma_px = SETTINGS.sigma_px + SETTINGS.split_sigma_px * parts
         sigma_px = sigma_px + SETTINGS.hidden_sigma * hidden * np.nan_to_num(radius, nan=0.0)
-        pixel = MEDIAN_LOSS * np.maximum(SETTINGS.depth_sigma(rings.depth), rings.spread)
+        pixel = MEDIAN_LOSS * np.maximum(SETTINGS.ring_noise * SETTINGS.depth_sigma(rings.depth), rings.spread)
         with np.errstate(invalid="ignore", divide="ignore"):
             sigma_depth = np.hypot(pixel / np.sqrt(rings.count), SETTINGS.depth_floor_m)
         flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]

@@ -94,8 +94,8 @@ class AcquisitionSettings:
     """Common error of a ring's pixels."""
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation of one ring pixel at depths, in metres."""
-        return self.ring_noise * (self.depth_constant_m + self.depth_quadratic * depth**2)
+        """Return the standard deviation of one pixel at depths, in metres."""
+        return self.depth_constant_m + self.depth_quadratic * depth**2
 
 
 SETTINGS = AcquisitionSettings()

@@ -19,6 +19,7 @@ from solver_backend.camera_calibration.adjustment.bundle import (
 from solver_backend.camera_calibration.adjustment.lens import build_cameras
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
+    Pair,
     Pose,
     chained,
     essential_matrix,
@@ -32,6 +33,7 @@ from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.alignment import umeyama
+from solver_backend.sensors.acquisition.blobs import SETTINGS
 from solver_backend.sensors.wand.evaluation import WandCalibration, WandOptions, findings_of, notes_of
 from solver_backend.sensors.wand.views import (
     Coverage,
@@ -138,10 +140,7 @@ START_SIGMA_PX = 2.0
 
 
 def robust_umeyama(
-    source: Float[np.ndarray, "n 3"],
-    target: Float[np.ndarray, "n 3"],
-    sigma: Float[np.ndarray, " n"],
-    rng: np.random.Generator,
+    source: np.ndarray, target: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
 ) -> tuple[Pose, np.ndarray]:
     """Return the rigid motion from source to target points, and the (n,) mask of inliers.
 
@@ -166,12 +165,7 @@ def robust_umeyama(
     return (R, t), square < 25.0
 
 
-def poses_by_depth(
-    names: Sequence[str],
-    points: Float[np.ndarray, "views moments 3"],
-    sigma: Float[np.ndarray, "views moments"],
-    rng: np.random.Generator,
-) -> list[Pose]:
+def poses_by_depth(names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator) -> list[Pose]:
     """Return each sensor's pose, from the first one's axes to its own, by one marker.
 
     Args:
@@ -181,22 +175,17 @@ def poses_by_depth(
     Raises:
         WandNotSeen: a sensor has no common moments with another one.
     """
-    together, relative = {}, {}
-    for i, j in combinations(range(len(names)), 2):
-        both = np.isfinite(points[[i, j]]).all((0, 2))
-        if both.sum() >= LEAST_TOGETHER:
-            spread = np.hypot(sigma[i, both], sigma[j, both])
-            relative[i, j], agree = robust_umeyama(points[i, both], points[j, both], spread, rng)
-            together[i, j] = int(agree.sum())
-    return _chained(names, together, relative)
+
+    def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
+        spread = np.hypot(sigma[i, both], sigma[j, both])
+        pose, agree = robust_umeyama(points[i, both], points[j, both], spread, rng)
+        return pose, int(agree.sum())
+
+    return _chained(names, points, pair)
 
 
 def poses_by_lights(
-    names: Sequence[str],
-    flat: Float[np.ndarray, "views moments 3 2"],
-    focal_px: float,
-    wand: Wand,
-    rng: np.random.Generator,
+    names: Sequence[str], flat: np.ndarray, focal_px: float, wand: Wand, rng: np.random.Generator
 ) -> list[Pose]:
     """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
 
@@ -206,19 +195,16 @@ def poses_by_lights(
     Raises:
         WandNotSeen: a camera has no common moments with another one.
     """
-    together, relative = {}, {}
-    for i, j in combinations(range(len(names)), 2):
-        both = np.isfinite(flat[[i, j]]).all((0, 2, 3))
-        if both.sum() < LEAST_TOGETHER:
-            continue
+
+    def pair(i: int, j: int, both: np.ndarray) -> tuple[Pose, int]:
         first, second = flat[i, both].reshape(-1, 2), flat[j, both].reshape(-1, 2)
         E, agree = essential_matrix(first, second, START_SIGMA_PX / focal_px, rng)
         R, t = pose_from_essential(E, first[agree], second[agree])
         at = intersected(np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]), np.stack([first, second]))
         seen = np.nanmedian(distances(at.reshape(-1, 3, 3)), axis=0)
-        scale = wand.distances_m[2] / max(float(seen[2]), 1e-9)
-        relative[i, j], together[i, j] = (R, scale * t), int(agree.sum())
-    return _chained(names, together, relative)
+        return (R, wand.distances_m[2] / max(float(seen[2]), 1e-9) * t), int(agree.sum())
+
+    return _chained(names, flat, pair)
 
 
 def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
@@ -234,26 +220,20 @@ def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
         raise WandInvalid(message, hint=hint)
 
 
-def _chained(names: Sequence[str], together: dict, relative: dict) -> list[Pose]:
+def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]:
+    seen = np.isfinite(places).reshape(*places.shape[:2], -1).all(-1)
     try:
-        return chained(names, together, relative)
+        return chained(names, seen, LEAST_TOGETHER, pair)
     except CalibrationInvalid as error:
         message = error.message.replace("sees the same", "sees the wand")
         hint = f"Wave it where both see it, for {LEAST_TOGETHER} frames and more."
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
-DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
-"""Standard deviation ``c + q z²`` of one pixel's depth in metres, as of Azure Kinects (Tölgyessy et al. 2021)."""
 SENSOR_BIAS_M = 2e-3
 """Common depth error of one sensor, beyond the measured scatter."""
 ROUNDS = 20
 """Rounds of reweighting. Chosen by hand."""
-
-
-def depth_sigma(depth_m: np.ndarray) -> np.ndarray:
-    """Return the standard deviation of depths in metres."""
-    return DEPTH_CONSTANT_M + DEPTH_QUADRATIC * depth_m**2
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
@@ -268,7 +248,7 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[
     z = np.einsum("cj,mj->cm", cameras.R[:, 2], at) + cameras.t[:, 2:]
     known = np.isfinite(depth_m) & np.isfinite(z)
     d, z = np.where(known, depth_m, 1.0), np.where(known, z, 1.0)
-    sigma = depth_sigma(d)
+    sigma = SETTINGS.depth_sigma(d)
     scale = float(np.median((d / z)[known]))
     weight = np.zeros_like(d)
     for _ in range(ROUNDS):
@@ -523,7 +503,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
         ray = np.concatenate([flat[:, :, 0], np.ones((*flat.shape[:2], 1))], axis=-1)
         depth = moments.depth_m[:, :, 0]
         focal = still.K[:, 0, 0, None]
-        sigma = np.hypot(depth_sigma(depth), depth * SIGMA_PX / focal)
+        sigma = np.hypot(SETTINGS.depth_sigma(depth), depth * SIGMA_PX / focal)
         poses = poses_by_depth(names, ray * depth[..., None], sigma, rng)
         return WandTask(cameras_at(views, poses), np.zeros((1, 3)), options.clocks is None, delays)
     poses = poses_by_lights(names, flat, float(np.median(still.K[:, 0, 0])), options.wand, rng)

@@ -241,10 +241,8 @@ LONGEST_GAP = 1.5
 
 
 def values_and_velocities(
-    values: Float[np.ndarray, "frames ..."],
-    times_s: Float[np.ndarray, " frames"],
-    wanted_s: Float[np.ndarray, " moments"],
-) -> tuple[Float[np.ndarray, "moments ..."], Float[np.ndarray, "moments ..."]]:
+    values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a track at other times, and the rates of change at the nearest frames.
 
     Values are interpolated by Hermite's cubic with central differences as slopes, unless a frame is at that time.
@@ -541,10 +539,10 @@ def wand_views(
     known = None if lenses is None else known_lenses(lenses, tuple(path.stem for path in files))
     progress("Tables of the wand", 0, 1)
     views = read_points_folder(folder, known)
-    if lights and views[0].depth_m is not None:
-        message = "The tables are of one marker with depth, which has no lengths."
-        raise CommandLineInvalid(message, where=str(folder), hint="Leave --wand out.")
-    if not lights and views[0].depth_m is None:
-        message = "The tables are of a wand with three lights and no depth."
-        raise CommandLineInvalid(message, where=str(folder), hint="Give its lengths in metres: --wand 0.13 0.26")
+    if lights == (views[0].depth_m is not None):
+        message, hint = "The tables are of one marker with depth, which has no lengths.", "Leave --wand out."
+        if not lights:
+            message = "The tables are of a wand with three lights and no depth."
+            hint = "Give its lengths in metres: --wand 0.13 0.26"
+        raise CommandLineInvalid(message, where=str(folder), hint=hint)
     return views

@@ -22,6 +22,7 @@ from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMis
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.reading_settings import WorldSettings
+from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
@@ -389,8 +390,7 @@ def _turn(before: np.ndarray, now: np.ndarray, focal: float) -> tuple[np.ndarray
     """
     R, weight, off = np.eye(3), np.ones(len(now)), np.zeros(len(now))
     for scale in SCALES_PX:
-        U, _, Vt = np.linalg.svd((now * weight[:, None]).T @ before)
-        R = U @ np.diag([1.0, 1.0, np.linalg.det(U @ Vt)]) @ Vt
+        R = nearest_rotation((now * weight[:, None]).T @ before)
         off = focal * np.linalg.norm(now - before @ R.T, axis=1)
         weight = (scale**2 / (scale**2 + off**2)) ** 2
     return R, float(np.median(off))

@@ -82,9 +82,7 @@ def first_crop(
     cameras: Cameras, view: int, wrist_px: np.ndarray, elbow_px: np.ndarray, depth_m: float, side: int
 ) -> HandCrop:
     """Return the crop of a hand at the end of a forearm from (2,) px. Side 0 is left, and 1 is right."""
-    along = wrist_px - elbow_px
-    length = float(np.hypot(*along))
-    up = along / length if length > 1.0 else np.array([0.0, -1.0])
+    up, length = _way(elbow_px, wrist_px)
     hand = float(cameras.K[view, 0, 0]) * HAND_M / depth_m
     # A forearm that points at the camera shows its hand near the wrist, so the crop is centred there.
     forearm = min(1.0, length / (1.3 * hand))
@@ -93,15 +91,19 @@ def first_crop(
 
 def second_crop(points: np.ndarray, side: int) -> HandCrop:
     """Return a closer crop of (21, 2) points, with the middle finger's knuckle above the wrist."""
-    along = points[_KNUCKLE] - points[_WRIST]
-    length = float(np.hypot(*along))
-    up = along / length if length > 1.0 else np.array([0.0, -1.0])
+    up, _ = _way(points[_WRIST], points[_KNUCKLE])
     across = np.array([-up[1], up[0]])
     own = np.stack([points @ across, points @ up], axis=-1)
     low, high = own.min(axis=0), own.max(axis=0)
     middle = 0.5 * (low + high)
     extent = float((high - low).max())
     return _crop(middle[0] * across + middle[1] * up, up, SECOND_MARGIN * max(extent, 8.0), side)
+
+
+def _way(start: np.ndarray, end: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the unit direction and the distance between two (2,) px. The direction is up if they are too close."""
+    length = float(np.hypot(*(end - start)))
+    return (end - start) / length if length > 1.0 else np.array([0.0, -1.0]), length
 
 
 def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> HandCrop:
@@ -167,6 +169,10 @@ class Arms:
         return Arms(self.places[frame], self.detected[:, frame])
 
 
+def _unseen(*shape: int) -> np.ndarray:
+    return np.tile(np.array(UNSEEN_POINT), (*shape, NUM_HAND_POINTS, 1))
+
+
 def search_hands(
     pictures: Mapping[int, np.ndarray],
     cameras: Cameras,
@@ -183,7 +189,7 @@ def search_hands(
         due: (C, 2) mask of views that search each hand. None for all.
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
-    found = np.tile(np.array(UNSEEN_POINT), (len(cameras), 2, NUM_HAND_POINTS, 1))
+    found = _unseen(len(cameras), 2)
     px = project(cameras, arms.places)
     for view, rgb in pictures.items():
         for side in np.flatnonzero(due[view]):
@@ -206,7 +212,7 @@ def _at_arm(
     earlier: np.ndarray | None,
 ) -> np.ndarray:
     """Search a hand where it was, at the arm of all views, and at the arm of this view. Return (21, 3)."""
-    unseen = np.tile(np.array(UNSEEN_POINT), (NUM_HAND_POINTS, 1))
+    unseen = _unseen()
     wrist = arms.places[1, side]
     depth = float(wrist @ cameras.R[view, 2] + cameras.t[view, 2])
     if not np.isfinite(px[:, side]).all() or depth <= NEAREST_M:
@@ -294,11 +300,6 @@ def in_footage(cameras: Cameras, arms: Arms, scale: np.ndarray) -> tuple[Cameras
     return cameras, replace(arms, detected=_scaled(arms.detected, scale))
 
 
-def from_footage(hands: Float[np.ndarray, "views frames 2 21 3"], scale: np.ndarray) -> np.ndarray:
-    """Return hands (C, F, 2, 21, 3) in the calibrated pixels."""
-    return _scaled(hands, 1.0 / scale)
-
-
 def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
     """Scale points (C, ..., 3): ``u' + 0.5 = s (u + 0.5)``."""
     by = scale.reshape(-1, *(1,) * (points.ndim - 2), 2)
@@ -348,8 +349,7 @@ def footage_shift(
 
 def in_time(hands: Float[np.ndarray, "views frames 2 21 3"], shift: int) -> Float[np.ndarray, "views frames 2 21 3"]:
     """Shift (C, F, 2, 21, 3) hands to the frames of the detections. They are unseen in frames without a picture."""
-    moved = np.full_like(hands, np.nan)
-    moved[..., 2] = 0.0
+    moved = _unseen(*hands.shape[:3])
     count = hands.shape[1] - abs(shift)
     moved[:, max(-shift, 0) :][:, :count] = hands[:, max(shift, 0) :][:, :count]
     return moved
@@ -402,8 +402,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     arms, found = arms_of(capture)
     scale = footage_scale(cameras, [None if path is None else probe(path).size for path in capture.footage])
     filmed, arms = in_footage(cameras, arms, scale)
-    hands = np.full((len(cameras), keypoints.num_frames, 2, NUM_HAND_POINTS, 3), np.nan)
-    hands[..., 2] = 0.0
+    hands = _unseen(len(cameras), keypoints.num_frames, 2)
     with DetectorProcess(choice) as process:
 
         def look(crop: np.ndarray) -> HandInCrop:
@@ -426,8 +425,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
         firsts = capture.footage_first or (0,) * len(capture.footage)
         hands, capture = in_time(hands, shift), replace(capture, footage_first=tuple(n + shift for n in firsts))
         found.append(diagnostic("footage_late", size=shift, remedy=Remedy.REPAIRED))
-    hands = from_footage(hands, scale)
-    return replace(capture, keypoints=replace(keypoints, hands=hands), notes=(*capture.notes, *found))
+    keypoints = replace(keypoints, hands=_scaled(hands, 1.0 / scale))  # in the calibrated pixels
+    return replace(capture, keypoints=keypoints, notes=(*capture.notes, *found))
 
 
 def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
