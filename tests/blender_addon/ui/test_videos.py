@@ -190,7 +190,7 @@ def test_steps_hold_diagnostics(tmp_path):
 
 
 def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
-    from solver_backend.videos.pipeline.pictures import Canvas
+    from solver_backend.camera_calibration.pictures import Canvas
 
     pytest.importorskip("cv2")
     path = Canvas(64, 64).save(tmp_path / "picture.png")

@@ -7,11 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.camera_calibration.pictures import PAPER, Canvas
 from solver_backend.types import JointSet
 from solver_backend.videos.pipeline.pictures import (
     COLOURS,
-    PAPER,
-    Canvas,
     cameras_picture,
     clocks_picture,
     detections_picture,
