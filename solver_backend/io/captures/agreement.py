@@ -22,29 +22,24 @@ from solver_backend.io.recognition.start_times import InTime, as_numbered, bring
 from solver_backend.types import Cameras
 
 OTHER_RATE = 0.01
-"""Share by which frame rates differ that are not the same: 59.94 is 60."""
+"""Relative difference from which frame rates are not the same: 59.94 is 60."""
 
 
 def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
-    """Return (C,) frames of each camera for one of the take, by what the videos state.
-
-    Args:
-        rates: (C,) frames per second that the videos state, None where they state nothing.
-        fps: frames per second of the take.
-    """
+    """Return (C,) frames of each camera per frame of the take from the rates of the videos, None if unknown."""
     ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
     differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
     return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
 
 
 def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return (C,) frames of each camera for one of the take, and whether the views leave open which is the take's rate.
+    """Return (C,) frames of each camera per frame of the take, and whether the take's rate is ambiguous.
 
-    The views show how rates are related, not which of them the stated one is. It is that of most cameras; where no rate
-    is that of more than half, that of the fastest, so that no frame is lost.
+    The views show only the ratios of rates. The take has the rate of most cameras or, if no rate is that of more than
+    half, the fastest, so that no frame is lost.
 
     Args:
-        relative: (C,) frames of each for one of any of them.
+        relative: (C,) frames of each camera per frame of any of them.
     """
     same = np.abs(relative[:, None] / relative[None] - 1) <= OTHER_RATE
     usual = int(same.sum(1).argmax())
@@ -54,14 +49,8 @@ def of_the_take(relative: np.ndarray) -> tuple[np.ndarray, bool]:
     return np.where(relative > (1 - OTHER_RATE) * fastest, 1.0, relative / fastest), True
 
 
-def other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_open: bool) -> tuple[Diagnostic, ...]:
-    """Return that cameras have other rates than the take's, and whether it is open which is the take's.
-
-    Args:
-        ratios: (C,) frames of each for one of the take.
-        fps: frames per second of the take.
-        is_open: the views leave open which cameras the stated rate is of.
-    """
+def _other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_open: bool) -> tuple[Diagnostic, ...]:
+    """Report cameras with other rates than the take's, and an ambiguous rate if ``is_open``."""
     rates = {name: ratio * fps for name, ratio in zip(detections.cameras, ratios.tolist(), strict=True) if ratio != 1.0}
     named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
     found = diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)
@@ -73,14 +62,13 @@ def other_rates(detections: Detections, ratios: np.ndarray, fps: float, *, is_op
 
 @dataclass(frozen=True)
 class Agreeing:
-    """Input of a solve."""
+    """Input of a solve after all corrections."""
 
     calibration: Calibration
-    """After all corrections."""
     in_time: InTime
     """Detections at moments that cameras recorded together."""
     resampled: tuple[bool, ...]
-    """Of each camera, whether its rows are no longer the frames of its video."""
+    """Whether each camera's rows are no longer the frames of its video."""
     problems: tuple[Diagnostic, ...] = ()
     """Corrections of detections and frame rates."""
 
@@ -97,18 +85,18 @@ class _Files:
 def bring_to_agreement(
     calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
 ) -> Agreeing:
-    """Return calibration and detections that agree as far as anything explains why they do not.
+    """Return calibration and detections that agree as far as the disagreement can be explained.
 
-    Views in step are explained first. If they do not agree, or a single camera is moved, late or unexplained, frame
-    rates that videos state and other readings of all cameras are tried at all offsets. Offsets are found last. A single
-    camera is explained after that, in the rows that belong together.
+    Synchronous views are explained first. If they do not agree, or a single camera is moved, late or unexplained, the
+    frame rates of videos and other readings of all cameras are tried at all offsets. Offsets are found last. A single
+    camera is explained after that, in synchronous rows.
 
     Args:
         calibration: of C cameras.
-        detections: of the same, each from its own first frame where frames differ.
+        detections: of the same, each from its own first frame if frames differ.
         fps: frame rate of the take.
-        rates: (C,) frame rates that the videos state, else None.
-        options: how the capture is read.
+        rates: (C,) frame rates of the videos, None if unknown.
+        options: of reading.
 
     Raises:
         CalibrationInvalid: all cameras are in one point.
@@ -119,10 +107,9 @@ def bring_to_agreement(
         files = _turn_one_view(_Files(calibration, detections), options)
         return Agreeing(files.calibration, InTime(files.detections), (False,))
     if not np.ptp(calibration.cameras.centres, axis=0).any():
-        raise CalibrationInvalid(
-            "The calibration places all cameras in one point: it has intrinsics alone.", where=str(calibration.source),
-            hint="Calibrate the positions of the cameras, too, for example with calibrate-cameras.",
-        )  # fmt: skip
+        what = "The calibration places all cameras in one point: it has intrinsics alone."
+        hint = "Calibrate the positions of the cameras, too, for example with calibrate-cameras."
+        raise CalibrationInvalid(what, where=str(calibration.source), hint=hint)
     files, ratios, stated = _Files(calibration, detections), np.ones(count), stated_ratios(rates, fps)
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if searched and (stated == 1).all():
@@ -154,17 +141,10 @@ def bring_to_agreement(
 
 
 def _at_one_rate(files: _Files, ratios: np.ndarray, fps: float, *, is_open: bool) -> _Files:
-    """Return the files at the take's rate.
-
-    Args:
-        files: of C cameras.
-        ratios: (C,) frames of each for one of the take.
-        fps: frame rate of the take.
-        is_open: nothing shows which cameras that rate is of.
-    """
+    """Return the files at the take's rate, from (C,) frames of each camera per frame of the take."""
     if (ratios == 1).all():
         return files
-    problems = other_rates(files.detections, ratios, fps, is_open=is_open)
+    problems = _other_rates(files.detections, ratios, fps, is_open=is_open)
     resampled = at_one_rate(files.detections, ratios.tolist())
     return _Files(files.calibration, resampled, (*files.problems, *problems))
 

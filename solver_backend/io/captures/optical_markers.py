@@ -10,7 +10,6 @@ import numpy as np
 
 from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
@@ -32,7 +31,7 @@ from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import Capture, MarkerCloud
 
 SEPARATOR = ","
-"""Between the prefixes of one person."""
+"""Separator of the prefixes of one person."""
 
 
 def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
@@ -40,11 +39,11 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
 
     Args:
         take: markers of one or more subjects.
-        given: the subject's prefix without its colon, or several with commas between them that are one person's; None
-            takes the only subject, or the only one that wears markers of a body.
+        given: the subject's prefix without its colon, or several prefixes of one person with commas. None chooses the
+            only subject, or the only one with markers of a body.
 
     Raises:
-        JobInvalid: several subjects may be meant and none is named, or a named one is not among them.
+        JobInvalid: the subject is ambiguous, or a given one is not in the file.
     """
     subjects = take.report.subjects
     if given is None:
@@ -55,7 +54,7 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
         if len(bodies) != 1:
             what = f"The file holds {len(subjects)} subjects: {_counts(take)}."
             raise JobInvalid(what, where="subject_prefix", hint=_hint(bodies, places))
-        # Rigid bodies that are named by a bone are that person's, where they name no places of their own.
+        # Rigid bodies with the name of a bone and no places of their own belong to that person.
         names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
         chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
         others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]
@@ -74,18 +73,15 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
 def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> MarkerTake:
     labels = take.cloud.labels or ()
     kept = [i for i, label in enumerate(labels) if prefix_of(label) in names]
-    report = replace(
-        take.report,
-        subjects=names,
-        unlabelled=tuple(label for label in take.report.unlabelled if prefix_of(label) in names),
-    )
+    unlabelled = tuple(label for label in take.report.unlabelled if prefix_of(label) in names)
+    report = replace(take.report, subjects=names, unlabelled=unlabelled)
     beside = [i for i, label in enumerate(labels) if prefix_of(label) in things]
     others = joined_columns(take.others, take.cloud.columns(beside, tuple(labels[i] for i in beside)))
     return MarkerTake(take.cloud.columns(kept, tuple(labels[i] for i in kept)), report, others)
 
 
 def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
-    """Return the markers of two clouds of the same frames side by side; None where there are none."""
+    """Return the markers of two clouds of the same frames side by side, None if there are none."""
     if not two.labels:
         return one
     if one is None:
@@ -108,7 +104,7 @@ def _counts(take: MarkerTake) -> str:
 
 
 def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list[str]:
-    words: LabelWords = load_layouts().words
+    words = load_layouts().words
     return [name for name in subjects if places[name] or words.of(name)[1] or words.of_glued(name)[1]]
 
 
@@ -120,38 +116,30 @@ def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
     return f"{one} If they are parts of one person, name them all: --subject-prefix {SEPARATOR.join(parts)}."
 
 
-def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
-    def read(path: Path, options: ReadOptions) -> Capture:
-        return _capture(path, reader.read(path, options), options)
-
-    return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
-
-
 def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
-    """Return the markers of one subject, all of them, with what was recognised."""
+    """Return the markers of one subject as a capture."""
     try:
         take = of_subject(take, options.subject_prefix)
     except JobInvalid as error:
         raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
-    labels, report = take.cloud.labels, take.report
+    labels, report, notes, problems = take.cloud.labels, take.report, list(take.report.notes), take.report.problems
     hands = hand_labels(labels or ())
-    of_body = [label for label in labels or () if label not in hands and not is_unnamed(label)]
-    names = None if labels is None else name_markers(of_body, places_by_side(take.cloud))
-    left = sum(place.startswith("L") for place in hands.values())
-    found = [diagnostic("labels_of_hands", left=left, right=len(hands) - left)] if hands else []
-    return Capture(
-        name=path.stem,
-        markers=take.cloud,
-        others=take.others,
-        sources=(str(path),),
-        notes=(*report.notes, *found, *_labels(names, report.unlabelled)),
-        problems=(*report.problems, *([] if names is None else _few(names))),
-    )
+    if hands:
+        left = sum(place.startswith("L") for place in hands.values())
+        notes.append(diagnostic("labels_of_hands", left=left, right=len(hands) - left))
+    if labels is not None:
+        of_body = [label for label in labels if label not in hands and not is_unnamed(label)]
+        names = name_markers(of_body, places_by_side(take.cloud))
+        notes += _label_notes(names, report.unlabelled)
+        known, least = list(names.known), least_markers(names.known.values())
+        if len(known) < least and not left_to_network(names):
+            few = diagnostic("few_markers_known", markers=known, count=len(known), least=least)
+            problems = (*problems, few)
+    sources, found = (str(path),), tuple(notes)
+    return Capture(path.stem, markers=take.cloud, others=take.others, sources=sources, notes=found, problems=problems)
 
 
-def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagnostic]:
-    if names is None:
-        return []
+def _label_notes(names: MarkerNames, nameless: tuple[str, ...]) -> list[Diagnostic]:
     if left_to_network(names):
         count, total = len(names.known), len(names.known) + len(names.unknown)
         return [diagnostic("labels_left_to_network", count=count, total=total)]
@@ -174,16 +162,16 @@ def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagno
 
 
 def left_to_network(names: MarkerNames) -> bool:
-    """Return whether labels name too few places for a solve, and there are markers enough to be named otherwise."""
+    """Return whether labels name too few places for a solve, and there are enough markers for the network."""
     return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
 
 
-def _few(names: MarkerNames) -> list[Diagnostic]:
-    known, least = list(names.known), least_markers(names.known.values())
-    if len(known) >= least or left_to_network(names):
-        return []
-    return [diagnostic("few_markers_known", markers=known, count=len(known), least=least)]
+def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
+    def read(path: Path, options: ReadOptions) -> Capture:
+        return _capture(path, reader.read(path, options), options)
+
+    return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
 
 
-READERS = tuple(_as_captures(reader) for reader in MARKERS)
-"""One of captures for every kind of marker file."""
+READERS = tuple(map(_as_captures, MARKERS))
+"""A reader of captures for every kind of marker file."""
