@@ -1,6 +1,6 @@
-"""What a calibration can be meant as: pictures of another size or turned, rotations and places written the other way.
+"""Corrections of calibrations for other picture sizes, turned pictures, and other conventions of rotations and places.
 
-Each correction changes cameras, never detections, so that footage and keypoints stay as recorded.
+Each correction changes cameras, never detections, so that footage and keypoints stay unchanged.
 """
 
 from __future__ import annotations
@@ -14,32 +14,30 @@ from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
-"""Sizes of recorded pictures over those calibrated: ratios between 480, 540, 720, 1080, 1440 and 2160 lines."""
+"""Sizes of recorded over calibrated pictures: ratios between 480, 540, 720, 1080, 1440 and 2160 lines."""
 TURNS = (0, 1, 2, 3)
 """Quarter turns of the recorded pictures, clockwise."""
 POSES = ("world to camera", "transposed", "camera to world", "places")
-"""What a file's rotation R and vector t may be: ``x_cam = R x + t`` as OpenCV has it; ``x_cam = Rᵀ x + t``, as MATLAB's
-row vectors do; ``x = R x_cam + t``; ``x_cam = R (x - t)``."""
-SHAPES = {
-    "squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3", "half as wide": "squeezed to half width",
-    "twice as wide": "of half the rows", "square": "squeezed into a square", "boxed": "in a square with bars",
-    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3", "cut to a square": "cut to a square",
-    "middle 3/4": "cut to 3/4 about their middle", "middle 2/3": "cut to 2/3 about their middle",
-    "middle half": "cut to half about their middle",
-}  # fmt: skip
-"""What recorded pictures may be against those calibrated, and how it is reported: anamorphic lenses and pixels that are
-no squares, fields of interlaced video, square inputs of detectors, modes of a camera that use a part of its sensor."""
+"""Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
+row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
+SHAPES = {"squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3"}
+SHAPES |= {"half as wide": "squeezed to half width", "twice as wide": "of half the rows"}
+SHAPES |= {"square": "squeezed into a square", "boxed": "in a square with bars"}
+SHAPES |= {shape: shape for shape in ("cut to 16:9", "cut to 4:3", "cut to a square")}
+SHAPES |= {f"middle {share}": f"cut to {share} about their middle" for share in ("3/4", "2/3", "half")}
+"""Shapes of recorded pictures relative to calibrated ones, and their report: anamorphic lenses and pixels that are no
+squares, fields of interlaced video, square inputs of detectors, modes of a camera with a part of its sensor."""
 _MIDDLES = {"middle 3/4": 3 / 4, "middle 2/3": 2 / 3, "middle half": 1 / 2}
 _WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as wide": 2.0}
 _QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Camera axes of a picture that is turned by 90 degrees clockwise."""
+"""Camera axes of a picture after a turn by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
 
 
 @dataclass(frozen=True)
 class CameraCorrection:
-    """One way to read a calibration; the default reads it as it is written."""
+    """One way to read a calibration. The default changes nothing."""
 
     factor: float = 1.0
     """Size of the recorded pictures over that of the calibrated ones."""
@@ -54,11 +52,11 @@ class CameraCorrection:
 
     @property
     def changes(self) -> int:
-        """How many things it changes."""
+        """Number of changes."""
         return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics + bool(self.shape)
 
     def meaning(self) -> str:
-        """Return what was meant by the calibration, a phrase for people; empty if it is read as written."""
+        """Return the changes as a phrase for people, empty if there are none."""
         parts = [f"the recorded pictures are {SHAPES[self.shape]}"] if self.shape else []
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
@@ -78,12 +76,7 @@ class CameraCorrection:
 
 
 def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
-    """Return the cameras as each correction reads them.
-
-    Args:
-        cameras: as the calibration is written.
-        corrections: one a camera.
-    """
+    """Return the cameras with one correction per camera."""
     for c, correction in enumerate(corrections):
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
@@ -98,19 +91,15 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
 
 
 def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
-    """Return rotations (C, 3, 3) of cameras whose pictures were turned by quarter turns, as before that."""
+    """Return rotations (C, 3, 3) of cameras before their pictures were turned by quarter turns."""
     once = [np.linalg.matrix_power(_QUARTER.T, turn) for turn in turns]
     return np.stack(once) @ R
 
 
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
-    """Return the cameras with one of them for images of another size of the same shape.
+    """Return the cameras with one of them for images of another size (width, height) of the same shape.
 
-    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as OpenCV's ``resize`` maps them).
-
-    Args:
-        index: which of them.
-        size: width and height of the images in pixels.
+    Pixel (0, 0) is a centre, so ``u' + 0.5 = s (u + 0.5)`` px (as in OpenCV's ``resize``).
     """
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     scale = np.array(size, dtype=np.float64) / sizes[index]
@@ -127,11 +116,10 @@ def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
     if shape == "square":
         scale = np.array([height / width, 1.0])
     long, short = size.max(), size.min()
-    new = {
-        **{middle: size * share for middle, share in _MIDDLES.items()},
-        "boxed": np.full(2, long), "cut to 16:9": np.where(size == long, long, long * 9 / 16),
-        "cut to 4:3": np.where(size == short, short, short * 4 / 3), "cut to a square": np.full(2, short),
-    }.get(shape, size * scale)  # fmt: skip
+    new = {middle: size * share for middle, share in _MIDDLES.items()}
+    new |= {"boxed": np.full(2, long), "cut to 16:9": np.where(size == long, long, long * 9 / 16)}
+    new |= {"cut to 4:3": np.where(size == short, short, short * 4 / 3), "cut to a square": np.full(2, short)}
+    new = new.get(shape, size * scale)
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     K[c, :2] *= scale[:, None]
     K[c, :2, 2] += (scale - 1) / 2 + (new - size * scale) / 2
@@ -160,19 +148,14 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
 
 
 COMPARED = 16
-"""Cameras up to which every pair is compared where a pair costs little."""
+"""Cameras up to which every pair is compared if a pair is cheap."""
 
 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:
-    """Return pairs (i < j) of cameras in rising order.
+    """Return pairs (i < j) of ``count`` cameras in rising order.
 
-    Of more than ``each`` cameras every one is compared with its ``neighbours`` that follow, the first after the last:
-    all hang together, and the work grows with the number of cameras instead of its square.
-
-    Args:
-        count: cameras.
-        each: cameras up to which all pairs are returned.
-        neighbours: ``each - 1`` if 0.
+    Above ``each`` cameras every one is paired with the next ``neighbours`` (``each - 1`` if 0) in a circle, so that all
+    are connected and the work grows with the number of cameras instead of its square.
     """
     others = range(1, count if count <= each else (neighbours or each - 1) + 1)
     return sorted({(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c})

@@ -1,4 +1,4 @@
-"""How a detector's confidence relates to its spread, and the file that holds this relation."""
+"""The relation of a detector's confidence to its spread, and its file."""
 
 from __future__ import annotations
 
@@ -15,63 +15,59 @@ from solver_backend.types import Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
-"""Standard deviation per axis of what no confidence covers: how far usual calibrations misplace a person in a view."""
+"""Standard deviation per axis of errors without confidence: the misplacement of a person by usual calibrations."""
 USUAL_CONFIDENCE = 0.65
-"""Of a detection as detectors make them: the solver's balance of data and priors was chosen with these."""
+"""Confidence of an average detection, with which the solver's balance of data and priors was chosen."""
 WEIGHTS = (0.02, 20.0)
-"""Least and most that a detection counts."""
+"""Least and largest weight of a detection."""
 MOST_STEPS = 1000
-"""Steps of the confidence that a file may have."""
+"""Steps of the confidence in a file at most."""
 LARGEST_MM = 10_000.0
-"""No detector scatters further than this at the person's distance."""
+"""Largest spread of a detector at the person's distance."""
 
 
 @dataclass(frozen=True)
 class NoiseMap:
-    """Spread by confidence of one detector; B steps."""
+    """Spread by confidence of one detector in B steps."""
 
     detector: str
-    """What it is for."""
     confidence: np.ndarray
     """(B,) middle confidence of each step, ascending."""
     sigma_mm: np.ndarray
     """(B,) standard deviation per axis at the person's distance, never rising with the confidence."""
     captures: tuple[str, ...] = ()
-    """What it was measured on."""
+    """Names of the measured captures."""
     detections: int = 0
-    """How many keypoints it was measured on."""
+    """Number of measured keypoints."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
         """Return the confidence as the weight of a detection, 0 where it is 0.
 
-        ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)``: the inverse variance, with what a calibration is off by, s, beside the
-        detector's spread σ, such that a detection of the map's median spread σ_m has a usual confidence w₀. It passes 1
-        where one is better. The solver weighs a squared error by its confidence.
+        ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)`` is the inverse variance, with the calibration's error s and the
+        detector's spread σ. A detection of the map's median spread σ_m has a usual confidence w₀, better ones may
+        exceed 1. The solver weighs a squared error by its confidence.
         """
         variance = np.interp(confidence, self.confidence, self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
-        """Return keypoints weighted by what their confidence means, and a note."""
+        """Return keypoints with the weights of their confidences, and a note."""
         note = diagnostic("noise_map_applied", measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values."""
-        return {
-            "format": FORMAT, "version": 1, "detector": self.detector,
-            "confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist(),
-            "captures": list(self.captures), "detections": self.detections,
-        }  # fmt: skip
+        values: dict[str, object] = {"format": FORMAT, "version": 1, "detector": self.detector}
+        values |= {"confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist()}
+        return {**values, "captures": list(self.captures), "detections": self.detections}
 
 
 def read_noise_map(path: Path | str) -> NoiseMap:
     """Read a noise map.
 
     Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is no noise map, or its numbers are impossible; the message names which.
+        FileMissing, FileDamaged: there is no such file, it is no noise map, or its numbers are impossible.
     """
     values = read_json_file(path)
     try:

@@ -1,7 +1,7 @@
-"""From world points to pixels with the derivative, and from pixels back to normalised coordinates and rays.
+"""Lens distortion, projection of world points to pixels with derivatives, and the way back to normalised coordinates.
 
-Pixels and Jacobians are NaN where a point lies less than ``NEAR_M`` in front of a camera, or beyond the radius where
-the lens distortion stops being monotonic (``largest_radius``). The depth is finite for every finite point.
+Pixels and Jacobians are NaN for points less than ``NEAR_M`` in front of a camera, or beyond the radius where the lens
+distortion stops being monotonic (``largest_radius``). The depth is finite for every finite point.
 """
 
 from __future__ import annotations
@@ -30,16 +30,12 @@ Models = tuple[str, ...]
 
 NEWTON_STEPS = 20
 _RADII = np.tan(np.linspace(0.0, 1.56, 768))
-"""Radii, at angles between 0 and 89.4°, at which the slope of the distortion is looked at."""
+"""Radii, at angles between 0 and 89.4°, at which the slope of the distortion is computed."""
 
 
 @lru_cache(maxsize=64)
 def cameras_by_model(models: Models) -> tuple[tuple[LensModel, tuple[int, ...]], ...]:
-    """Return each lens model of an array with the indices of its cameras.
-
-    Raises:
-        CalibrationInvalid: a model is unknown.
-    """
+    """Return each lens model of an array with the indices of its cameras, or raise CalibrationInvalid."""
     require_models(models)
     names = dict.fromkeys(models or (DEFAULT_MODEL,))
     return tuple((LENS_MODELS[name], tuple(c for c, other in enumerate(models) if other == name)) for name in names)
@@ -52,12 +48,9 @@ def is_distorted(distortion: Distortion, models: Models) -> bool:
 
 
 def _by_model(models: Models, compute: Callable[..., Any], *arrays: Array) -> Any:
-    """Return what a function of (model, *arrays) computes, called once per model with the rows of its cameras.
+    """Return the results of a function of (model, *arrays), called once per model with the rows of its cameras.
 
-    Args:
-        models: of C cameras.
-        compute: returns an array, or nested tuples of arrays, whose first axis is the cameras.
-        arrays: with C rows each.
+    The function returns an array, or nested tuples of arrays, with cameras on the first axis.
     """
     groups = cameras_by_model(models)
     if len(groups) == 1:
@@ -74,15 +67,12 @@ def _merge(parts: Sequence[Any], at: Sequence[tuple[int, int]]) -> Any:
 
 
 def distort(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return distorted normalised coordinates.
+    """Return distorted normalised coordinates, meaningful within ``largest_radius`` only.
 
     Args:
         xy: (C, ..., 2) normalised, x/z and y/z.
         distortion: (C, 8).
         models: of the C cameras.
-
-    Returns:
-        (C, ..., 2); meaningful within ``largest_radius`` only.
 
     Raises:
         CalibrationInvalid: a model is unknown.
@@ -101,35 +91,28 @@ def distort_with_jacobian(
 def distorted(
     x: Coordinate, y: Coordinate, distortion: Distortion, models: Models
 ) -> tuple[Coordinate, Coordinate, tuple[Coordinate, Coordinate, Coordinate]]:
-    """Return ``distort_with_jacobian`` of (C, ...) coordinates that lie apart, as fast loops want them."""
-    return _by_model(models, _distorted, x, y, distortion)
+    """Return ``distort_with_jacobian`` of separate (C, ...) coordinates, for fast loops."""
 
+    def of_model(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
+        return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
 
-def _distorted(model: LensModel, x: Array, y: Array, distortion: Array) -> tuple[Array, Array, tuple[Array, ...]]:
-    return model.distort(x, y, _coefficients(distortion, x), array_namespace(x))
+    return _by_model(models, of_model, x, y, distortion)
 
 
 def largest_radius(distortion: Distortion, models: Models) -> Float[Array, " cameras"]:
     """Return the radius sqrt(x² + y²) up to which the radial part grows, so that it has an inverse.
 
-    Beyond it the polynomial folds back and far points would appear in the middle of the image. Found on a grid of
-    angles and refined by interpolation; infinite where the distortion grows up to 89.4°.
-
-    Args:
-        distortion: (C, 8).
-        models: of the C cameras.
-
-    Returns:
-        (C,).
+    Beyond it the polynomial folds back and far points would appear in the middle of the image. It is found on a grid of
+    angles and refined by interpolation, and is infinite if the distortion grows up to 89.4°.
     """
-    if isinstance(distortion, np.ndarray):  # asked for at every projection, of the same few lenses
+    if isinstance(distortion, np.ndarray):  # every projection asks for the same few lenses
         return _known_radius(distortion.tobytes(), distortion.dtype.str, models)
     return _by_model(models, _largest_radius, distortion)
 
 
 @lru_cache(maxsize=64)
 def _known_radius(distortion: bytes, dtype: str, models: Models) -> np.ndarray:
-    """Return the radii of lenses given as bytes; the array must not be written to."""
+    """Return the radii of lenses given as bytes. The array is read-only."""
     radius = np.asarray(_by_model(models, _largest_radius, np.frombuffer(distortion, dtype).reshape(-1, 8)))
     radius.flags.writeable = False
     return radius
@@ -152,15 +135,9 @@ def _largest_radius(model: LensModel, distortion: Array) -> Array:
 
 
 def undistort_normalised(xy: ImagePoints, distortion: Distortion, models: Models) -> ImagePoints:
-    """Return the coordinates that ``distort`` maps to ``xy``: Newton's method with the analytic Jacobian.
+    """Return the (C, ..., 2) coordinates that ``distort`` maps to ``xy`` by Newton's method with the analytic Jacobian.
 
-    Args:
-        xy: (C, ..., 2) distorted normalised coordinates.
-        distortion: (C, 8).
-        models: of the C cameras.
-
-    Returns:
-        (C, ..., 2), NaN where no point within ``largest_radius`` is mapped there.
+    They are NaN where no point within ``largest_radius`` is mapped to ``xy``.
     """
     xp = array_namespace(xy)
     if not is_distorted(distortion, models):
@@ -184,7 +161,7 @@ def _invert_in_plane(model: LensModel, xy: Array, distortion: Array, limit: Arra
     flat = xp.reshape(xy, (xy.shape[0], -1, 2))
     target = xp.where(xp.isfinite(flat), flat, xp.zeros_like(flat))
     guess, limit = xp.asarray(target, copy=True), xp.reshape(limit, (-1, 1))
-    active = xp.arange(target.shape[1], device=device_of(xy))  # columns that some camera is not done with
+    active = xp.arange(target.shape[1], device=device_of(xy))  # columns that are not finished in some camera
     for _ in range(NEWTON_STEPS):
         start = _pulled_inside(guess[:, active], limit)
         value, (xx, cross, yy) = distort_with_jacobian(start, distortion, (model.name,))
@@ -229,7 +206,7 @@ NEAR_M = 0.01
 
 @dataclass(frozen=True)
 class CameraArrays:
-    """C cameras as arrays of the caller's kind, unchecked."""
+    """C cameras as unchecked arrays of the caller's kind."""
 
     K: Array
     """(C, 3, 3) px."""
@@ -240,7 +217,6 @@ class CameraArrays:
     t: Array
     """(C, 3) metres."""
     models: Models
-    """Names of the C lens models."""
     width: float = 0.0
     """Mean image width in px."""
 
@@ -251,28 +227,23 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.models, float(cameras.image_size[:, 0].mean()))
 
     def astype(self, precision: Any) -> CameraArrays:
-        """Return the arrays in a precision; single holds a thousand pixels to 0.0001."""
+        """Return the arrays in a precision. Single precision resolves a thousand pixels to 0.0001."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         return replace(self, K=K, distortion=distortion, R=R, t=t)
 
 
 AnyCameras = Cameras | CameraArrays
-"""What projects points."""
 
 
 def project(cameras: AnyCameras, points: Points) -> ImagePoints:
-    """Return the pixels of world points in every camera: ``K distort((R x + t)/z)``.
+    """Return the (C, ..., 2) pixels of world points (..., 3) in every camera: ``K distort((R x + t)/z)``.
 
-    Args:
-        points: (..., 3) world metres.
-
-    Returns:
-        (C, ..., 2) px, NaN where not visible (see the module).
+    They are NaN where not visible (see the module).
 
     Raises:
         CalibrationInvalid: a lens model is unknown.
 
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with the lens of ``distortion``.
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.1, with a distorting lens.
     """
     K = cameras.K
     xp = array_namespace(K, points)
@@ -285,14 +256,7 @@ def project(cameras: AnyCameras, points: Points) -> ImagePoints:
 def project_with_jacobian(
     cameras: AnyCameras, points: Points
 ) -> tuple[ImagePoints, Float[Array, "cameras *batch 2 3"], Coordinate]:
-    """Return pixels as ``project``, their derivative by the world points, and the depths.
-
-    Returns:
-        px (C, ..., 2), J (C, ..., 2, 3) in px/m, both NaN where not visible, and depth (C, ...) in metres.
-
-    Raises:
-        CalibrationInvalid: a lens model is unknown.
-    """
+    """Return ``project``'s pixels, their derivative (C, ..., 2, 3) by the points in px/m, and depths (C, ...) in m."""
     K = cameras.K
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(cameras, points)
@@ -313,14 +277,9 @@ def project_with_jacobian(
 
 
 def undistort(cameras: AnyCameras, xy: ImagePoints) -> ImagePoints:
-    """Return the undistorted normalised coordinates of pixels, the inverse of the lens and of ``K``.
+    """Return the undistorted normalised coordinates (C, ..., 2), x/z and y/z, of pixels.
 
-    Args:
-        cameras: C cameras; their poses are not used.
-        xy: (C, ..., 2) px; NaN stays NaN.
-
-    Returns:
-        (C, ..., 2), x/z and y/z in camera axes; NaN where the lens maps nothing to that pixel.
+    NaN stays NaN. A result is NaN if the lens maps nothing to that pixel. Poses are not used.
 
     Raises:
         CalibrationInvalid: a lens model is unknown.

@@ -1,4 +1,4 @@
-"""Correct camera poses by the people whom they film, and measure the gain on frames that were held out."""
+"""Correct camera poses with the filmed people, and measure the gain on held-out frames."""
 
 from __future__ import annotations
 
@@ -16,17 +16,18 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 
 FRAMES = 60
-"""Frames at most that cameras are corrected by, spread over the take."""
+"""Frames at most that correct cameras, spread over the take."""
 _LEAST_EIGENVALUE = 1e-12
-"""Of a camera's equations over the largest, below which its direction is open; chosen by hand, above rounding."""
+"""Eigenvalue of a camera's equations over the largest, below which its direction is undetermined, chosen by hand."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
-    """Return the cameras with poses that fit the detections of one person better: alternating bundle adjustment.
+    """Return the cameras with poses that fit the detections of one person better, by alternating bundle adjustment.
 
     The world frame is kept only as far as the given poses agree on it.
 
     Args:
+        cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         rounds: of triangulation and resection.
@@ -58,7 +59,7 @@ def resected(
         confidence: (C, F, K), 0 where missing.
         points: (F, K, 3) world metres, NaN where unknown.
         scale_px: residual at which a detection starts to lose weight.
-        steps: Gauss-Newton steps.
+        steps: of Gauss-Newton.
 
     Reference: Geman and McClure 1987 (the penalty); Triggs et al. 2000, sec. 7 (resection).
     """
@@ -83,7 +84,7 @@ def resected(
 
 
 def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
-    """Return the (C, 6, 1) steps; the shortest where a camera's points leave its pose open, as one place alone does."""
+    """Return the (C, 6, 1) steps, the shortest for a camera whose points do not determine its pose."""
     try:
         return np.linalg.solve(normal, right)
     except np.linalg.LinAlgError:
@@ -91,12 +92,10 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 LEAST_FRAMES = 8
-"""Half of them are fitted to, the other half is what before and after are measured on."""
-
-
+"""Frames of a take at least. Half of them are fitted, the other half are measured."""
 WHOLE_HAND = 4.0 / NUM_HAND_POINTS
-"""Weight of a point of a hand beside one of the body. A view has a hand's 21 points off alike by half as much as each
-for itself: they locate a hand as well as four points would (docs/research-log/hands.md)."""
+"""Weight of a point of a hand relative to one of the body. The common error of a hand's 21 points in a view is half of
+their own, so they locate a hand as well as four points (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
@@ -106,25 +105,25 @@ class RefinedCalibration:
     cameras: Cameras
     """C cameras as corrected, in the world that they stood in."""
     before_px: np.ndarray
-    """(C,) median distance of a view's detections from the points located by all views, as calibrated."""
+    """(C,) median distance of a view's detections from the points located by all views, before the correction."""
     after_px: np.ndarray
     """(C,) the same with the corrected cameras."""
     moved_mm: np.ndarray
-    """(C,) how far each camera was moved."""
+    """(C,) translation of each camera."""
     turned_degrees: np.ndarray
-    """(C,) by how much each was turned."""
+    """(C,) rotation of each camera."""
 
     @property
     def is_better(self) -> bool:
-        """Whether the median over the views is lower than before."""
+        """Whether the median over the views has decreased."""
         return bool(np.nanmedian(self.after_px) < np.nanmedian(self.before_px))
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that fit the detections of everybody in a capture better, those of hands too.
+    """Return camera poses that fit the detections of everybody in a capture better, including hands.
 
-    Every other frame is fitted to; the rest is measured on. The world stays: the located points are moved back, by the
-    best similarity, to where the given calibration had them (a calibration knows its scale, detections do not).
+    Every other frame is fitted, and the rest is measured. The located points are moved back to those of the given
+    calibration by the best similarity, because a calibration knows its scale and detections do not.
 
     Raises:
         TooFewViews: fewer than two cameras have detections.
@@ -154,7 +153,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
 def _with_hands(
     handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies with those of hands behind them."""
+    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies followed by those of hands."""
     for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
         flat = hands.reshape(*hands.shape[:2], -1, 3)
         xy = np.concatenate([xy, flat[..., :2]], axis=2)
@@ -163,9 +162,9 @@ def _with_hands(
 
 
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:
-    """Return cameras moved with the similarity ``x ↦ s Q x + q`` that brings their points (N, 3) to where they were.
+    """Return cameras moved with the similarity ``x ↦ s Q x + q`` from their points (N, 3) to the former ones.
 
-    Of a camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``: pictures stay as they are.
+    A camera ``x_cam = R x + t`` becomes ``R' = R Qᵀ``, ``t' = s t - R' q``, so that pictures do not change.
     """
     both = np.isfinite(points).all(-1) & np.isfinite(where).all(-1)
     s, Q, q = umeyama(points[both], where[both], with_scale=True)
@@ -178,7 +177,7 @@ def view_distances(
     xy: Float[np.ndarray, "views frames keypoints 2"],
     confidence: Float[np.ndarray, "views frames keypoints"],
 ) -> Float[np.ndarray, " views"]:
-    """Return (C,) median px between detections and the points that all views locate; NaN for views that see nobody."""
+    """Return (C,) median px between detections and the points located by all views, NaN for views without people."""
     points = triangulate(cameras, xy, confidence).points
     px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
@@ -197,14 +196,14 @@ def estimated_rotation(
     px: Float[np.ndarray, "points 2"],
     sigma_px: Float[np.ndarray, " points"],
 ) -> Float[np.ndarray, " 3"]:
-    """Return the rotation vector (3,) ω in radians, camera axes, whose ``R_now = exp(ω) R`` brings points to pixels.
+    """Return the rotation vector (3,) ω in radians, camera axes, with ``R_now = exp(ω) R``, from points and pixels.
 
     Gauss-Newton on ``Σ ρ(|π(exp(ω) (R X + t)) - x| / σ)``, with graduated non-convexity.
 
     Args:
-        camera: one camera as it was calibrated.
+        camera: one camera before the rotation.
         points: (N, 3) world metres.
-        px: (N, 2) where it sees them.
+        px: (N, 2) their pixels.
         sigma_px: (N,) standard deviations, px.
 
     Reference: Geman and McClure 1987 (the penalty); Blake and Zisserman 1987 (graduated non-convexity).
@@ -229,14 +228,12 @@ def estimated_rotation(
 def rotated_back(
     camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
-    """Return pixels (..., 2) as the camera would have seen them before it was rotated by ``exp(rotation)``.
-
-    The centre stays, so that every ray is only rotated: ``d = exp(ω)ᵀ d_now``.
+    """Return pixels (..., 2) of the camera before it was rotated by ``exp(rotation)``, ``d = exp(ω)ᵀ d_now``.
 
     Args:
-        camera: one camera as it was calibrated.
-        px: (..., 2) pixels as the rotated camera saw them.
-        rotation: (3,) radians, see ``estimated_rotation``; (F, 3) for (F, n, 2) pixels.
+        camera: one camera before the rotation.
+        px: (..., 2) pixels of the rotated camera.
+        rotation: (3,) radians, see ``estimated_rotation``, or (F, 3) for (F, n, 2) pixels.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """

@@ -1,4 +1,4 @@
-"""Robust triangulation of all keypoints of all frames at once: points, covariances, and which views agree."""
+"""Robust triangulation of all keypoints of all frames: points, covariances, agreeing views, predicted views."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
 MOST_VIEWS = 6
-"""Subsets are made of this many views of a point, its most confident ones."""
+"""Most confident views of a point that form subsets."""
 _SMALLEST_DETERMINANT = 1e-5
-"""``2 sin²`` of the angle between two rays below which they do not locate a point (0.13°)."""
+"""``2 sin²`` of the angle between two rays (0.13°) below which they do not locate a point."""
 
 
 @dataclass(frozen=True)
@@ -45,18 +45,15 @@ class UndistortedViews:
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
-    """Return for every point the linear triangulation that its views agree with most.
+    """Return for every point (N, 3) the linear triangulation that its views agree with most, or NaN.
 
-    Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
-    The criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), r in pixels:
-    two doubtful views outvote a confident one, and between equal numbers confidence decides.
+    The candidates are all usable views, all but one, and every pair of the ``MOST_VIEWS`` most confident views. The
+    criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), r in pixels: two
+    doubtful views outvote a confident one, and between equal numbers confidence decides.
 
     Args:
         views: C views of N points.
         scale_px: (N,) residual at which a view stops to count.
-
-    Returns:
-        (N, 3) world metres, NaN where no subset locates the point.
     """
     xp = array_namespace(views.weight)
     equations = _ray_equations(views)
@@ -112,7 +109,7 @@ def _solve(system: Array) -> tuple[Array, Array]:
 
 
 def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Array:
-    """Return the (N,) cost of ``best_candidate`` of points (3, N); a point behind a camera counts as infinitely far."""
+    """Return the (N,) cost of ``best_candidate`` of points (3, N). Points behind a camera are infinitely far."""
     xp = array_namespace(point)
     camera = xp.matmul(views.R, point) + views.t[:, :, None]
     z = camera[:, 2]
@@ -133,7 +130,7 @@ ROBUST_SIGMAS = 3.0
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
-"""A point that moves less is finished: to decide which views agree, and for good."""
+"""A point that moves less is finished, for the decision on agreeing views and at the end."""
 
 
 def fit_points(
@@ -146,12 +143,13 @@ def fit_points(
         px: (C, N, 2) detections.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections, px.
-        views: ``undistorted_views`` of these detections, for who has them already.
+        views: ``undistorted_views`` of these detections if known.
 
     Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
     """
-    xp = array_namespace(px)
-    points = _locate(arrays, px, weight, ROBUST_SIGMAS * spread, views or undistorted_views(arrays, px, weight))
+    xp, scale_px = array_namespace(px), ROBUST_SIGMAS * spread
+    start = best_candidate(views or undistorted_views(arrays, px, weight), scale_px)
+    points = _refine(arrays, px, weight, start, scale_px, ROBUST_STEPS, _ROUGHLY_M)
     inliers, _ = _agreeing(arrays, px, weight, points, spread)
     agreed = xp.where(inliers, weight, xp.zeros_like(weight))
     points = _refine(arrays, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
@@ -159,7 +157,7 @@ def fit_points(
 
 
 def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
-    """Return (C, N, 2) detections as the linear triangulation takes them."""
+    """Return (C, N, 2) detections as input of the linear triangulation."""
     xp = array_namespace(px)
     normalised = undistort(arrays, px)
     usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
@@ -168,24 +166,13 @@ def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> Undisto
     return UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
 
 
-def _locate(arrays: CameraArrays, px: Array, weight: Array, scale_px: Array, views: UndistortedViews) -> Array:
-    """Return robust points (N, 3), NaN where nothing locates them."""
-    return _refine(arrays, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
-
-
 def _refine(
     arrays: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
 ) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
-    Args:
-        arrays: C cameras.
-        px: (C, N, 2) detections.
-        weight: (C, N), zero where not to be used.
-        points: (N, 3) start, world metres.
-        scale_px: (N,) scale of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares.
-        steps: at most so many.
-        settled_m: a point that moves less is finished.
+    ``scale_px`` (N,) is that of Geman and McClure's weights ``(1 + r²/scale²)⁻²``, or None for plain least squares. A
+    point that moves less than ``settled_m`` is finished.
     """
     xp = array_namespace(px)
     active = xp.arange(points.shape[0])
@@ -244,7 +231,7 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
 
 
 def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
-    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
+    """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN with fewer than two weighted views.
 
     ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
     """
@@ -260,20 +247,20 @@ def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Ar
 
 
 START_SHARE = 0.001
-"""First guess of the noise as a share of the image width: small, so that outliers never count as noise."""
+"""First guess of the noise as a share of the image width, small, so that outliers never count as noise."""
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
-"""Too small a guess grows by about 1.8 a round: the agreeing views then fill the whole range allowed."""
+"""Too small a guess grows by about 1.8 per round, because the agreeing views then fill the whole allowed range."""
 _SETTLED_SHARE = 0.05
 """Change of the noise below which it is measured."""
 _ENOUGH_SHARE = 0.2
 """Share of the located points that must have three agreeing views for the others to be left out."""
 _SAMPLES = 5_000, 20_000
-"""Observations the noise is measured on, roughly and then well."""
+"""Observations that measure the noise, roughly and then precisely."""
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
-    """Return px (C, N, 2), weights (C, N; zero where missing) and the noise (N,) of N = F K points."""
+    """Return px (C, N, 2), weights (C, N), zero where missing, and the noise (N,) of N = F K points."""
     xp = array_namespace(xy)
     shape = (int(xy.shape[0]), int(xy.shape[1] * xy.shape[2]))
     px, weight = xp.reshape(xy, (*shape, 2)), xp.reshape(confidence, shape)
@@ -283,7 +270,7 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
 
 
 def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
-    """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
+    """Return (K,) standard deviations from the distances of the agreeing views in a sample of frames."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
     samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
@@ -291,13 +278,13 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
         skip = max(1, views * frames * keypoints // sample)
         if skip not in samples:  # a short take is its own sample both times
             px, weight, _ = flat_views(xy[:, ::skip], confidence[:, ::skip], sigma)
-            samples[skip] = px, weight, undistorted_views(arrays, px, weight)  # what a round does not change
+            samples[skip] = px, weight, undistorted_views(arrays, px, weight)  # the same in all rounds
         sigma = _settled(arrays, *samples[skip], sigma)
     return sigma
 
 
 def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
-    """Return (K,) standard deviations that measuring again with them does not change, of (C, N) observations."""
+    """Return (K,) standard deviations of (C, N) observations after repeated measurements."""
     xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
@@ -337,9 +324,9 @@ def _median(values: Array, otherwise: float) -> float:
 
 STAGE = "Triangulating"
 LARGEST_SIGMA_M = 0.3
-"""A point less certain than this is no point."""
+"""Largest standard deviation of a located point."""
 _CHUNK = 32_000
-"""Observations worked on at once: few enough to stay in the cache."""
+"""Observations processed at once, few enough to stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -347,13 +334,13 @@ class Triangulation:
     """F frames of K keypoints located by C views."""
 
     points: Float[Array, "frames keypoints 3"]
-    """(F, K, 3) world metres, NaN where fewer than two views agree or the point is less certain than asked."""
+    """(F, K, 3) world metres, NaN if fewer than two views agree or the point is uncertain."""
     covariance: Float[Array, "frames keypoints 3 3"]
     """(F, K, 3, 3) m², of the inliers' noise; NaN with the point."""
     inliers: Bool[Array, "views frames keypoints"]
-    """(C, F, K) bool: the views the point was computed from."""
+    """(C, F, K) bool: views that the point was computed from."""
     residual_px: Float[Array, "views frames keypoints"]
-    """(C, F, K) distance from every detection to the projected point, NaN where there is none of both."""
+    """(C, F, K) distance from every detection to the projected point, NaN if one of them is missing."""
     sigma_px: Float[Array, " keypoints"]
     """(K,) standard deviation of the detections, given or measured."""
 
@@ -374,24 +361,20 @@ def triangulate(
     """Locate keypoints seen by several views, rejecting views that do not agree.
 
     The best of many linear triangulations (see ``best_candidate``) is refined by Gauss-Newton on
-    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure; views further off than
+    ``Σ confidence ρ(r/σ)``, r the reprojection error in pixels and ρ that of Geman and McClure. Views further off than
     ``INLIER_SIGMAS`` are then rejected and the rest solved without ρ. The covariance is that of the weighted estimator,
-    ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers.
+    ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers. Points are NaN if fewer than two views agree or the
+    standard deviation along the worst axis is above ``LARGEST_SIGMA_M`` (nearly parallel rays).
 
     With three views and one of them wrong along an epipolar line, two pairs agree equally well and the more confident
-    one wins: geometry alone does not decide.
+    one wins.
 
     Args:
+        cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
-        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far
-            the views disagree.
-        progress: called as blocks of frames are done.
-
-    Returns:
-        The triangulation; NaN where fewer than two views are usable or agree, or where the standard deviation along the
-        worst axis is above ``LARGEST_SIGMA_M`` (rays that are nearly parallel, such as those of cameras that face
-        each other).
+        sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,). None measures it.
+        progress: called after each block of frames.
 
     Raises:
         TooFewViews: there are fewer than two cameras.
@@ -448,28 +431,26 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
         hint = "Add the detections of another camera."
         raise TooFewViews(f"Triangulation needs two cameras; there is {len(cameras)}.", hint=hint)
     if xy.ndim != 4 or xy.shape[-1] != 2 or tuple(confidence.shape) != tuple(xy.shape[:-1]):
-        raise KeypointCountMismatch(
-            f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)} must be (views, frames, keypoints, 2) and "
-            "(views, frames, keypoints)."
-        )
+        shapes = f"xy {tuple(xy.shape)} and confidence {tuple(confidence.shape)}"
+        raise KeypointCountMismatch(f"{shapes} must be (views, frames, keypoints, 2) and (views, frames, keypoints).")
     if xy.shape[0] != len(cameras):
         raise CalibrationMismatch(f"xy has {xy.shape[0]} views; there are {len(cameras)} cameras.")
 
 
 DEPTH_SIGMA_M = 0.5
-"""How far a point may lie from where it is first guessed: bounds what a single other view leaves open."""
+"""Standard deviation of a point around its first guess, which bounds the depth of a single other view."""
 BLOCK_FRAMES = 256
-"""Frames worked on at a time."""
+"""Frames processed at a time."""
 
 
 @dataclass(frozen=True)
 class Predictions:
-    """F frames of K keypoints as each of C views should see them."""
+    """F frames of K keypoints as predicted for C views."""
 
     px: np.ndarray
-    """(C, F, K, 2) pixels, NaN where no other view sees the keypoint."""
+    """(C, F, K, 2) pixels, NaN if no other view sees the keypoint."""
     covariance: np.ndarray
-    """(C, F, K, 2, 2) px² of the distance from a detection to its prediction, the detection's own noise included."""
+    """(C, F, K, 2, 2) px² of the distance from a detection to its prediction, including the detection's noise."""
 
 
 def predict_views(
@@ -486,10 +467,11 @@ def predict_views(
     ``σ² I + J_c (Σ_{b≠c} A_b + I/τ²)⁻¹ J_cᵀ``. Only views that agree count as others, unless fewer than two do.
 
     Args:
+        cameras: C cameras.
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         triangulation: of the same detections.
-        frames: numbers of the frames to predict; None for all.
+        frames: numbers of the frames to predict, None for all.
 
     Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
     linear regression and its predictive variance).
@@ -538,14 +520,14 @@ def _predicted(
 
 
 def _of_others(information: np.ndarray, gradient: np.ndarray, counted: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return for each view the sums over the other views that are counted."""
+    """Return for each view the sums over the other counted views."""
     information = np.where(counted[..., None, None], information, 0.0)
     gradient = np.where(counted[..., None], gradient, 0.0)
     return information.sum(axis=0) - information, gradient.sum(axis=0) - gradient
 
 
 def _everywhere(points: np.ndarray) -> np.ndarray:
-    """Return (F, K, 3) points with gaps bridged in time, or at the middle of the take where never known."""
+    """Return (F, K, 3) points with gaps interpolated in time, or at the middle of the take if never known."""
     known = np.isfinite(points).all(-1)
     filled = points.copy()
     frames = np.arange(len(points))

@@ -1,64 +1,29 @@
-"""Plain data that moves through the pipeline; imports nothing but the exchange library."""
+"""Plain data of the pipeline. It imports only the exchange library."""
 
-from solver_backend.exchange.joint_sets import (
-    NUM_BETAS,
-    NUM_BODY_JOINTS,
-    NUM_JOINTS,
-    SMPL_JOINTS,
-    SMPL_PARENTS,
-    JointSet,
-)
-from solver_backend.exchange.motion_file import (
-    FLAG_RESTING,
-    FLAG_UNSEEN,
-    FLAG_UNSURE,
-    MARKER_FILLED,
-    MARKER_GHOST,
-    MARKER_SEEN,
-    MARKER_SWAPPED,
-)
-from solver_backend.exchange.skeleton_file import SkeletonMotion
-from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import (
-    BONES,
-    FEET,
-    LIMBS,
-    UNSEEN_POINT,
-    Capture,
-    Keypoints2D,
-    OwnPoint,
-    PersonInViews,
-    stacked_hands,
-)
-from solver_backend.types.marker_cloud import MarkerCloud, MarkerSubject
-from solver_backend.types.motion import Motion
-
-__all__ = [
-    "BONES",
-    "FEET",
-    "FLAG_RESTING",
-    "FLAG_UNSEEN",
-    "FLAG_UNSURE",
-    "LIMBS",
-    "MARKER_FILLED",
-    "MARKER_GHOST",
-    "MARKER_SEEN",
-    "MARKER_SWAPPED",
-    "NUM_BETAS",
-    "NUM_BODY_JOINTS",
-    "NUM_JOINTS",
-    "SMPL_JOINTS",
-    "SMPL_PARENTS",
-    "UNSEEN_POINT",
-    "Cameras",
-    "Capture",
-    "JointSet",
-    "Keypoints2D",
-    "MarkerCloud",
-    "MarkerSubject",
-    "Motion",
-    "OwnPoint",
-    "PersonInViews",
-    "SkeletonMotion",
-    "stacked_hands",
-]  # fmt: skip
+from solver_backend.exchange.joint_sets import NUM_BETAS as NUM_BETAS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS as NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import NUM_JOINTS as NUM_JOINTS
+from solver_backend.exchange.joint_sets import SMPL_JOINTS as SMPL_JOINTS
+from solver_backend.exchange.joint_sets import SMPL_PARENTS as SMPL_PARENTS
+from solver_backend.exchange.joint_sets import JointSet as JointSet
+from solver_backend.exchange.motion_file import FLAG_RESTING as FLAG_RESTING
+from solver_backend.exchange.motion_file import FLAG_UNSEEN as FLAG_UNSEEN
+from solver_backend.exchange.motion_file import FLAG_UNSURE as FLAG_UNSURE
+from solver_backend.exchange.motion_file import MARKER_FILLED as MARKER_FILLED
+from solver_backend.exchange.motion_file import MARKER_GHOST as MARKER_GHOST
+from solver_backend.exchange.motion_file import MARKER_SEEN as MARKER_SEEN
+from solver_backend.exchange.motion_file import MARKER_SWAPPED as MARKER_SWAPPED
+from solver_backend.exchange.skeleton_file import SkeletonMotion as SkeletonMotion
+from solver_backend.types.cameras import Cameras as Cameras
+from solver_backend.types.capture import BONES as BONES
+from solver_backend.types.capture import FEET as FEET
+from solver_backend.types.capture import LIMBS as LIMBS
+from solver_backend.types.capture import UNSEEN_POINT as UNSEEN_POINT
+from solver_backend.types.capture import Capture as Capture
+from solver_backend.types.capture import Keypoints2D as Keypoints2D
+from solver_backend.types.capture import OwnPoint as OwnPoint
+from solver_backend.types.capture import PersonInViews as PersonInViews
+from solver_backend.types.capture import stacked_hands as stacked_hands
+from solver_backend.types.marker_cloud import MarkerCloud as MarkerCloud
+from solver_backend.types.marker_cloud import MarkerSubject as MarkerSubject
+from solver_backend.types.motion import Motion as Motion

@@ -1,4 +1,4 @@
-"""Calibrated cameras in OpenCV's convention, and how well they fit a take."""
+"""Calibrated cameras in OpenCV's convention, and their fit to a take."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
 _LARGEST_SIZE = 2.0**31
-"""Pixels along a side that no picture has: beyond it whole numbers of 32 bits end."""
+"""Pixels per side below which sizes fit whole numbers of 32 bits."""
 
 
 @dataclass(frozen=True)
 class Cameras:
-    """Cameras of one capture: ``x_cam = R @ x_world + t``; pixel (0, 0) is the centre of the top-left pixel."""
+    """Cameras of one capture, ``x_cam = R @ x_world + t``. Pixel (0, 0) is the centre of the top-left pixel."""
 
     names: tuple[str, ...]
-    """One unique name a camera."""
+    """One unique name per camera."""
     K: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) intrinsic matrices in pixels."""
     distortion: Float[np.ndarray, "cameras 8"]
@@ -32,7 +32,7 @@ class Cameras:
     image_size: Int[np.ndarray, "cameras 2"]
     """(C, 2) width and height in pixels."""
     models: tuple[str, ...] = (DEFAULT_MODEL,)
-    """Name of each camera's lens model, of ``LENS_MODELS``; a single name is that of all."""
+    """Name of each camera's lens model, of ``LENS_MODELS``, or one name for all."""
 
     def __post_init__(self) -> None:
         count = len(self.names)
@@ -42,21 +42,16 @@ class Cameras:
         distortion = np.zeros((count, 8))
         given = np.asarray(self.distortion, dtype=np.float64).reshape(count, -1) if count else distortion
         if given.shape[1] > 8:
-            raise CalibrationInvalid(
-                f"A camera has {given.shape[1]} distortion coefficients; at most 8 are read (k1 k2 p1 p2 k3 k4 k5 k6).",
-                hint="Calibrate with the rational model or without thin-prism terms.",
-            )
+            what = f"A camera has {given.shape[1]} distortion coefficients; at most 8 are read "
+            hint = "Calibrate with the rational model or without thin-prism terms."
+            raise CalibrationInvalid(f"{what}(k1 k2 p1 p2 k3 k4 k5 k6).", hint=hint)
         distortion[:, : given.shape[1]] = given
         sizes = np.asarray(self.image_size, dtype=np.float64)
-        if not (np.abs(sizes) < _LARGEST_SIZE).all():  # a number that is none is not, either
+        if not (np.abs(sizes) < _LARGEST_SIZE).all():  # false for NaN, too
             raise CalibrationInvalid("image_size must hold whole numbers of pixels.", where="cameras")
-        arrays = {
-            "K": (np.asarray(self.K, dtype=np.float64), (count, 3, 3)),
-            "distortion": (distortion, (count, 8)),
-            "R": (np.asarray(self.R, dtype=np.float64), (count, 3, 3)),
-            "t": (np.asarray(self.t, dtype=np.float64), (count, 3)),
-            "image_size": (sizes.astype(np.int64), (count, 2)),
-        }
+        K, R, t = (np.asarray(array, dtype=np.float64) for array in (self.K, self.R, self.t))
+        arrays = {"K": (K, (count, 3, 3)), "distortion": (distortion, (count, 8)), "R": (R, (count, 3, 3))}
+        arrays |= {"t": (t, (count, 3)), "image_size": (sizes.astype(np.int64), (count, 2))}
         for name, (value, shape) in arrays.items():
             if value.shape != shape:
                 raise CalibrationInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="cameras")
@@ -74,7 +69,7 @@ class Cameras:
         self._check_physics()
 
     def _check_physics(self) -> None:
-        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no rotation
+        with np.errstate(over="ignore", invalid="ignore"):  # an overflow is no rotation
             off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
             sign = np.linalg.det(self.R)
         bent = ~(off <= 1e-3)
@@ -83,15 +78,12 @@ class Cameras:
             return
         for c, name in enumerate(self.names):
             if bent[c] or sign[c] < 0:
-                mirrors = not bent[c]
-                what = "mirrors, unlike those of other cameras" if mirrors else "is not orthonormal"
-                raise CalibrationInvalid(
-                    f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g}).",
-                    where=f"camera {name}",
-                    hint="Negate one axis of the camera, in R and t."
-                    if mirrors
-                    else "Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
-                )
+                what, hint = "mirrors, unlike those of other cameras", "Negate one axis of the camera, in R and t."
+                if bent[c]:
+                    what = "is not orthonormal"
+                    hint = "Check that the calibration holds a rotation (not a scaled or mirrored matrix)."
+                what = f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g})."
+                raise CalibrationInvalid(what, where=f"camera {name}", hint=hint)
             if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:
                 what = f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}."
                 raise CalibrationInvalid(what, where=f"camera {name}")
@@ -120,23 +112,22 @@ ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")
 
 @dataclass(frozen=True)
 class CameraFits:
-    """How C cameras fit one take; px unless stated."""
+    """Fit of C cameras to one take, in px unless stated."""
 
     verdict: str
-    """One sentence."""
     region_px: np.ndarray
-    """(C, 3, 3) median reprojection error by part of the picture, rows first; NaN where too little was seen."""
+    """(C, 3, 3) median reprojection error by part of the picture, rows first, NaN with too few points."""
     camera_px: np.ndarray
     """(C,) the same of the whole picture."""
     best_px: np.ndarray
-    """(C,) the same after the poses were adjusted to the take."""
+    """(C,) the same after adjustment of the poses to the take."""
     epipolar_px: np.ndarray
-    """(C, W) median distance to the other cameras' epipolar lines in W equal stretches of the take."""
+    """(C, W) median distance to the other cameras' epipolar lines in W equal parts of the take."""
     stature_m: float
-    """Of the person by the calibration's scale, metres."""
+    """Stature of the person with the calibration's scale, metres."""
     tilt_deg: float
-    """Between the world's up and the person's, degrees."""
+    """Angle between the world's up and the person's, degrees."""
     tilt_sigma_deg: float
-    """Standard deviation of that angle as a person shows it, degrees."""
+    """Standard deviation of that angle, degrees."""
     findings: tuple[str, ...]
-    """What is wrong, with what to do."""
+    """Problems and their remedies."""

@@ -1,4 +1,4 @@
-"""What was recorded: 2D keypoints, hands, own points, markers, and the capture that holds them."""
+"""Recorded data: 2D keypoints, hands, own points, markers, and the capture of all."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ from solver_backend.types.shapes import Float
 BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
     name: name for name in ("spine1", "spine2", "spine3", "neck")
 }
-"""The joint that turns each bone, by what people call the bone: ``left_forearm`` turns at ``left_elbow``."""
+"""The joint that turns each bone, by the bone's usual name: ``left_forearm`` turns at ``left_elbow``."""
 
 
 @dataclass(frozen=True)
@@ -38,17 +38,16 @@ class OwnPoint:
     """A point at an unknown, constant place on a bone."""
 
     name: str
-    """What the user calls it."""
     bone: str
-    """Of ``BONES``."""
+    """A key of ``BONES``."""
 
 
 UNSEEN_POINT = (np.nan, np.nan, 0.0)
-"""x, y and confidence of a point that was not seen."""
+"""x, y and confidence of an unseen point."""
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Return the hands of several people side by side, NaN of people without; None where nobody has any."""
+    """Return the hands of several people side by side, NaN for people without, None if nobody has any."""
     like = next((hand for hand in hands if hand is not None), None)
     if like is None:
         return None
@@ -56,11 +55,11 @@ def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray |
 
 
 def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return hands whose unseen points are NaN with confidence 0.
+    """Return hands with NaN and confidence 0 for unseen points.
 
     Raises:
-        KeypointCountMismatch: they are of other views or frames, or of another number of points.
-        NonFiniteData: one is infinite or beyond any picture.
+        KeypointCountMismatch: the shape is not (*shape, 2, 21, 3).
+        NonFiniteData: a point is infinite or beyond any picture.
     """
     hands = np.array(hands, dtype=np.float64)
     expected = (*shape, 2, NUM_HAND_POINTS, 3)
@@ -78,35 +77,33 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view; missing = NaN with confidence 0. Own points stand behind the others."""
+    """Detections of one person in every view, missing = NaN with confidence 0. Own points come last."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) pixels."""
     confidence: Float[np.ndarray, "views frames keypoints"]
     """(views, frames, keypoints) in 0..1."""
     joint_set: JointSet
-    """Names of the keypoints."""
     fps: float
-    """Frames per second."""
     hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
-    """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first; NaN, 0 where unseen."""
+    """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first, unseen = NaN, 0."""
     own: tuple[OwnPoint, ...] = ()
-    """Keypoints behind those of the joint set."""
+    """Keypoints after those of the joint set."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
         confidence = np.array(self.confidence, dtype=np.float64)
         if xy.ndim != 4 or xy.shape[-1] != 2 or confidence.shape != xy.shape[:-1]:
+            shapes = f"xy {xy.shape} and confidence {confidence.shape}"
             raise KeypointCountMismatch(
-                f"xy {xy.shape} and confidence {confidence.shape} must be (views, frames, keypoints, 2) and the same "
-                "without the last."
+                f"{shapes} must be (views, frames, keypoints, 2) and the same without the last."
             )
         if xy.shape[2] != self.joint_set.num_keypoints + len(self.own):
             fits = ", ".join(s.value for s in JointSet.fitting(xy.shape[2])) or "none"
-            raise KeypointCountMismatch(
-                f"{xy.shape[2]} keypoints do not fit {self.joint_set.value}, which has {self.joint_set.num_keypoints}.",
-                hint=f"Joint sets with {xy.shape[2]} keypoints: {fits}.",
+            what = (
+                f"{xy.shape[2]} keypoints do not fit {self.joint_set.value}, which has {self.joint_set.num_keypoints}."
             )
+            raise KeypointCountMismatch(what, hint=f"Joint sets with {xy.shape[2]} keypoints: {fits}.")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.")
         beyond = (np.abs(xy) > FARTHEST_PX).any(-1) | (np.abs(confidence) > FARTHEST_PX)
@@ -127,7 +124,7 @@ class Keypoints2D:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Names of the keypoints, own points behind the others."""
+        """Names of the keypoints, own points last."""
         return (*self.joint_set.keypoints, *(point.name for point in self.own))
 
     @property
@@ -142,7 +139,7 @@ class Keypoints2D:
 
     @property
     def named(self) -> Keypoints2D:
-        """The keypoints of the joint set alone."""
+        """The keypoints of the joint set, without own points."""
         count = self.joint_set.num_keypoints
         return replace(self, xy=self.xy[:, :, :count], confidence=self.confidence[:, :, :count], own=())
 
@@ -166,13 +163,11 @@ class PersonInViews:
     """One of the people that a recording shows."""
 
     name: str
-    """What they are called."""
     keypoints: Keypoints2D
-    """Their detections in every view."""
 
     @property
     def agreed(self) -> np.ndarray:
-        """(F,) whether two or more views see them."""
+        """(F,) whether two or more views show the person."""
         return (self.keypoints.confidence > 0).any(axis=-1).sum(axis=0) >= 2
 
 
@@ -187,35 +182,34 @@ class Capture:
     keypoints: Keypoints2D | None = None
     """Detections of the person to solve."""
     markers: MarkerCloud | None = None
-    """Optical markers."""
     others: MarkerCloud | None = None
-    """Markers under prefixes of their own that name nobody: props, perhaps."""
+    """Markers under prefixes of their own that name no person: props, perhaps."""
     footage: tuple[Path | None, ...] = ()
-    """Video file or image folder of each camera, None where there is none."""
+    """Video file or image folder of each camera, or None."""
     footage_first: tuple[int, ...] = ()
-    """Picture of each camera's footage that belongs to the first frame, from 0; () where all begin with it."""
+    """Picture of each camera's footage at the first frame, from 0, () if all begin with it."""
     sources: tuple[str, ...] = ()
-    """Files the capture was read from."""
+    """Files of the capture."""
     notes: tuple[Diagnostic, ...] = ()
-    """What the reader found and assumed: units, axes, frame rate, dropped people."""
+    """Findings and assumptions of the reader: units, axes, frame rate, ignored people."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know before solving."""
+    """Warnings for the user before the solve."""
     people: tuple[PersonInViews, ...] = ()
-    """Everybody that two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
+    """All people in two or more views if there are several. ``keypoints`` are those of the solved person."""
     person: str = ""
-    """Whose ``keypoints`` are, by name, where a recording shows several people."""
+    """Name of the person of ``keypoints`` if there are several."""
     stature_m: float = 0.0
-    """Stature of the person that a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
+    """Stature of the person before a single camera, metres, 0 if unknown. Several cameras measure it."""
     floor_from_person: bool = False
-    """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
+    """Floor and scale of a single camera's world come from a person of this or average stature."""
     focal_sigma: float = 0.0
-    """Standard deviation of a single camera's focal length as a share, where it is guessed."""
+    """Relative standard deviation of a single camera's focal length if it is estimated."""
     detector: str = ""
-    """Name of the detector of the keypoints; empty if unknown."""
+    """Name of the detector of the keypoints, empty if unknown."""
     noise_map: str = ""
-    """Detector of the noise map that weighted the confidences; empty if they are the detector's own."""
+    """Detector of the noise map that weighted the confidences, empty if they are the detector's own."""
     world_checked: bool = False
-    """Whether the reader compared the world with the person; not stored in files."""
+    """Whether the reader compared the world with the person. Not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -235,7 +229,7 @@ class Capture:
 
     @property
     def named(self) -> Capture:
-        """The capture without own points of the user, as a motion of it is compared with it."""
+        """The capture without own points of the user, for comparison with a motion."""
         if self.keypoints is None or not self.keypoints.own:
             return self
         people = tuple(replace(person, keypoints=person.keypoints.named) for person in self.people)
@@ -244,8 +238,8 @@ class Capture:
     @property
     def num_frames(self) -> int:
         """Number of frames."""
-        data = self.keypoints.num_frames if self.keypoints is not None else 0
-        return data or (len(self.markers.positions) if self.markers is not None else 0)
+        frames = self.keypoints.num_frames if self.keypoints is not None else 0
+        return frames or (len(self.markers.positions) if self.markers is not None else 0)
 
     @property
     def fps(self) -> float:
@@ -260,10 +254,10 @@ class Capture:
         return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
-        """Return cameras and keypoints of a capture in which one camera, or several, detect somebody.
+        """Return cameras and keypoints of a capture with detections in one camera or in several.
 
         Raises:
-            TooFewViews, NoDetections: nobody is detected, or by several cameras and no keypoint by two of them.
+            TooFewViews, NoDetections: there are none, or several cameras share no keypoint.
         """
         cameras, keypoints = self._require_detections()
         return (cameras, keypoints) if self.is_one_view else self.require_multiview()
@@ -272,8 +266,8 @@ class Capture:
         """Return cameras and keypoints of a capture that can be triangulated.
 
         Raises:
-            TooFewViews: fewer than two cameras have any detection.
-            NoDetections: no keypoint is seen by two cameras in any frame.
+            TooFewViews: fewer than two cameras have detections.
+            NoDetections: no two cameras see a keypoint in the same frame.
         """
         cameras, keypoints = self._require_detections()
         seen = keypoints.confidence > 0
@@ -294,11 +288,7 @@ class Capture:
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:
-        """Return the capture with the keypoints of another of its people, by name or, as "2", by number.
-
-        Raises:
-            PersonUnknown: it shows nobody of this name.
-        """
+        """Return the capture with the keypoints of another person, by name or number, or raise PersonUnknown."""
         wanted = name.strip().casefold()
         for number, person in enumerate(self.people, 1):
             if wanted in (person.name.casefold(), str(number)):
@@ -312,16 +302,11 @@ class Capture:
         assert self.cameras is not None and self.keypoints is not None
         footage = tuple(self.footage[i] for i in indices) if self.footage else ()
         people = tuple(replace(person, keypoints=person.keypoints.views(indices)) for person in self.people)
-        return replace(
-            self,
-            cameras=self.cameras.subset(indices),
-            keypoints=self.keypoints.views(indices),
-            footage=footage,
-            people=people,
-        )
+        cameras, keypoints = self.cameras.subset(indices), self.keypoints.views(indices)
+        return replace(self, cameras=cameras, keypoints=keypoints, footage=footage, people=people)
 
 
 LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
 """Joints of each side that every detector finds, from the trunk outwards."""
 FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")
-"""Points of each side's foot, where a vocabulary has them."""
+"""Points of each side's foot in some joint sets."""

@@ -1,4 +1,4 @@
-"""Optical markers as they were recorded, and the person who wears them."""
+"""Recorded optical markers, and the person who wears them."""
 
 from __future__ import annotations
 
@@ -16,18 +16,17 @@ from solver_backend.types.shapes import Float
 
 @dataclass(frozen=True)
 class MarkerCloud:
-    """Optical markers; missing = NaN."""
+    """Optical markers, missing = NaN."""
 
     positions: Float[np.ndarray, "frames markers 3"]
     """(frames, markers, 3) metres."""
     fps: float
-    """Frames per second."""
     labels: tuple[str, ...] | None = None
-    """One label a marker, or None for an unlabelled cloud."""
+    """One label per marker, or None for an unlabelled cloud."""
     residual: Float[np.ndarray, "frames markers"] | None = None
     """(frames, markers) metres, the tracker's own residual."""
     covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
-    """(frames, markers, 3, 3) m², how surely each position was measured; it stands in the residual's place."""
+    """(frames, markers, 3, 3) m² covariance of each measured position, which replaces the residual."""
 
     def __post_init__(self) -> None:
         shape = np.shape(self.positions)
@@ -74,29 +73,29 @@ class MarkerCloud:
 
 
 _LEAST_SIGMA_M = 1e-9
-"""Of a marker's place; markers are known to a tenth of a millimetre at best."""
+"""Standard deviation of a marker's place at least. Markers are known to a tenth of a millimetre at best."""
 
 
 @dataclass(frozen=True)
 class MarkerSubject:
-    """What a subject calibration finds, for takes of the same person in the same markers."""
+    """Result of a subject calibration, for takes of the same person with the same markers."""
 
     body: str
-    """Id of the body that the shape belongs to."""
+    """Id of the shape's body."""
     betas: Float[np.ndarray, " 10"]
     """(10,) shape."""
     labels: tuple[str, ...]
-    """M labels, as the recording has them."""
+    """M labels of the recording."""
     places: tuple[str, ...]
-    """M places of the layouts; ``@`` and a bone's name where a marker of unknown name moves with that bone."""
+    """M places of the layouts, or ``@`` and a bone's name for a marker of unknown name that moves with the bone."""
     offsets: Float[np.ndarray, "markers 3"]
-    """(M, 3) metres in the rest frame: how far each marker lies from its place's rule, or from its bone's joint."""
+    """(M, 3) metres in the rest frame from the place's rule, or the bone's joint, to each marker."""
     sigma_m: Float[np.ndarray, " markers"]
-    """(M,) standard deviation of each marker around where the body has it, per axis, metres."""
+    """(M,) standard deviation of each marker around its place on the body, per axis, metres."""
     skin_m: Float[np.ndarray, " markers"]
-    """(M,) metres off the skin of the place; NaN where a marker has a bone alone."""
+    """(M,) metres from the skin at the place, NaN for a marker with a bone only."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Takes, frames and version that it comes from; plain JSON values."""
+    """Takes, frames and version of the calibration, plain JSON values."""
 
     def __post_init__(self) -> None:
         count = len(self.labels)

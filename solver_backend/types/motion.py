@@ -1,4 +1,4 @@
-"""The result of a solve: the motion of a body, as wide as its layout; and hands as gloves record them."""
+"""The motion of a body of any layout, and hands recorded by gloves."""
 
 from __future__ import annotations
 
@@ -31,9 +31,8 @@ class Motion:
     transl: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     fps: float
-    """Frames per second."""
     body: str
-    """Id of the body the parameters belong to."""
+    """Id of the body."""
     joints: Float[np.ndarray, "frames joints 3"]
     """(F, J, 3) world metres."""
     body_layout: BodyLayout = SMPL
@@ -43,48 +42,46 @@ class Motion:
     joint_set: JointSet | None = None
     """Names of keypoints3d."""
     joint_sigma: Float[np.ndarray, "frames joints"] | None = None
-    """(F, J) standard deviation of each joint in metres, the root mean square over the axes."""
+    """(F, J) standard deviation of each joint in metres, root mean square over the axes."""
     joint_covariance: Float[np.ndarray, "frames joints 6"] | None = None
-    """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz of the world's axes."""
+    """(F, J, 6) covariance of each joint's position in m²: xx, xy, xz, yy, yz, zz of the world's axes."""
     keyframes: Bool[np.ndarray, " frames"] | None = None
-    """(F,) bool: the frame is a keyframe of the solver."""
+    """(F,) bool: keyframes of the solver."""
     contacts: Bool[np.ndarray, "frames 2"] | None = None
     """(F, 2) bool: left and right foot on the floor."""
     flags: Int[np.ndarray, " frames"] | None = None
     """(F,) uint8 bit mask of FLAG_*."""
     resting: Bool[np.ndarray, "frames joints"] | None = None
-    """(F, J) bool: nothing measured informs where the joint is; it is shown at rest. None: all are informed."""
+    """(F, J) bool: joints at rest because nothing was measured. None if all are measured."""
     reprojection_px: Float[np.ndarray, "views frames keypoints"] | None = None
-    """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
+    """(views, F, K) distance between observed and solved keypoints in pixels, NaN if unseen."""
     markers: np.ndarray | None = None
-    """(F, M, 3) world metres: where the solved body puts each marker."""
+    """(F, M, 3) world metres: markers of the solved body."""
     marker_labels: tuple[str, ...] | None = None
-    """M labels, as the recording has them."""
+    """M labels of the recording."""
     marker_residual_mm: np.ndarray | None = None
-    """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
+    """(F, M) distance between recorded and solved markers in millimetres, NaN if unseen."""
     marker_flags: np.ndarray | None = None
     """(F, M) uint8 bit mask of MARKER_*: seen, filled, swapped, ghost."""
     marker_sigma: np.ndarray | None = None
-    """(M,) standard deviation of each marker around where the body has it, per axis, metres."""
+    """(M,) standard deviation of each marker around its place on the body, per axis, metres."""
     cleaned_markers: np.ndarray | None = None
-    """(F, M, 3) world metres: the recorded markers with swaps undone and gaps filled."""
+    """(F, M, 3) world metres: recorded markers with swaps undone and gaps filled."""
     offsets: np.ndarray | None = None
-    """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
+    """(M, 3) metres in the rest frame from the place's rule to each marker."""
     layout: tuple[str, ...] | None = None
     """M places of the markers on the body."""
     props: tuple[Prop, ...] = ()
-    """What moves as a rigid body and is no part of the person, F frames each."""
+    """Rigid bodies that are no part of the person, F frames each."""
     provenance: dict[str, Any] = field(default_factory=dict)
-    """Version, weights hash, settings, source files, statistics; plain JSON values."""
+    """Version, weights hash, settings, source files, statistics, plain JSON values."""
 
     def __post_init__(self) -> None:
         frames, joints = (*np.shape(self.global_orient), 0)[0], self.body_layout.num_joints
-        shapes = {
-            "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1)),
-            "transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints),
-            "joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2),
-            "flags": (frames,), "resting": (frames, joints),
-        }  # fmt: skip
+        shapes = {"betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1))}
+        shapes |= {"transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints)}
+        shapes |= {"joint_covariance": (frames, joints, 6), "keyframes": (frames,), "contacts": (frames, 2)}
+        shapes |= {"flags": (frames,), "resting": (frames, joints)}
         for name, shape in shapes.items():
             value = getattr(self, name)
             if value is not None and np.shape(value) != shape:
@@ -100,10 +97,10 @@ class Motion:
         return len(self.global_orient)
 
     def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-        """Return the (F, J, 3) joints that a truth knows, the truth's, and their names; no joint where it is none's.
+        """Return the (F, J, 3) joints of the motion and of a truth, and their names, for the joints of both.
 
         Args:
-            truth: (F, J, 3) metres of joints of this layout, or of SMPL's.
+            truth: (F, J, 3) metres of joints of this layout, or of SMPL's. Other shapes give no joints.
         """
         layout = self.body_layout if truth.shape[1:2] == (self.body_layout.num_joints,) else SMPL
         if truth.shape != (self.num_frames, layout.num_joints, 3):
@@ -112,16 +109,7 @@ class Motion:
         return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
 
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
-        """Check that the motion is of a body.
-
-        Args:
-            body: its id.
-            layout: of its motions.
-            where: for the error.
-
-        Raises:
-            MotionInvalid: it is of another body, or of another layout.
-        """
+        """Raise MotionInvalid if the motion is of another body or layout."""
         self.body_layout.require_same_joints(layout, where)
         if self.body != body:
             hint = "Use the body that the motion was solved with."
@@ -133,15 +121,14 @@ class GloveTake:
     """F frames of both hands."""
 
     name: str
-    """Of the recording."""
     times: Float[np.ndarray, " frames"]
     """(F,) seconds from the first frame, rising."""
     angles: Float[np.ndarray, "frames 2 a"]
-    """(F, 2, A) radians of the left and the right hand, see ``hand_angles``; NaN where the file does not have them."""
+    """(F, 2, A) radians of the left and the right hand, see ``hand_angles``, NaN if unknown."""
     palms: Float[np.ndarray, "frames 2 3 3"]
-    """(F, 2, 3, 3) rotations of the palms in a world of the file's own; NaN where it has none."""
+    """(F, 2, 3, 3) rotations of the palms in a world of the file's own, NaN if unknown."""
 
     @property
     def sides(self) -> tuple[int, ...]:
-        """Hands that the file has: 0 left, 1 right."""
+        """Hands in the file: 0 left, 1 right."""
         return tuple(side for side in range(2) if np.isfinite(self.angles[:, side]).any())
