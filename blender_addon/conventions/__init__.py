@@ -1,1 +1,1 @@
-"""What every part of the add-on agrees on: frames, time, names, colours; and how they stand in Blender."""
+"""Conventions of the whole add-on: frames, time, names and colours."""

@@ -1,9 +1,9 @@
 """Frames and lenses: the solver's conventions to Blender's, and back.
 
 Solver and Blender share metres and a world with Z up. They differ in two things. The body's rest frame is SMPL's
-(Y up, facing +Z, left = +X) and becomes an armature that stands in Blender's way (Z up, facing -Y, left = +X). Cameras
-are OpenCV's (x right, y down, looking along +z; pixel (0, 0) is the centre of the top-left pixel) and become
-Blender's (x right, y up, looking along -z; the image spans 0..1 from the bottom left).
+(Y up, facing +Z, left = +X) and becomes an armature in Blender's frame (Z up, facing -Y, left = +X). Cameras are
+OpenCV's (x right, y down, looking along +z, the centre of the top-left pixel at (0, 0)) and become Blender's (x right,
+y up, looking along -z, the image from 0 to 1 from the bottom left).
 
 Blender's cameras have neither lens distortion nor skew: what they show is the undistorted image.
 """
@@ -23,7 +23,7 @@ QUAT_BODY_ARMATURE = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 """The inverse of ``R_ARMATURE_BODY`` as a quaternion wxyz: -90° about X."""
 
 SENSOR_WIDTH_MM = 36.0
-"""Nominal sensor width; only its ratio to the focal length has an effect."""
+"""Nominal sensor width. Only its ratio to the focal length has an effect."""
 
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
@@ -78,7 +78,7 @@ def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
 
 
 def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
-    """Scale objects that were built in metres to a scene whose Blender unit is not one; children follow."""
+    """Scale objects that were built in metres to a scene whose Blender unit is not one. Children follow."""
     scale = 1.0 / scene.unit_settings.scale_length
     if abs(scale - 1.0) < 1e-6:
         return

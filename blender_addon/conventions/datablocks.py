@@ -18,18 +18,18 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Pupil", (0.01, 0.01, 0.01, 1.0)),
     ("Nail", (0.68, 0.46, 0.37, 1.0)),
 )
-"""Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
+"""Names and colours of the body's ``face_material`` indices. Larger indices take the last one."""
 MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)
 """Of a body that is shown as a mannequin."""
 GLOSSY = ("Skin",)
-"""Materials whose surface is a principled one; another is a tenth as large in a file."""
+"""Materials whose surface is a principled one. Another is a tenth as large in a file."""
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
 MARKER_COLOURS: tuple[Colour, ...] = (
     (0.85, 0.85, 0.9, 1.0), (0.05, 0.62, 0.20, 1.0), (0.95, 0.55, 0.03, 1.0), (0.85, 0.05, 0.04, 1.0),
 )  # fmt: skip
-"""Optical markers: not solved; then near the solved body, off it and far off it."""
+"""Optical markers: not solved, near the solved body, off it and far off it."""
 FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))
 """Tiles and lines."""
 
@@ -40,7 +40,7 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     Args:
         colour: linear RGBA.
         roughness: 0 (mirror) to 1 (chalk).
-        glossy: a principled surface, to go on from; otherwise a diffuse one, a tenth as large in a file.
+        glossy: a principled surface, to go on from. Otherwise a diffuse one, a tenth as large in a file.
     """
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour

@@ -24,7 +24,7 @@ def stored(path: Path | str, start: Path | None = None) -> str:
 
     Args:
         path: the path, "" for none.
-        start: the folder; None for that of the open .blend file.
+        start: the folder, None for that of the open .blend file.
     """
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
@@ -39,7 +39,7 @@ def stored(path: Path | str, start: Path | None = None) -> str:
 def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
     """Return the file that a property means, looked for where it went if it is no longer there.
 
-    A file of an unsaved scene moved when the scene was saved, which undo does not know; files that older versions
+    A file of an unsaved scene moved when the scene was saved, which undo does not know. Files that older versions
     kept by their full path moved with their project's folder.
     """
     path = absolute(text, library)

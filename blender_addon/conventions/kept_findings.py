@@ -15,7 +15,7 @@ def findings_text(found: Iterable[Diagnostic]) -> str:
 
 
 def findings_in(text: str) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a text of ``findings_text``; any other text holds none."""
+    """Return the diagnostics of a text of ``findings_text``. Any other text holds none."""
     import json
 
     try:

@@ -1,4 +1,4 @@
-"""Files of one kind in a folder are numbered; a number that any of them bore is not used again while one is there."""
+"""Files of one kind in a folder are numbered. A number that any of them bore is not used again while one is there."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder; 1 where there is nothing."""
+    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder, 1 where there is nothing."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 

@@ -33,7 +33,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
     Args:
         start: scene frame of its first frame.
-        scene_fps: frames per second to set; None lets the scene keep rate and range.
+        scene_fps: frames per second to set, None lets the scene keep rate and range.
     """
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
@@ -44,7 +44,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
-    """Show a frame; None for the current one, to the fraction, evaluated anew."""
+    """Show a frame, None for the current one, to the fraction, evaluated anew."""
     if frame is None:
         scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     else:

@@ -16,9 +16,9 @@ class Format:
     description: str
     """What the file holds."""
     is_sampled: bool = True
-    """The motion is sampled, at any frame rate and in any range; otherwise its keys are written as they are."""
+    """The motion is sampled, at any frame rate and in any range. Otherwise its keys are written as they are."""
     keeps: tuple[str, ...] = ()
-    """Fields of ``FileLayout`` that can be chosen; the format states all others itself."""
+    """Fields of ``FileLayout`` that can be chosen. The format states all others itself."""
 
 
 FORMATS: dict[str, Format] = {
@@ -55,18 +55,18 @@ UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up
 
 @dataclass(frozen=True)
 class FileLayout:
-    """How the skeleton is laid out in a file; BVH, FBX, glTF and USD keep to it as far as they can."""
+    """How the skeleton is laid out in a file. BVH, FBX, glTF and USD keep to it as far as they can."""
 
     unit: str = "m"
-    """Of ``UNITS``; formats other than FBX state their own."""
+    """Of ``UNITS``. Formats other than FBX state their own."""
     up: str = "Y"
-    """Of ``UP_AXES``; formats other than FBX state their own."""
+    """Of ``UP_AXES``. Formats other than FBX state their own."""
     root: str = "body"
     """Of ``ROOT_MOTIONS``."""
     fingers: bool = True
-    """Finger bones are kept where the body has them; without, hands carry their skin."""
+    """Finger bones are kept where the body has them. Without, hands carry their skin."""
     node: str = ""
-    """Name of the skeleton's object in the file; "" for the armature's own."""
+    """Name of the skeleton's object in the file, "" for the armature's own."""
 
     @property
     def metres_a_unit(self) -> float:

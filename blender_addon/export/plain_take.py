@@ -33,15 +33,15 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body without shape keys, drivers and deform bones; rotations mean the same on both.
+    """Copy a body without shape keys, drivers and deform bones. Rotations mean the same on both.
 
     Blender must be in object mode.
 
     Args:
         mesh: its skin, None for the skeleton alone.
-        collection: where the copy is linked; it must be part of the current view layer.
+        collection: where the copy is linked. It must be part of the current view layer.
         root: keep the root bone, too.
-        fingers: keep the bones of fingers; without, the joints above carry their skin.
+        fingers: keep the bones of fingers. Without, the joints above carry their skin.
 
     Returns:
         The armature and, where there is a skin, the mesh.
@@ -171,7 +171,7 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy of a take of ours, under its own names; any other take as it is.
+    """Yield a temporary plain copy of a take of ours, under its own names. Any other take as it is.
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
     movement included. It is as large as the file's unit states, and keeps to the take's layout.

@@ -1,4 +1,4 @@
-"""A take to export: an armature, its meshes and a range of frames; and its sampled poses."""
+"""A take to export (an armature, its meshes and a range of frames) and its sampled poses."""
 
 from __future__ import annotations
 
@@ -96,8 +96,8 @@ def take_of(
 
     Args:
         obj: the armature, or a mesh it deforms.
-        frames: first and last scene frame; None for those of the armature's action.
-        fps: frames per second of the export; None for the rate the take was solved at or, for other motions, the
+        frames: first and last scene frame, None for those of the armature's action.
+        fps: frames per second of the export, None for the rate the take was solved at or, for other motions, the
             scene's.
 
     Raises:
@@ -207,12 +207,12 @@ def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
 
 
 _PROGRESS_STEP = 100
-"""Frames from one report of progress to the next; chosen by hand."""
+"""Frames from one report of progress to the next, chosen by hand."""
 
 
 @dataclass(frozen=True)
 class PoseSamples:
-    """J bones over F frames; metres, Blender's axes (Z up)."""
+    """J bones over F frames. Metres, Blender's axes (Z up)."""
 
     names: tuple[str, ...]
     """The bones, parents before children."""
@@ -239,7 +239,7 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
     """Evaluate a take frame by frame.
 
     Args:
-        names: bones; None for all that deform.
+        names: bones, None for all that deform.
 
     Raises:
         NothingToExport: the armature lacks one of the bones, or has none that deform.

@@ -31,7 +31,7 @@ def export_take(
 
     Args:
         format_name: key of ``FORMATS``.
-        path: the file; a suffix that is not the format's is an error.
+        path: the file. A suffix that is not the format's is an error.
         overwrite: replace a file that is there.
 
     Raises:
@@ -61,7 +61,7 @@ def format_of(name: str) -> Format:
 
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
-    """Return the file's name of each format; of several with one suffix the later ones carry their format's name.
+    """Return the file's name of each format. Of several with one suffix the later ones carry their format's name.
 
     Raises:
         NothingToExport: see ``format_of``.

@@ -29,9 +29,9 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
     """Return the motion of a file: a motion file, or the armature of any file that Blender reads.
 
     Args:
-        body: body file for a motion; None for the one that the motion was solved for.
+        body: body file for a motion, None for the one that the motion was solved for.
         armature: which one, where several move.
-        action: which of its actions; "" for the one that it shows.
+        action: which of its actions, "" for the one that it shows.
 
     Raises:
         MocapError: the file is missing or wrong, or its actor is not clear.
@@ -47,7 +47,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
 
 
 def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iterator[ReadActor]:
-    """Yield every clip of a file: one of a motion file, one an action of others; clips are named by file and action.
+    """Yield every clip of a file: one of a motion file, one an action of others. Clips are named by file and action.
 
     Raises:
         MocapError: see ``read_source``.

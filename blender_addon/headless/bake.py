@@ -1,4 +1,4 @@
-"""``bake`` and ``render``: motion file in; Blender file, preview video and contact sheet out."""
+"""``bake`` and ``render``: a Blender file, a preview video and a contact sheet of a motion file."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..render.subject import RenderedTake
 
 _CHECKED_FRAMES = 8
-"""Frames of a bake that are compared with the motion; chosen by hand."""
+"""Frames of a bake that are compared with the motion, chosen by hand."""
 _TOLERATED_MM = 1.0
 _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
 """Endings of the pictures' names."""

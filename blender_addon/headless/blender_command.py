@@ -15,7 +15,7 @@ def run(arguments: list[str]) -> int:
 
 
 class Command:
-    """The registered command; Blender hands out a handle to take it back with."""
+    """The registered command. Blender hands out a handle to take it back with."""
 
     def __init__(self) -> None:
         self._handle: object | None = None

@@ -1,4 +1,4 @@
-"""``body``: a body file in; a Blender file with the posable body as an asset out."""
+"""``body``: a Blender file with the posable body as an asset."""
 
 from __future__ import annotations
 

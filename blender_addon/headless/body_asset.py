@@ -22,9 +22,9 @@ _CATALOG_HEADER = "# This is an Asset Catalog Definition file for Blender.\n\nVE
 _AUTHOR = "Manifold MoCap contributors"
 _TAGS = ("body", "character", "rig", "SMPL")
 _PREVIEW_PX = 256
-"""Width and height of an asset's preview, pixels; chosen by hand."""
+"""Width and height of an asset's preview, pixels, chosen by hand."""
 _BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])
-"""Red, green, blue and opacity behind the body; chosen by hand."""
+"""Red, green, blue and opacity behind the body, chosen by hand."""
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:
@@ -68,7 +68,7 @@ def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
 
 
 def add_catalog(folder: Path) -> None:
-    """Add our catalog to the catalogs of an asset library's folder; those that are there stay.
+    """Add our catalog to the catalogs of an asset library's folder. Those that are there stay.
 
     Raises:
         OutputNotWritable: the file cannot be read or written.

@@ -20,7 +20,7 @@ from .result import CommandResult
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 _POLL_S = 0.05
-"""Seconds between two looks at a child; chosen by hand."""
+"""Seconds between two looks at a child, chosen by hand."""
 
 
 def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
@@ -53,7 +53,7 @@ def run_solver(
     """Run a verb of the solver and return its result event.
 
     Args:
-        python: interpreter to use; None for this one.
+        python: interpreter to use, None for this one.
         stopped: see ``run_to_its_end``.
 
     Raises:
@@ -99,11 +99,11 @@ def command_line() -> list[str]:
 def run_to_its_end(
     run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
 ) -> Any:
-    """Wait for a child process and return its result event; the process has ended in any case.
+    """Wait for a child process and return its result event. The process has ended in any case.
 
     Args:
         run: the process, begun.
-        stopped: asked again and again about the process's number; an error ends the process.
+        stopped: asked again and again about the process's number. An error ends the process.
         called: name of the process in the message about an end without a message.
 
     Raises:

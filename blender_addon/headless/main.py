@@ -15,16 +15,16 @@ from .verb_table import MODULE, VERBS
 from .verb_table import program as program_called
 
 _INTERVAL_S = 0.2
-"""Least time between two progress lines of one stage, seconds; chosen by hand."""
+"""Least time between two progress lines of one stage, seconds, chosen by hand."""
 _GRACE_S = 5.0
-"""Seconds that a run has to end by itself once the program that started it is gone; chosen by hand."""
+"""Seconds that a run has to end by itself once the program that started it is gone, chosen by hand."""
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
     """Run the command line and return its exit code (see ``ExitCode``).
 
     Args:
-        arguments: after the program's name; the process's own if left out.
+        arguments: after the program's name. The process's own if left out.
         program: name of the command in its help.
     """
     arguments = sys.argv[1:] if arguments is None else arguments

@@ -1,4 +1,4 @@
-"""``motion`` and ``add-hands``: clips of any program; the solver gets what only Blender reads as skeleton files."""
+"""``motion`` and ``add-hands``: clips of any program. The solver gets what only Blender reads as skeleton files."""
 
 from __future__ import annotations
 

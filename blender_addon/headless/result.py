@@ -8,7 +8,7 @@ from .._exchange.errors import MocapError
 
 
 class CommandResult(TypedDict):
-    """The ``result`` event; a verb may add keys for programs."""
+    """The ``result`` event. A verb may add keys for programs."""
 
     event: NotRequired[str]
     outputs: list[str]

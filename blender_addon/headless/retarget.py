@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..retarget.rig_map import RigMap
 
 _SAME_RATE = 1e-3
-"""Relative difference below which two frame rates are equal; chosen by hand."""
+"""Relative difference below which two frame rates are equal, chosen by hand."""
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
 
 
@@ -63,9 +63,9 @@ class TargetsResult(CommandResult):
 
 
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
-    """Retarget to each target; the files of several targets are in folders with the targets' names.
+    """Retarget to each target. The files of several targets are in folders with the targets' names.
 
-    Targets that are unsuitable are left out and named; the exit code is that of the worst.
+    Targets that are unsuitable are left out and named. The exit code is that of the worst.
 
     Raises:
         BatchInvalid: two targets have one name, or one map file is to be written for several.
@@ -150,7 +150,7 @@ def _one(args: Namespace, progress: Progress) -> RetargetResult:
 def _clips(args: Namespace, progress: Progress) -> ClipsResult:
     """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
 
-    Clips that cannot be read or transferred are left out and named; the exit code is that of the worst.
+    Clips that cannot be read or transferred are left out and named. The exit code is that of the worst.
 
     Raises:
         MocapError: there are no clips, the rig or its map is unsuitable, an output exists, or all clips failed.
@@ -277,7 +277,7 @@ def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
 
 
 def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[float]) -> TakeTiming:
-    """Return the motions' place in the scene; characters of other programs get the motions' most common rate."""
+    """Return the motions' place in the scene. Characters of other programs get the motions' most common rate."""
     from ..conventions.timing import TakeTiming, scene_frame_rate, set_scene_frame_rate
 
     if args.target.suffix.lower() != ".blend":

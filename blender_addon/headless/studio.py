@@ -1,4 +1,4 @@
-"""``studio``: a description in; captures with truth, pictures and, if asked, an evaluated solve out."""
+"""``studio``: captures with truth and pictures of a description and, if asked, an evaluated solve."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class StudioResult(DataSetPlan, CommandResult):
 
 
 def run_studio(args: Namespace, progress: Progress) -> CommandResult:
-    """Make a data set; a run that was killed resumes.
+    """Make a data set. A run that was killed resumes.
 
     The solver films truth, infrared, depth and masks, Blender the colour pictures. The result holds the folder, shots,
     frames, pictures, seconds, and the table of ``studio-benchmark``.

@@ -14,7 +14,7 @@ from typing import IO, Any
 from ..errors import SolverMissing
 
 _GRACE_S = 5.0
-"""Seconds that a cancelled solver has to end by itself before it is killed; chosen by hand."""
+"""Seconds that a cancelled solver has to end by itself before it is killed, chosen by hand."""
 Line = str | dict[str, Any]
 """A line of the log, or an event."""
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
@@ -23,7 +23,7 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 class SolverProcess:
     """One run of the solver, which writes JSON lines and ends when its standard input does.
 
-    Two threads read what the process writes; nothing here ever waits for it. Should this program die, however it
+    Two threads read what the process writes. Nothing here ever waits for it. Should this program die, however it
     dies, the system closes the pipe and the solver ends too.
 
     Args:
@@ -92,7 +92,7 @@ class SolverProcess:
         return items
 
     def cancel(self) -> None:
-        """Ask the process to end; it tidies up first."""
+        """Ask the process to end. It tidies up first."""
         if self._cancelled_at is None:
             self._cancelled_at = time.monotonic()
             self._close_input()
@@ -104,7 +104,7 @@ class SolverProcess:
             self._process.kill()
 
     def wait(self) -> int:
-        """Wait for the end and return the exit code; for programs without an event loop."""
+        """Wait for the end and return the exit code. For programs without an event loop."""
         code = self._process.wait()
         for reader in self._readers:
             reader.join()

@@ -1,4 +1,4 @@
-"""A live run: the solver's process that turns points into poses, read without waiting; only the newest pose counts."""
+"""A live run: the solver's process that turns points into poses, read without waiting. Only the newest pose counts."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from .child import SolverProcess
 
 NUM_BETAS = 10
 _MOST_LINES = 100_000
-"""Taken at one poll: whatever has come; poses before the last one are dropped, not shown late."""
+"""Taken at one poll: whatever has come. Poses before the last one are dropped, not shown late."""
 _LOG_LINES = 200
 SENSORS_GRACE_S = 20.0
 """Sensors' processes have 5 s to end, and what they recorded is written to the disk before."""
@@ -29,10 +29,10 @@ SENSORS_GRACE_S = 20.0
 
 @dataclass(frozen=True)
 class LivePose:
-    """A moment's body and points; metres, Z up."""
+    """A moment's body and points. Metres, Z up."""
 
     rotvec: np.ndarray | None
-    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers; None where there is no pose."""
+    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers, None where there is no pose."""
     transl: np.ndarray | None
     """(3,) metres."""
     points: np.ndarray
@@ -42,7 +42,7 @@ class LivePose:
     why: str
     """Why there is no pose, or why it is unsure."""
     off_mm: float
-    """How far markers are from the body in the median; NaN without a pose."""
+    """How far markers are from the body in the median, NaN without a pose."""
     coverage: dict[str, float] = field(default_factory=dict)
     """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
     rate_hz: float = math.nan
@@ -56,18 +56,18 @@ class LivePose:
     face: dict[str, float] = field(default_factory=dict)
     """Value of each channel of the face, by the sender's name for it."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    """(N,) metres between each point and the body, NaN where it is none of the body's; (0,) where it is not known."""
+    """(N,) metres between each point and the body, NaN where it is none of the body's, (0,) where it is not known."""
     sigma_m: np.ndarray | None = None
-    """(24,) standard deviation of each joint in metres; None where it is not known."""
+    """(24,) standard deviation of each joint in metres, None where it is not known."""
     views: int = 0
-    """Cameras that the pose is made of; 0 where there are none."""
+    """Cameras that the pose is made of, 0 where there are none."""
     views_left_out: int = 0
     """Views of moments that were fitted without them, so that poses are not late."""
 
 
 @dataclass
 class LiveRun:
-    """What is known about a run; ``poll`` brings it up to date and never raises for what the process writes."""
+    """What is known about a run. ``poll`` brings it up to date and never raises for what the process writes."""
 
     process: SolverProcess
     shown: int = 0
@@ -85,7 +85,7 @@ class LiveRun:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
 
     def poll(self) -> LivePose | None:
-        """Take in what arrived; return the newest pose if there is one since the last call."""
+        """Take in what arrived. Return the newest pose if there is one since the last call."""
         code = self.process.exit_code  # read first: whatever came before the end is then in the queue
         newest: str | None = None
         for item in self.process.received(_MOST_LINES):
@@ -108,7 +108,7 @@ class LiveRun:
         return pose
 
     def stop(self) -> None:
-        """Ask the process to end; it writes what it recorded first."""
+        """Ask the process to end. It writes what it recorded first."""
         self.process.cancel()
 
     @property
@@ -119,7 +119,7 @@ class LiveRun:
 
     @property
     def failure(self) -> str:
-        """What went wrong, for people; "" if nothing did."""
+        """What went wrong, for people, "" if nothing did."""
         if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
             return ""
         return sentence(self.error)
@@ -177,7 +177,7 @@ def _count(value: Any) -> int:
 
 
 def _metres(values: Any, count: int) -> np.ndarray:
-    """Return a list of this many millimetres as metres, NaN for other values; (0,) for any other list."""
+    """Return a list of this many millimetres as metres, NaN for other values, (0,) for any other list."""
     if not isinstance(values, list) or len(values) != count:
         return np.zeros(0)
     return np.array([1e-3 * max(_number(value), 0.0) for value in values])
@@ -197,7 +197,7 @@ def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dic
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
-    """Return a flat array of finite numbers, so many or a multiple of three; None if it is anything else."""
+    """Return a flat array of finite numbers, so many or a multiple of three, None if it is anything else."""
     try:
         array = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):
@@ -221,7 +221,7 @@ def start_live(
     Args:
         verb: ``live``, ``camera-live`` or ``sensors-live``.
         words: arguments of the verb.
-        python: interpreter to use; None for Blender's own.
+        python: interpreter to use, None for Blender's own.
         subject: calibrated person.
         record: file to record to.
         grace_s: see ``SolverProcess``.

@@ -2,7 +2,7 @@
 
 A Python that the detector's wheels are for runs this file alone, without our packages. It writes JSON lines: progress,
 and a result or an error. With a folder of wheels nothing is downloaded. MediaPipe's wheel 0.10.21 carries its pose
-model (Apache-2.0); it is installed without its requirements, which hold a second OpenCV, and with the imports of its
+model (Apache-2.0). It is installed without its requirements, which hold a second OpenCV, and with the imports of its
 pose model. LiteRT runs the same models as files, which are unpacked from npm packages next to the wheels.
 
 The environment replaces FOLDER when it works. Until then, and after a failure, an earlier one stays.
@@ -34,7 +34,7 @@ NO_PIP = (
     "Its part ensurepip is missing: install python3-venv (Debian, Ubuntu), or use a Blender or Python from its maker."
 )
 LARGEST_MODEL = 64_000_000
-"""Bytes; the largest that is known has 27 million."""
+"""Bytes. The largest that is known has 27 million."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Return the models of the npm packages in a folder, unpacked beside the environment; those too large are left."""
+    """Return the models of the npm packages in a folder, unpacked beside the environment. Those too large are left."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:

@@ -1,4 +1,4 @@
-"""Settings of a solve by their purpose; ``dev.py bench presets`` measures what each costs and gives."""
+"""Settings of a solve by their purpose. ``dev.py bench presets`` measures what each costs and gives."""
 
 from __future__ import annotations
 

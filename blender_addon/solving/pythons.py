@@ -17,7 +17,7 @@ from ..conventions.file_paths import sessions_folder
 from ..errors import PythonUnsuitable
 
 _TIMEOUT_S = 60
-"""Seconds that an interpreter has to answer; chosen by hand."""
+"""Seconds that an interpreter has to answer, chosen by hand."""
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
 """Where an environment has its Python."""
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
@@ -179,7 +179,7 @@ def probe_python(python: Path | None) -> PythonFound:
     """Start a Python and ask what it has.
 
     Args:
-        python: interpreter; None for Blender's own.
+        python: interpreter, None for Blender's own.
 
     Raises:
         SolverMissing: there is no such file, or the solver is not there.

@@ -14,7 +14,7 @@ from .._exchange.plain_text import plain
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
-"""Bytes of a file that is read; chosen by hand."""
+"""Bytes of a file that is read, chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ class RoadStep:
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the steps that are done, in their order; nothing where there is no such file or it is of another kind.
+    """Return the steps that are done, in their order. Nothing where there is no such file or it is of another kind.
 
     Pictures are those in the folder alone, whatever the file states.
     """

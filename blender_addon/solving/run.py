@@ -17,12 +17,12 @@ from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
 _LOG_LINES = 2000
-"""Lines of a run's log that are kept, the last ones; chosen by hand."""
+"""Lines of a run's log that are kept, the last ones, chosen by hand."""
 
 
 @dataclass
 class Run:
-    """What is known about one run; ``poll`` brings it up to date."""
+    """What is known about one run. ``poll`` brings it up to date."""
 
     verb: str
     """Verb of the solver's command line."""
@@ -33,9 +33,9 @@ class Run:
     eta_s: float | None = None
     """Seconds left of the stage as last reported."""
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
-    """What the process wrote beside its events, and when its stages began; the last lines of it."""
+    """What the process wrote beside its events, and when its stages began. The last lines of it."""
     result: Any = None
-    """The result event, one of ``_exchange.verb_results``, once it is there and was checked; None before."""
+    """The result event, one of ``_exchange.verb_results``, once it is there and was checked, None before."""
     error: ErrorEvent | None = None
     """The error event."""
     started: float = field(default_factory=time.monotonic)
@@ -60,7 +60,7 @@ class Run:
         return f"{self.stage}{left}"
 
     def poll(self) -> bool:
-        """Take in what arrived and return whether anything changed; never waits."""
+        """Take in what arrived and return whether anything changed. Never waits."""
         code = self.process.exit_code  # read first: whatever came before the end is then in the queue
         items = self.process.received()
         for item in items:
@@ -108,7 +108,7 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
     """Start the solver.
 
     Args:
-        python: interpreter to use; None for Blender's own.
+        python: interpreter to use, None for Blender's own.
 
     Raises:
         SolverMissing: solver or interpreter are not there.
@@ -133,7 +133,7 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
 
     Args:
         verb: name of the run.
-        python: interpreter to use; None for Blender's own.
+        python: interpreter to use, None for Blender's own.
 
     Raises:
         SolverMissing: the interpreter is not there.

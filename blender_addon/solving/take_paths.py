@@ -13,7 +13,7 @@ from ..conventions.naming import next_number, next_path
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
 """Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""Of recordings of optical markers, each of which is a capture by itself; some programs end them in .txt."""
+"""Of recordings of optical markers, each of which is a capture by itself. Some programs end them in .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -28,7 +28,7 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that every system takes for a folder; letters of any script stay."""
+    """Return a name that every system takes for a folder. Letters of any script stay."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
@@ -41,14 +41,14 @@ def capture_folder(base: Path, source: Path) -> Path:
 
 
 def next_take(folder: Path) -> TakeFiles:
-    """Return the files of the next take; numbers that any file bears are not used again."""
+    """Return the files of the next take. Numbers that any file bears are not used again."""
     number = next_number(folder, "take")
     stem = f"take_{number:02d}"
     return TakeFiles(number, folder / f"{stem}.npz", folder / f"{stem}.html", folder / f"{stem}.job.json")
 
 
 def next_subject(folder: Path) -> Path:
-    """Return the file of the next calibrated person; numbers that any file bears are not used again."""
+    """Return the file of the next calibrated person. Numbers that any file bears are not used again."""
     return next_path(folder, "subject", ".npz")
 
 

@@ -1,1 +1,1 @@
-"""The command line: verbs, exit codes, progress lines; every verb calls one function of the packages below."""
+"""The command line: verbs, exit codes, progress lines. Every verb calls one function of the packages below."""

@@ -34,7 +34,7 @@ PROGRAM = Program(
 )
 parse = PROGRAM.parse
 EVERYBODY = "all"
-"""Value of ``--person`` that stands for each person of a capture."""
+"""Value of ``--person`` for every person of a capture."""
 
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
@@ -71,7 +71,7 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Return a capture, everybody's where the person is ``EVERYBODY``.
+    """Return a capture, of all people if the person is ``EVERYBODY``.
 
     Raises:
         MocapError: see ``load_capture``.
@@ -89,7 +89,7 @@ def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
 
 
 def trials_of(path: Path) -> list[Path]:
-    """Return the recordings of a session's folder; none for any other path."""
+    """Return the recordings of a session's folder, none for any other path."""
     if not path.is_dir():
         return []
     from solver_backend.io.detections.search import camera_sources, trials_below

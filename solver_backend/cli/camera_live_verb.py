@@ -28,13 +28,13 @@ if TYPE_CHECKING:
     from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
 
 MOST_CAMERAS = 4
-"""More are no help to one person, and a load; chosen by hand."""
+"""More are no help to one person, and a load, chosen by hand."""
 _SWITCH_S = 5e-4
-"""Seconds after which one thread lets another one on; chosen by hand."""
+"""Seconds after which one thread lets another one on, chosen by hand."""
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the cameras end, the time is over, or a signal stops it; recordings are kept."""
+    """Run until the cameras end, the time is over, or a signal stops it. Recordings are kept."""
     if not 2 <= len(args.sources) <= MOST_CAMERAS:
         message = f"Poses are made live from two to {MOST_CAMERAS} cameras, not {len(args.sources)}."
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")

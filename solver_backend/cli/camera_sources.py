@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
-"""World settings that a method uses; the other methods use the scale alone."""
+"""World settings that a method uses. The other methods use the scale alone."""
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
@@ -117,7 +117,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses, keypoints, and whether lenses are rough; by the capture's own calibration if it has one."""
+    """Return names, lenses, keypoints, and whether lenses are rough; use a calibration of the capture."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):

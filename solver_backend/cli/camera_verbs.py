@@ -74,7 +74,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _format_of_output(args: argparse.Namespace) -> str:
-    """Return the format of the calibration to write, of which the file must be free."""
+    """Return the format of the calibration to write, and check that its file is free."""
     from solver_backend.camera_calibration.formats import format_of
 
     kind = args.format or format_of(args.out)
@@ -129,7 +129,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a capture's cameras as they were read: corrected, scaled and levelled."""
+    """Write a capture's corrected, scaled and levelled cameras."""
     from solver_backend.camera_calibration.formats import write_calibration
     from solver_backend.cli.camera_sources import capture_of
     from solver_backend.io.recognition.world_fit import check_world

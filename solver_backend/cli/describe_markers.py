@@ -21,7 +21,7 @@ from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MOST_LISTED = 8
-"""Markers in a line; chosen by hand."""
+"""Markers in a line, chosen by hand."""
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
@@ -68,7 +68,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
 
 
 def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the parts of the body without a known marker; none if too few markers are known for a solve."""
+    """Return the parts of the body without a known marker, none if too few markers are known for a solve."""
     labels = [label for label in cloud.labels or () if label in known]
     if len(labels) < least_markers([known[label] for label in labels]):
         return ()
@@ -113,7 +113,7 @@ def _is_free(place: str) -> bool:
 
 
 def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
-    """Return the markers whose labels a solve tests, and those that it leaves out for a while."""
+    """Return the markers that jump, and the markers that are frozen for a while."""
     if cloud.labels is None or cloud.positions.shape[1] < 2 or len(cloud.positions) < 2:
         return {"jumping": [], "frozen": []}
     around = neighbours_of(cloud.positions)

@@ -48,11 +48,11 @@ def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
 
 
 class LiveOutput:
-    """The outputs of a live run; a context manager that opens and closes them.
+    """The outputs of a live run. A context manager that opens and closes them.
 
     Args:
         args: command line with ``send`` and ``lines``.
-        proportions: of the person whose poses are sent and counted; None for lines of another kind.
+        proportions: of the person. Poses are sent and counted with it, and not without it.
         recorder: records this run.
         others: further recorders.
 
@@ -125,8 +125,8 @@ class LiveOutput:
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
     """Return the files of a recorder that has finished.
 
-    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` names the file if nothing came
-    that could be recorded.
+    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` names a file without
+    anything to record.
     """
     if recorder is None:
         return {}

@@ -22,7 +22,7 @@ def main(argv: list[str] | None = None) -> int:
     """Run the command line and return its exit code (see ``ExitCode``).
 
     Args:
-        argv: arguments after the program's name; the process's own if left out.
+        argv: arguments after the program's name. The process's own if left out.
     """
     argv = sys.argv[1:] if argv is None else argv
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
@@ -55,12 +55,12 @@ def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Out
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Import and return the function of a verb; a wrong command line is answered before."""
+    """Import and return the function of a verb. A wrong command line is answered before."""
     return VERBS[name].load("solver_backend.cli")
 
 
 def _silence(stream: TextIO) -> None:
-    """Drop what is left in a stream's buffer; flushing it at exit would fail again."""
+    """Drop what is left in a stream's buffer. Flushing it at exit would fail again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except (OSError, ValueError):

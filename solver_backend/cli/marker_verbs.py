@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from solver_backend.types import Capture
 
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
-"""The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
+"""Arrays of a motion file: measured markers with gaps filled and swaps undone, or markers of the solved body."""
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:

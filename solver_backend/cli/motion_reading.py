@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from solver_backend.types import SkeletonMotion
 
 _FAR_MM = 20.0
-"""Distance of a joint from its source, the mean over the frames, from which it is noted; chosen by hand."""
+"""Least mean distance of a joint from its source that is noted, chosen by hand."""
 _RAISED_M = 0.02
-"""Metres by which a motion is put on its floor that are noted; chosen by hand."""
+"""Least change of a motion's height that is noted, metres, chosen by hand."""
 _STRANGE = 5.0
-"""Standard deviations of a shape coefficient that hardly any person has; chosen by hand."""
+"""Standard deviations of a rare shape coefficient, chosen by hand."""
 _LOOSE = ("_toe", "head")
 """Joints that are not fitted by place."""
 
@@ -102,8 +102,8 @@ def read_foreign_motion(
     Args:
         path: BVH, MVNX or C3D with rotations.
         body: name or path of the body.
-        unit: length unit of the clip; empty: estimated from the legs.
-        up_axis: axis that points up in the clip; empty: detected.
+        unit: length unit of the clip. It is estimated from the legs if empty.
+        up_axis: axis that points up in the clip. It is detected if empty.
         keep_height: do not put the lowest soles on the floor.
 
     Raises:

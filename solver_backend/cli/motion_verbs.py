@@ -48,7 +48,7 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write AMASS poses as a motion of our mean shape; AMASS' shape coefficients are those of other bodies."""
+    """Write AMASS poses as a motion of our mean shape. AMASS' shape coefficients describe other bodies."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.io.native.motion_file import write_motion
 

@@ -18,7 +18,7 @@ class Outcome(Generic[Data]):
     """The result of a verb."""
 
     text: str
-    """For people; printed to standard output."""
+    """For people. Printed to standard output."""
     data: Data
     """For programs: plain JSON values of the result event."""
     summary: tuple[str, ...] = ()

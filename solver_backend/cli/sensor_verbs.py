@@ -68,7 +68,7 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
-    """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
+    """Return the chain of a folder: at its recorded rate, or all frames at full speed."""
     from solver_backend.sensors.chain import MarkerChain, SensorTask
     from solver_backend.sensors.devices.recorded import Recording
 
@@ -91,7 +91,7 @@ def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolde
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of what is bright with nobody there; none without a recording of that."""
+    """Return each sensor's mask of bright places in the empty scene, none without a recording of it."""
     from solver_backend.sensors.take import masks_of
 
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))

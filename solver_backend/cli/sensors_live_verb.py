@@ -24,11 +24,11 @@ if TYPE_CHECKING:
     from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5
-"""Seconds between two reports of the wand's coverage; chosen by hand."""
+"""Seconds between two reports of the wand's coverage, chosen by hand."""
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or a signal stops it; recordings are kept."""
+    """Run until the sensors end, the time is over, or a signal stops it. Recordings are kept."""
     _check(args)
     session = None
     if args.poses:  # made before the sensors begin, as it takes time
@@ -101,7 +101,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
 def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
-    """Yield moments until the time is over; events of sensors are written at once."""
+    """Yield moments until the time is over. Events of sensors are written at once."""
     from solver_backend.sensors.chain import LiveMoment
 
     for moment in chain.moments():

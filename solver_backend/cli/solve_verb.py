@@ -1,4 +1,4 @@
-"""The verb ``solve``: one motion, or those of several people, jobs or trials one after another."""
+"""The verb ``solve``: one motion, or several of people, jobs or trials one after another."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, write the motion and, if asked for, the report; or do so for several, see ``_several``."""
+    """Solve a capture, write the motion and, if asked for, the report. See ``_several`` for several."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
@@ -50,7 +50,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
-    """Yield the solver of a long take's stretches: this process, or a cluster."""
+    """Yield the solver of a long take's segments: this process, or a cluster."""
     from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
@@ -165,7 +165,7 @@ def _finish(
 
 
 def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report, both named in one moment; the motion also if the report fails.
+    """Write the motion and its report together. The motion is written even if the report fails.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_files``.
@@ -206,12 +206,12 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, each for everybody if it asks for that; a failure does not stop the others.
+    """Solve jobs one after another, each for all people if it asks for that. A failure does not stop the others.
 
     The result holds ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
 
     Raises:
-        MocapError: nothing could be solved; the first error.
+        MocapError: nothing could be solved. It is the first error.
     """
     texts: list[str] = []
     summary: list[str] = []
@@ -252,7 +252,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
-    """Yield jobs with their captures: the capture's person, or everybody with files of their own."""
+    """Yield jobs with their captures: the capture's person, or all people with files of their own."""
     if job.person == EVERYBODY and job.resolve is not None:
         raise CommandLineInvalid("Frames are solved again for one person at a time.", hint="--person NAME")
     if job.person != EVERYBODY:
@@ -272,7 +272,7 @@ def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
 
 
 def _own_files(job: Job, person: str) -> Job:
-    """Return a job for one of several people, whose name is added to the files' names."""
+    """Return a job for one of several people, with the name added to its files."""
     mark = re.sub(r"\W+", "_", person.casefold()).strip("_")
     report = job.report and job.report.with_name(f"{job.report.stem}_{mark}{job.report.suffix}")
     return replace(job, person=person, out=job.out.with_name(f"{job.out.stem}_{mark}{job.out.suffix}"), report=report)

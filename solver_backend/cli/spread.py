@@ -20,7 +20,7 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
-"""Times that a stretch is begun again where its worker died; chosen by hand."""
+"""Times that a stretch is begun again where its worker died, chosen by hand."""
 
 
 class VersionsDiffer(Exception):
@@ -28,7 +28,7 @@ class VersionsDiffer(Exception):
 
 
 class ClusterStretches:
-    """Solves stretches on a cluster; those that it cannot do are solved here, so that a take is always finished.
+    """Solves stretches on a cluster. Those that it cannot do are solved here, so that a take is always finished.
 
     Args:
         address: of the scheduler, or the name of its file.
@@ -60,7 +60,7 @@ class ClusterStretches:
         """Stretches that workers have solved."""
 
     def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-        """Return the solution of each stretch; one alone stays here."""
+        """Return the solution of each stretch. One alone stays here."""
         if len(stretches) < 2:
             return in_turn(stretches, alive)
         model = stretches[0].model
@@ -77,7 +77,7 @@ class ClusterStretches:
         self._client.close(timeout=2)
 
     def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
-        """Send what all stretches share to the workers; it is most of what they need."""
+        """Send what all stretches share to the workers. It is most of what they need."""
         try:
             return self._client.scatter(common, broadcast=True, hash=False)
         except Exception:
@@ -113,7 +113,7 @@ class ClusterStretches:
 
 
 def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
-    """Solve a stretch; this is what workers do."""
+    """Solve a stretch. This is what workers do."""
     objective, free, layout, keys, schedule, fixed = rest
     if version != VERSION:
         raise VersionsDiffer(f"the worker has Manifold MoCap {VERSION}, the take is solved with {version}")

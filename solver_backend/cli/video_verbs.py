@@ -114,7 +114,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
-    """Return a line for each warning and a last line; of several takes the last line names those to check."""
+    """Return a line for each warning and a last line. Of several takes the last line names those to check."""
     if len(found) + len(failed) == 1:
         return tuple(line for items in found.values() for line in summarise(items))
     doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
@@ -124,7 +124,7 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:
-    """Return the capture of the only take in a folder of videos, by the default detector; None without videos.
+    """Return the capture of the only take in a folder of videos, by the default detector, None without videos.
 
     Args:
         out: where detections and clocks are kept.

@@ -1,4 +1,4 @@
-"""Alembic by Blender's exporter: the skinned vertices of every frame; metres, Y up as Alembic has it."""
+"""Alembic by Blender's exporter: the skinned vertices of every frame. Metres, Y up as Alembic has it."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ _BYTES_PER_VERTEX = 14
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the meshes as they move; Alembic holds no bones.
+    """Write the meshes as they move. Alembic holds no bones.
 
     Raises:
         NothingToExport: the armature deforms no mesh.

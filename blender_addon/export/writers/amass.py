@@ -1,4 +1,4 @@
-"""AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``; metres, radians, Z up."""
+"""AMASS: poses, translations and shape of an SMPL-type body in one ``.npz``. Metres, radians, Z up."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ from ..take import ExportTake, PoseSamples, sample_joints, uniform_scale
 _BODY = 1 + SMPL.num_solved
 """Joints that AMASS shares with SMPL."""
 _SCALED = 1e-3
-"""Deviation from a scale of 1 that counts as scaled; chosen by hand."""
+"""Deviation from a scale of 1 that counts as scaled, chosen by hand."""
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write a take of this add-on, as SMPL-H: ``poses`` (F, 156).
 
     Fingers turn from a flat hand, as AMASS has it. SMPL's hand joints, which AMASS does not know, go into
-    ``hand_pose``; the joints into ``joints``.
+    ``hand_pose``, and the joints into ``joints``.
 
     Raises:
         NothingToExport: it is not known which shape the body has.
@@ -40,7 +40,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names; jaw and eyes rest.
+    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names. Jaw and eyes rest.
 
     Raises:
         NothingToExport, BodyMissing: see ``export_amass``.

@@ -60,7 +60,7 @@ def _raise_if_disk(text: str, error: RuntimeError) -> None:
 
 
 _RESERVE = 2**20
-"""Bytes that stay free beside what is estimated; chosen by hand."""
+"""Bytes that stay free beside what is estimated, chosen by hand."""
 _OGAWA, _FROZEN = b"Ogawa", 0xFF
 _CRATE = b"PXR-USDC"
 
@@ -80,7 +80,7 @@ def require_space(path: Path, estimate: int) -> None:
 def require_whole(path: Path) -> None:
     """Check that an Alembic (Ogawa) or USD (crate) file was written to its end.
 
-    Ogawa's sixth byte is 255 once the archive is closed; a crate's header ends with the offset of a table of contents
+    Ogawa's sixth byte is 255 once the archive is closed. A crate's header ends with the offset of a table of contents
     that is written last.
 
     Raises:
@@ -135,7 +135,7 @@ _UNWRITABLE = "betas"
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write USD: metres and Z up, stated in the file; a skeleton of the deforming bones, every frame.
+    """Write USD: metres and Z up, stated in the file. A skeleton of the deforming bones, every frame.
 
     Raises:
         OSError: the disk is too full for it.

@@ -48,7 +48,7 @@ def channels(pose: PoseSamples) -> np.ndarray:
 def euler_zxy(R: np.ndarray) -> np.ndarray:
     """Return (F, J, 3) angles z, x, y in radians with ``R = Rz Rx Ry``, continuous in time where they can be.
 
-    (z, x, y) and (z + pi, pi - x, y + pi) are one rotation; each frame takes the one nearer to the frame before.
+    (z, x, y) and (z + pi, pi - x, y + pi) are one rotation. Each frame takes the one nearer to the frame before.
     """
     x = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
     z = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
@@ -93,7 +93,7 @@ def _text(offset_m: np.ndarray) -> str:
 
 
 def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the joints as markers: millimetres, Y up, tab-separated, as OpenSim reads it; see ``measured_joints``."""
+    """Write the joints as markers: millimetres, Y up, tab-separated, as OpenSim reads it. See ``measured_joints``."""
     pose = measured_joints(take, progress)
     frames, count, rate = pose.num_frames, len(pose.names), f"{pose.fps:.10g}"
     axes = "\t".join(f"X{j}\tY{j}\tZ{j}" for j in range(1, count + 1))
@@ -123,7 +123,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
     """Return the joints of a take without what nothing measured: a table can leave it out, a skeleton cannot.
 
-    Joints at rest throughout are no columns; where a joint rests for a while its places are NaN.
+    Joints at rest throughout are no columns. Where a joint rests for a while its places are NaN.
     """
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)

@@ -22,9 +22,9 @@ SET_ASIDE = "set aside"
 _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_failed", "bake_failed"})
 """Failures of the worker or the take: tried again, and set aside in the end."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
-"""Failures of the worker: another one may succeed; ordinary failures in the end."""
+"""Failures of the worker: another one may succeed. Ordinary failures in the end."""
 _WAIT_S = 0.5
-"""Seconds that one look for ended takes lasts; chosen by hand."""
+"""Seconds that one look for ended takes lasts, chosen by hand."""
 
 
 def dispatch(
@@ -37,7 +37,7 @@ def dispatch(
         ended: called with each record, and whether it was only recalled.
 
     Raises:
-        MocapError: the engine cannot go on, or the work was interrupted; finished takes are kept.
+        MocapError: the engine cannot go on, or the work was interrupted. Finished takes are kept.
     """
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
@@ -83,7 +83,7 @@ def _code_of(one: Ended) -> str:
 
 
 def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
-    """Return the take's last record; a take that crashes its workers is set aside with a log of the attempts."""
+    """Return the take's last record. A take that crashes its workers is set aside with a log of the attempts."""
     folder = work.out / one.ticket.name
     code, record = _code_of(one), one.record
     if record is not None and record["status"] == "skipped":  # done by a worker that died before it could report it

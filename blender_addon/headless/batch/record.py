@@ -22,7 +22,7 @@ UNFINISHED = "unfinished"
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
 """Numbers of a solve that the summary shows."""
 _MOST = 1e12
-"""No count, residual or time of ours is larger; NaN and what no float holds are not below it."""
+"""Above every count, residual and time; chosen by hand."""
 
 
 class StepRecord(TypedDict):
@@ -132,7 +132,7 @@ def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
 
 
 def read_record(folder: Path) -> TakeRecord | None:
-    """Return the record of a take's folder; None where there is none, or it cannot be read."""
+    """Return the record of a take's folder, None where there is none, or it cannot be read."""
     try:
         record = read_json_file(folder / NAME)
     except MocapError:

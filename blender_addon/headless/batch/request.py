@@ -23,7 +23,7 @@ _MB = 2**20
 
 @dataclass(frozen=True)
 class TakeLimits:
-    """Limits of the solver for one take; None is none."""
+    """Limits of the solver for one take, None for no limit."""
 
     seconds: float | None = None
     """Of reading and solving together."""
@@ -60,7 +60,7 @@ class TakeWatch:
 
 
 def _resident_mb(pid: int) -> float:
-    """Return the resident memory of a process; 0 if it has ended."""
+    """Return the resident memory of a process, 0 if it has ended."""
     try:
         pages = (_PROCESSES / str(pid) / "statm").read_text().split()[1]
     except (OSError, IndexError):
@@ -80,7 +80,7 @@ class BatchRequest:
     """How to process every capture of a folder."""
 
     captures: Path
-    """Folder; each file ``.npz``, each recording of markers and each folder in it is a capture; or a session."""
+    """A session, or a folder whose files ``.npz``, recordings of markers and folders are captures."""
     out: Path
     """Folder of the results: one folder a take, and the summary."""
     job: Path | None = None
@@ -92,13 +92,13 @@ class BatchRequest:
     formats: tuple[str, ...] = ()
     """Formats to export each take to."""
     body: Path | None = None
-    """Body file; None for the one each motion is solved for."""
+    """Body file, None for the one each motion is solved for."""
     python: Path | None = None
-    """Python to solve with; None for this one."""
+    """Python to solve with, None for this one."""
     marker_formats: tuple[str, ...] = ()
     """Formats to write the cleaned markers of takes of markers to."""
     limits: TakeLimits = field(default_factory=TakeLimits)
-    """Of the solver for each take; a take that was done within others is not done again."""
+    """Of the solver for each take. A take that was done within others is not done again."""
     strict: bool = False
     """Refuse takes whose solves have warnings, whatever the job file states."""
     accept: tuple[str, ...] = ()
@@ -114,7 +114,7 @@ class BatchRequest:
 
     @classmethod
     def from_plain(cls, values: Plain) -> BatchRequest:
-        """Return the request that ``plain`` has written; the job file's settings travel as choices."""
+        """Return the request that ``plain`` has written. The job file's settings travel as choices."""
         body, python = (Path(values[name]) if values[name] else None for name in ("body", "python"))
         return cls(
             Path(values["captures"]), Path(values["out"]), None, values["bake"], values["render"],
@@ -138,15 +138,15 @@ class Spread:
     """Workers of a batch, and its end."""
 
     scheduler: str = ""
-    """Address of a Dask scheduler, or the path of its file; "" for none."""
+    """Address of a Dask scheduler, or the path of its file, "" for none."""
     workers: int = 0
-    """Takes at a time on this machine; 0 does one after the other in this process."""
+    """Takes at a time on this machine, 0 does one after the other in this process."""
     watch: bool = False
     """Also do captures that arrive in the folder later."""
     settled_s: float = 5.0
     """A capture has arrived when it has not changed for this many seconds."""
     idle_s: float | None = None
-    """Stop watching when nothing has arrived for this many seconds; None for never."""
+    """Stop watching when nothing has arrived for this many seconds, None for never."""
     stretches: bool = False
     """Let the cluster's workers solve stretches of long takes, too."""
     patience_s: float = 60.0
@@ -173,7 +173,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return the captures of the folder by name; none if it cannot be read.
+    """Return the captures of the folder by name, none if it cannot be read.
 
     A session has settings or a calibration for its trials, or keeps them deeper. Its captures are its trials and its
     recordings of markers.
@@ -243,12 +243,12 @@ class Listed:
         self._waiting = items
 
     def arrived(self) -> list[Path]:
-        """Return the items; nothing from the second call on."""
+        """Return the items. Nothing from the second call on."""
         found, self._waiting = self._waiting, []
         return found
 
     def notes(self) -> list[str]:
-        """Return nothing: all items are done."""
+        """Return no notes, as all items are done."""
         return []
 
 
@@ -259,7 +259,7 @@ class Watched:
 
     Args:
         settled_s: for how long names, sizes and times of its files must stay the same, by this machine's own clock.
-        idle_s: how long to wait for more; None for ever.
+        idle_s: how long to wait for more, None for ever.
         poll_s: how often the folder is looked at.
     """
 

@@ -29,9 +29,9 @@ from .work import Work
 
 SUMMARY = "summary"
 _RARELY = 20.0
-"""Share of time for writing the summary, as its denominator; chosen by hand."""
+"""Share of time for writing the summary, as its denominator, chosen by hand."""
 _LEAST_S = 2.0
-"""Least seconds between two writings of the summary; chosen by hand."""
+"""Least seconds between two writings of the summary, chosen by hand."""
 
 
 class Results:
@@ -52,7 +52,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Name the engine on the page; its name is kept when it ends."""
+        """Name the engine on the page. Its name is kept when it ends."""
         self._engine = engine
         try:
             yield
@@ -105,7 +105,7 @@ class BatchResult(CommandResult):
 
 
 def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:
-    """Do the batch of a command line; see ``run_batch``."""
+    """Do the batch of a command line. See ``run_batch``."""
     if args.tls is not None:
         use_certificates(args.tls)
     if args.bake or args.render or args.export:
@@ -130,7 +130,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
         BatchInvalid: there are no captures, or the job file is not one for batches.
         EngineMissing, SchedulerMissing, WorkersUnsuitable: nobody can do the takes.
         OutputNotWritable: the folder of the results cannot be written to.
-        Cancelled: the work was interrupted; finished takes are kept.
+        Cancelled: the work was interrupted. Finished takes are kept.
     """
     request.limits.require_possible()
     work = Takes(request, request.choices())

@@ -27,17 +27,17 @@ from .record import (
 from .work import Place, Step, Work, take_name
 
 _KEPT_ATTEMPTS = 20
-"""Attempts at a take that its record keeps, the last ones; chosen by hand."""
+"""Attempts at a take that its record keeps, the last ones, chosen by hand."""
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
-    """Do all steps of one take, or recall it; errors become part of its record.
+    """Do all steps of one take, or recall it. Errors become part of its record.
 
     Args:
         place: see ``run_step``.
 
     Returns:
-        The take's record; its status is done, skipped or failed.
+        The take's record. Its status is done, skipped or failed.
     """
     record = recalled(work, capture)
     if record is not None:
@@ -149,7 +149,7 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
-    """Write and return the record of a take that is being worked on; a step without an end was interrupted."""
+    """Write and return the record of a take that is being worked on. A step without an end was interrupted."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
     write_record(folder, record)

@@ -35,7 +35,7 @@ class Shots:
     colour: bool = False
     """Colour pictures are asked for."""
     python: Path | None = None
-    """Python to film with; None for this one."""
+    """Python to film with, None for this one."""
     limits: TakeLimits = field(default_factory=TakeLimits)
     kind: ClassVar = "shots"
 
@@ -49,7 +49,7 @@ class Shots:
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
-        """Return whether description and data set can be seen from here; the shot is not there yet."""
+        """Return whether description and data set can be seen from here. The shot is not there yet."""
         return self.description.is_file() and self.data_set.is_dir()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
@@ -61,7 +61,7 @@ class Shots:
         )
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Make a shot, or its colour pictures, in a process of its own; what is there stays.
+        """Make a shot, or its colour pictures, in a process of its own. What is there stays.
 
         Raises:
             MocapError: it cannot be made, or was stopped.
@@ -102,7 +102,7 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     """Make sure that all shots are there.
 
     Raises:
-        ShotsMissing: some are not; the first are named with their reasons.
+        ShotsMissing: some are not. The first are named with their reasons.
     """
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:

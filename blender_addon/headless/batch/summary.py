@@ -114,25 +114,7 @@ MARK = '<meta name="generator" content="Manifold MoCap batch">'
 _PLAIN = frozenset("abcdefghijklmnopqrstuvwxyzABCDEFGHIJKLMNOPQRSTUVWXYZ0123456789-._~/")
 _ROWS, _PICTURES = 5000, 500
 """More than these are in summary.json alone."""
-_STYLE = """
-:root { color-scheme: light dark; --bg: #f6f7f9; --card: #fff; --ink: #1b2330; --soft: #5b6675; --rule: #dfe3e8;
-  --line: #2563c9; --bad: #c2255c; }
-@media (prefers-color-scheme: dark) { :root { --bg: #12161c; --card: #1a2029; --ink: #e6eaf0; --soft: #98a4b3;
-  --rule: #2d3643; --line: #6ea8fe; --bad: #f06595; } }
-body { margin: 0; background: var(--bg); color: var(--ink); font: 15px/1.5 system-ui, sans-serif; }
-main { max-width: 1280px; margin: 0 auto; padding: 28px 20px 60px; }
-h1 { font-size: 27px; margin: 0; }
-.sub { color: var(--soft); margin: 0 0 18px; }
-.scroll { overflow-x: auto; background: var(--card); border: 1px solid var(--rule); border-radius: 10px; }
-table { border-collapse: collapse; width: 100%; }
-th, td { padding: 6px 12px; border-bottom: 1px solid var(--rule); text-align: left; vertical-align: middle; }
-th { color: var(--soft); font-weight: 500; font-size: 13px; }
-td.number { text-align: right; font-variant-numeric: tabular-nums; }
-tr.bad td:nth-child(3) { color: var(--bad); font-weight: 600; }
-a { color: var(--line); }
-svg, img { display: block; width: 220px; height: auto; max-height: 140px; object-fit: contain; }
-svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: round; }
-"""
+_STYLE = "\n" + Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
 
 
 def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:

@@ -25,7 +25,7 @@ PACKAGE = __package__.rpartition(".")[0]
 
 @dataclass(frozen=True)
 class Takes:
-    """The takes of a batch; each step is known by its key."""
+    """The takes of a batch. Each step is known by its key."""
 
     request: BatchRequest
     choices: dict[str, Any]

@@ -37,18 +37,18 @@ class Place:
     progress: Progress
     """Receives how far each stage has come."""
     stopped: Callable[[], MocapError | None] = lambda: None
-    """Asked again and again; an error ends the step."""
+    """Asked again and again. An error ends the step."""
     in_child: bool = False
     """Let Blender work in a process of its own, which several steps at a time need."""
     scheduler: str = ""
-    """Of the cluster whose workers solve stretches of a long take; "" solves it in one process."""
+    """Of the cluster whose workers solve stretches of a long take, "" solves it in one process."""
 
 
 class Work(Protocol):
-    """Items of one kind and their steps, with all settings; a frozen value."""
+    """Items of one kind and their steps, with all settings. A frozen value."""
 
     kind: ClassVar[str]
-    """Name in ``plain``; also what the progress counts."""
+    """Name in ``plain``, also what the progress counts."""
 
     @property
     def out(self) -> Path:

@@ -38,7 +38,7 @@ class Ended:
 
     ticket: Ticket
     how: str
-    """ENDED: see the record; DIED: it has ended its workers; LOST: unknown, the take must be begun again."""
+    """ENDED: see the record. DIED: it has ended its workers. LOST: unknown, the take must be begun again."""
     record: TakeRecord | None = None
     """Of the take, if it ended."""
     worker: str = ""
@@ -57,7 +57,7 @@ class Engine(Protocol):
         """Begin a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended; wait this long for one at most.
+        """Return the takes that have ended. Wait this long for one at most.
 
         Raises:
             MocapError: no more takes can be done.
@@ -105,7 +105,7 @@ class HereEngine(Engine):
 
 
 class ProcessesEngine(Engine):
-    """Several takes at a time, each with processes for its solver and Blender; nothing has to be installed."""
+    """Several takes at a time, each with processes for its solver and Blender. Nothing has to be installed."""
 
     tries = 2
 
@@ -137,7 +137,7 @@ class ProcessesEngine(Engine):
         return f"{self._workers} processes"
 
     def close(self) -> None:
-        """End all processes; what they have not finished is begun again by the next batch."""
+        """End all processes. What they have not finished is begun again by the next batch."""
         self._stop.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 

@@ -79,7 +79,7 @@ _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
-"""Seconds within which a scheduler answers; chosen by hand."""
+"""Seconds within which a scheduler answers, chosen by hand."""
 
 
 @dataclass
@@ -94,7 +94,7 @@ class ClusterEngine(Engine):
     """Takes as chains of tasks on a cluster.
 
     Args:
-        work: the batch; its folders must be the same to all workers.
+        work: the batch. Its folders must be the same to all workers.
         address: of the scheduler, or the name of its file.
         tend: called now and then, by a cluster of our own to start again what has died.
         patience_s: how long to wait for a scheduler that is gone, and for workers.
@@ -103,7 +103,7 @@ class ClusterEngine(Engine):
     Raises:
         EngineMissing: Dask is not installed.
         SchedulerMissing: no scheduler answers.
-        WorkersUnsuitable: there are no workers, or none that could do takes; the first reason is named.
+        WorkersUnsuitable: there are no workers, or none that could do takes. The first reason is named.
     """
 
     tries = 3
@@ -167,7 +167,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes whose last step has ended; those of a scheduler that is gone are lost."""
+        """Return the takes whose last step has ended. Those of a scheduler that is gone are lost."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
@@ -190,7 +190,7 @@ class ClusterEngine(Engine):
         return f"{len(self._workers.infos())} workers" + (f", dashboard {link}" if link else "")
 
     def close(self) -> None:
-        """Withdraw what is being done; workers notice that within seconds."""
+        """Withdraw what is being done. Workers notice that within seconds."""
         remove_marker(self._work.out, self._marker)
         with suppress(Exception):
             self._client.cancel([future for one in self._running.values() for future in one.futures])
@@ -222,7 +222,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return how often a take was begun and never ended; Dask also blames those that waited behind it."""
+        """Return how often a take was begun and never ended. Dask also blames those that waited behind it."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
@@ -239,7 +239,7 @@ class ClusterEngine(Engine):
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
-        """Look after scheduler, workers and marker; return the takes that nobody will do."""
+        """Look after scheduler, workers and marker. Return the takes that nobody will do."""
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
@@ -337,7 +337,7 @@ class Workers:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return what the scheduler reports about each worker; nothing while it is gone."""
+        """Return what the scheduler reports about each worker. Nothing while it is gone."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
         except Exception:  # the connection is going down; the next look reports it
@@ -376,7 +376,7 @@ class Workers:
             self.bad[worker] = f"it could not write {fails} takes in a row"
 
     def forget_looks(self) -> None:
-        """Look at all of them again; another scheduler has other workers."""
+        """Look at all of them again. Another scheduler has other workers."""
         self._looked_at.clear()
         self._without = None
 
@@ -407,7 +407,7 @@ class Workers:
         """Make sure that there has been a worker that can do takes not too long ago.
 
         Raises:
-            WorkersUnsuitable: there was none; the first reasons are named.
+            WorkersUnsuitable: there was none. The first reasons are named.
         """
         if self.good:
             self._without = None

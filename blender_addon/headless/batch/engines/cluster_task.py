@@ -36,7 +36,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return what the marker states; "" where there is none, or it is not to be seen from here."""
+    """Return what the marker states, "" where there is none, or it is not to be seen from here."""
     try:
         return (out / MARKER).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):
@@ -44,7 +44,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove the marker if it is still ours; takes that are being done elsewhere end by that."""
+    """Remove the marker if it is still ours. Takes that are being done elsewhere end by that."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()

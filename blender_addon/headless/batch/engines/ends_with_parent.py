@@ -9,7 +9,7 @@ from typing import Any
 
 
 def dask_setup(server: Any) -> None:
-    """Watch standard input, a pipe whose other end the starter holds; Dask calls this."""
+    """Watch standard input, a pipe whose other end the starter holds. Dask calls this."""
     threading.Thread(target=_watch, daemon=True).start()
 
 

@@ -16,7 +16,7 @@ _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Least time between two starts of one process."""
 _END_S = 2.0
-"""Seconds that a worker has to end; chosen by hand."""
+"""Seconds that a worker has to end, chosen by hand."""
 
 
 class LocalCluster:
@@ -24,7 +24,7 @@ class LocalCluster:
 
     Args:
         workers: how many, each of one thread.
-        memory_mb: what all takes at a time may have together; None states none.
+        memory_mb: what all takes at a time may have together, None states none.
         folder: working folder of Dask.
     """
 
@@ -85,7 +85,7 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 
 
 def _some_port() -> int:
-    """Return a port below those that systems hand out; that it is taken is unlikely, and then named by the client."""
+    """Return a port below those that systems hand out. That it is taken is unlikely, and then named by the client."""
     return 10_000 + secrets.randbelow(20_000)
 
 
