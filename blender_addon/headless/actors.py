@@ -1,4 +1,4 @@
-"""The motions that a file holds, read as actors: of bodies and of any other rig, one a clip."""
+"""Read the motions of a file as actors, of bodies and of any other rig, one per clip."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
 
 
 def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iterator[ReadActor]:
-    """Yield every clip of a file: one of a motion file, one an action of others. Clips are named by file and action.
+    """Yield every clip of a file, named after file and action: one of a motion file, one per action of others.
 
     Raises:
         MocapError: see ``read_source``.

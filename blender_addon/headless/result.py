@@ -23,7 +23,7 @@ class CommandResult(TypedDict):
     """Largest distance between Blender's skin and the motion's."""
     hands_and_feet_deviation_mm: NotRequired[float]
     scale: NotRequired[float]
-    """Of a character by the person."""
+    """Of a character relative to the person."""
     map: NotRequired[str]
     """The character's bones by the roles of ours."""
 

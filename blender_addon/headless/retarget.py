@@ -65,7 +65,7 @@ class TargetsResult(CommandResult):
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
     """Retarget to each target. The files of several targets are in folders with the targets' names.
 
-    Targets that are unsuitable are left out and named. The exit code is that of the worst.
+    Unsuitable targets are skipped and reported. The worst error gives the exit code.
 
     Raises:
         BatchInvalid: two targets have one name, or one map file is to be written for several.
@@ -150,7 +150,7 @@ def _one(args: Namespace, progress: Progress) -> RetargetResult:
 def _clips(args: Namespace, progress: Progress) -> ClipsResult:
     """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
 
-    Clips that cannot be read or transferred are left out and named. The exit code is that of the worst.
+    Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
 
     Raises:
         MocapError: there are no clips, the rig or its map is unsuitable, an output exists, or all clips failed.
@@ -219,7 +219,7 @@ def _check_free(args: Namespace, names: list[str]) -> None:
 
 
 def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:
-    """Return the clips of a folder, each with a name of its own, and those that cannot be read."""
+    """Return the clips of a folder, each with a name of its own, and the failed ones."""
     paths = sorted(path for path in args.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
         hint = f"Clips are files with the endings {', '.join(_READ)}."
@@ -257,7 +257,7 @@ def _listing(kind: str, failed: list[dict[str, Any]]) -> str:
 
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    """Open the target's file and return its only armature, or the one that is named."""
+    """Open the target's file and return its only armature, or the one with the given name."""
     from ..retarget.rig_actor import is_actor
     from ..retarget.scene_files import open_scene
 

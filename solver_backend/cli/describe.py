@@ -88,7 +88,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each range of frames in which no keypoint is seen by two cameras, or by the only one."""
+    """Return [first, last] of each frame range without a keypoint that two cameras, or the only one, see."""
     assert capture.keypoints is not None
     least = 1 if capture.is_one_view else 2
     blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= least).any(axis=-1)

@@ -1,4 +1,4 @@
-"""Solve stretches of a long take by the workers of a Dask cluster (Rocklin 2015), which is optional.
+"""Solve the segments of a long take by the workers of a Dask cluster (Rocklin 2015), which is optional.
 
 Dask pickles everything that is sent, so a scheduler must be as trusted as the machine itself.
 """
@@ -20,7 +20,7 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
-"""Times that a stretch is begun again where its worker died, chosen by hand."""
+"""Attempts at a segment after its worker died, chosen by hand."""
 
 
 class VersionsDiffer(Exception):
@@ -28,7 +28,7 @@ class VersionsDiffer(Exception):
 
 
 class ClusterStretches:
-    """Solves stretches on a cluster. Those that it cannot do are solved here, so that a take is always finished.
+    """Solves segments on a cluster, and here if the cluster fails, so that a take is always finished.
 
     Args:
         address: of the scheduler, or the name of its file.
@@ -57,10 +57,10 @@ class ClusterStretches:
             hint = "Start one with 'dask scheduler', or leave out --scheduler."
             raise CommandLineInvalid(message, where=address, hint=hint) from error
         self.solved_there = 0
-        """Stretches that workers have solved."""
+        """Segments that workers have solved."""
 
     def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
-        """Return the solution of each stretch. One alone stays here."""
+        """Return the solution of each segment. A single segment is solved here."""
         if len(stretches) < 2:
             return in_turn(stretches, alive)
         model = stretches[0].model
@@ -77,11 +77,11 @@ class ClusterStretches:
         self._client.close(timeout=2)
 
     def _sent_ahead(self, common: tuple[Subject, PosePrior]) -> Any:
-        """Send what all stretches share to the workers. It is most of what they need."""
+        """Send the common data of all segments to the workers, which is most of the data."""
         try:
             return self._client.scatter(common, broadcast=True, hash=False)
         except Exception:
-            logger.exception("The person could not be sent to the workers; stretches take it along.")
+            logger.exception("The person could not be sent to the workers in advance.")
             return common
 
     def _submitted(self, stretch: Stretch, common: Any) -> Any:
@@ -91,7 +91,7 @@ class ClusterStretches:
         try:
             return self._client.submit(_solve, common, rest, VERSION, pure=False, retries=_RETRIES)
         except Exception:
-            logger.exception("A stretch could not be sent; it is solved here.")
+            logger.exception("A segment could not be sent. It is solved here.")
             return None
 
     def _result(self, future: Any, stretch: Stretch, alive: Callable[[], None]) -> KeySolution:
@@ -104,16 +104,16 @@ class ClusterStretches:
                     solved = future.result(timeout=_CONNECT_S)
                     self.solved_there += 1
                     return solved
-                logger.warning("A stretch was not solved by the cluster (%s); it is solved here.", _why(future))
+                logger.warning("The cluster did not solve a segment (%s). It is solved here.", _why(future))
             except Cancelled:
                 raise
             except Exception:
-                logger.exception("A stretch's result did not arrive; it is solved here.")
+                logger.exception("The result of a segment did not arrive. It is solved here.")
         return stretch.solve(alive)
 
 
 def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
-    """Solve a stretch. This is what workers do."""
+    """Solve a segment on a worker."""
     objective, free, layout, keys, schedule, fixed = rest
     if version != VERSION:
         raise VersionsDiffer(f"the worker has Manifold MoCap {VERSION}, the take is solved with {version}")

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Make a data set, or report what would be made."""
+    """Make a data set, or report its size."""
     from solver_backend.synthesis.studio.contact_sheet import write_card
     from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
     from solver_backend.synthesis.studio.spec import read_spec

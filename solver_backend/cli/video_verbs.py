@@ -131,7 +131,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
     Raises:
         CommandLineInvalid: the folder holds several takes.
-        MocapError: whatever a step raises.
+        MocapError: see the steps.
     """
     from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_detector
@@ -204,7 +204,7 @@ def _pictures_fps(args: argparse.Namespace) -> float:
 
 
 def _footage(given: list[Path]) -> dict[str, Path]:
-    """Return the named videos, or those of a named folder, by camera."""
+    """Return the named videos, or the videos of a named folder, by camera."""
     if len(given) > 1 or not given[0].is_dir():
         from solver_backend.io.footage import join_chapters
 

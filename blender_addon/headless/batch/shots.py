@@ -33,7 +33,7 @@ class Shots:
     digest: str
     """SHA-256 of the description's bytes, see ``digest_of``: what decides what is filmed."""
     colour: bool = False
-    """Colour pictures are asked for."""
+    """Also make colour pictures."""
     python: Path | None = None
     """Python to film with, None for this one."""
     limits: TakeLimits = field(default_factory=TakeLimits)
@@ -61,7 +61,7 @@ class Shots:
         )
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Make a shot, or its colour pictures, in a process of its own. What is there stays.
+        """Make a shot or its colour pictures in a process of its own, and keep existing files.
 
         Raises:
             MocapError: it cannot be made, or was stopped.
@@ -102,7 +102,7 @@ def require_all(records: list[TakeRecord], data_set: Path) -> None:
     """Make sure that all shots are there.
 
     Raises:
-        ShotsMissing: some are not. The first are named with their reasons.
+        ShotsMissing: some are missing. The message has the first reasons.
     """
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:

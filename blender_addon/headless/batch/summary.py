@@ -22,7 +22,7 @@ _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
 """Columns of the table."""
 _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
-"""Figures of a solve that state how far it is from what was measured, by their unit."""
+"""Residuals of a solve with their units."""
 
 
 def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:
@@ -74,13 +74,13 @@ def _doubtful(take: TakeRecord) -> float:
 WIDTH, HEIGHT = 220, 72
 _MOMENTS = 5
 _TALL_M = 2.0
-"""What the picture's height shows."""
+"""Metres that the picture's height shows; chosen by hand."""
 
 
 def thumbnail(motion: Path) -> str:
-    """Return an SVG of a motion file's body at five moments, "" where there is none to be read.
+    """Return an SVG of a motion file's body at five moments, "" for an unreadable file.
 
-    The figures stand side by side, seen along the horizontal direction in which they are narrowest.
+    The figures are side by side, seen along their narrowest horizontal direction.
     """
     try:
         joints = np.asarray(read_arrays(motion, required=("joints",))["joints"], dtype=np.float64)
@@ -179,7 +179,7 @@ def _link(path: Path) -> str:
 
 
 def _linked(message: str) -> str:
-    """Return a text in which the addresses of pages can be followed."""
+    """Return a text with links for the addresses of pages."""
     return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(message))
 
 

@@ -29,7 +29,7 @@ class Takes:
 
     request: BatchRequest
     choices: dict[str, Any]
-    """What decides what is made of a capture, see ``BatchRequest.choices``: read once, the same for all workers."""
+    """Settings of the results, see ``BatchRequest.choices``. They are read once for all workers."""
     kind: ClassVar = "takes"
 
     @property
@@ -47,7 +47,7 @@ class Takes:
         return item.exists()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the steps that are asked for of a capture, with their keys.
+        """Return the wanted steps of a capture with their keys.
 
         Raises:
             OSError: the capture cannot be looked at.
@@ -167,7 +167,7 @@ def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[s
 
 
 def _motions(folder: Path) -> list[Path]:
-    """Return the motions that the take's solve has made: one, or one a person."""
+    """Return the motions of the take's solve: one, or one per person."""
     record = read_record(folder)
     made = record["steps"]["solve"]["outputs"] if record is not None and "steps" in record else []
     return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]

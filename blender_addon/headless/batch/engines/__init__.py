@@ -1,1 +1,1 @@
-"""Who does the takes of a batch: this process, processes of this machine, or the workers of a Dask cluster."""
+"""Engines of a batch: this process, processes of this machine, or the workers of a Dask cluster."""

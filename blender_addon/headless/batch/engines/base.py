@@ -1,4 +1,4 @@
-"""Engines that do the takes of a batch, and those of this machine without a cluster."""
+"""Engines that do the takes of a batch, and two engines that need no cluster."""
 
 from __future__ import annotations
 
@@ -125,7 +125,7 @@ class ProcessesEngine(Engine):
         self._running[self._pool.submit(run_take, self._work, ticket.capture, silent, **place)] = ticket
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes whose processes have ended."""
+        """Return the takes with processes that have ended."""
         if not self._running:
             self._stop.wait(timeout_s)
             return []
@@ -137,7 +137,7 @@ class ProcessesEngine(Engine):
         return f"{self._workers} processes"
 
     def close(self) -> None:
-        """End all processes. What they have not finished is begun again by the next batch."""
+        """End all processes. The next batch begins unfinished takes again."""
         self._stop.set()
         self._pool.shutdown(wait=True, cancel_futures=True)
 

@@ -79,7 +79,7 @@ _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
-"""Seconds within which a scheduler answers, chosen by hand."""
+"""Seconds to wait for a scheduler's answer, chosen by hand."""
 
 
 @dataclass
@@ -98,12 +98,12 @@ class ClusterEngine(Engine):
         address: of the scheduler, or the name of its file.
         tend: called now and then, by a cluster of our own to start again what has died.
         patience_s: how long to wait for a scheduler that is gone, and for workers.
-        stretches: let workers solve stretches of long takes, too.
+        stretches: let workers also solve segments of long takes.
 
     Raises:
         EngineMissing: Dask is not installed.
         SchedulerMissing: no scheduler answers.
-        WorkersUnsuitable: there are no workers, or none that could do takes. The first reason is named.
+        WorkersUnsuitable: there are no workers, or none that could do takes. The message has the first reason.
     """
 
     tries = 3
@@ -131,7 +131,7 @@ class ClusterEngine(Engine):
             raise
 
     def free(self) -> int:
-        """Return how many takes the workers' threads lack, one waiting for each beside the one at work."""
+        """Return how many takes the workers' threads lack: one at work and one waiting for each."""
         return (1 if self._stretches else _AHEAD) * self._workers.threads - len(self._running)
 
     def begin(self, ticket: Ticket) -> None:
@@ -167,7 +167,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes whose last step has ended. Those of a scheduler that is gone are lost."""
+        """Return the takes with an ended last step. Takes of a scheduler that is gone are lost."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
@@ -179,7 +179,7 @@ class ClusterEngine(Engine):
         return found
 
     def notes(self) -> list[str]:
-        """Return which workers get no takes and why, and whose clocks differ."""
+        """Return notes about unsuitable workers and differing clocks."""
         return self._workers.notes
 
     def headline(self) -> str:
@@ -222,7 +222,7 @@ class ClusterEngine(Engine):
         return [Ended(ticket, LOST)]
 
     def _deaths(self, ticket: Ticket) -> int:
-        """Return how often a take was begun and never ended. Dask also blames those that waited behind it."""
+        """Return how often a take was begun and never ended. Dask also blames takes that waited behind it."""
         known = read_record(self._work.out / ticket.name)
         attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
@@ -239,7 +239,7 @@ class ClusterEngine(Engine):
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:
-        """Look after scheduler, workers and marker. Return the takes that nobody will do."""
+        """Check scheduler, workers and marker. Return the takes that no worker will do."""
         self._tend()
         if self._client.status != "running":
             return self._begin_anew()
@@ -261,7 +261,7 @@ class ClusterEngine(Engine):
         return Ended(one.ticket, LOST)
 
     def _begin_anew(self) -> list[Ended]:
-        """Connect again after the scheduler was lost, and return what it had."""
+        """Connect again after the scheduler was lost, and return its takes."""
         self._workers.note("The scheduler was lost and came back; what it had was begun again.")
         lost = [Ended(one.ticket, LOST) for one in self._running.values()]
         self._running.clear()
@@ -310,15 +310,15 @@ class Workers:
         self._without: float | None = None
         self._notes: list[str] = []
         self.versions = versions()
-        """What all workers must have."""
+        """Versions that all workers must have."""
         self.bad: dict[str, str] = {}
-        """Why a worker gets no takes."""
+        """Unsuitable workers with the reasons."""
         self.client: Any = None
         """The connection."""
 
     @property
     def notes(self) -> list[str]:
-        """What a person should know about them."""
+        """Notes for people."""
         return [*self._notes, *(f"Worker {name} gets no takes: {why}." for name, why in self.bad.items())]
 
     @property
@@ -328,7 +328,7 @@ class Workers:
 
     @property
     def good(self) -> set[str]:
-        """Those that can do takes."""
+        """Workers that can do takes."""
         return set(self.infos()) - set(self.bad)
 
     def note(self, text: str) -> None:
@@ -407,7 +407,7 @@ class Workers:
         """Make sure that there has been a worker that can do takes not too long ago.
 
         Raises:
-            WorkersUnsuitable: there was none. The first reasons are named.
+            WorkersUnsuitable: there was none. The message has the first reasons.
         """
         if self.good:
             self._without = None

@@ -1,4 +1,4 @@
-"""What is run on a worker of a cluster. Arguments and results are plain values, so that versions can be compared."""
+"""Tasks on a worker of a cluster. Arguments and results are plain values, so that versions can be compared."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove the marker if it is still ours. Takes that are being done elsewhere end by that."""
+    """Remove the marker if it is still ours, which ends takes on other workers."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()
@@ -63,7 +63,7 @@ _LOOK_S, _LOOKS = 2.0, 3
 
 
 class Batch(TypedDict):
-    """What a worker is given of a batch with each task."""
+    """Data of a batch that each task gets."""
 
     work: Plain
     """See ``Work.plain``."""
@@ -75,18 +75,18 @@ class Batch(TypedDict):
 
 
 class WorkerFacts(TypedDict):
-    """What is to be known about a worker."""
+    """Facts about a worker."""
 
     versions: dict[str, str]
     marker: str
-    """That it sees among the results."""
+    """Contents of the marker that it sees among the results."""
     time: float
     """By its clock."""
     host: str
 
 
 class TaskResult(TypedDict):
-    """What a worker returns of a step: a record, or why it is unsuitable."""
+    """Result of a step: a record, or the reason why the worker is unsuitable."""
 
     worker: str
     record: NotRequired[TakeRecord]
@@ -94,7 +94,7 @@ class TaskResult(TypedDict):
 
 
 def versions() -> dict[str, str]:
-    """Return what must be the same wherever takes of one batch are done."""
+    """Return the versions that all workers of a batch must have."""
     from importlib.metadata import version as version_of
 
     python = ".".join(platform.python_version_tuple()[:2])
@@ -102,7 +102,7 @@ def versions() -> dict[str, str]:
 
 
 def describe(out: str) -> WorkerFacts:
-    """Return what is to be known about this worker."""
+    """Return the facts about this worker."""
     return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
 
 
@@ -119,7 +119,7 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
     """Do one step of a take.
 
     Args:
-        before: what the step before this one has returned.
+        before: result of the step before this one.
     """
     from distributed import get_worker, secede
 

@@ -1,4 +1,4 @@
-"""Loaded by the processes of a local cluster: they end when whoever started them does, however that happens."""
+"""Loaded by the processes of a local cluster: they end with the program that started them, even if it crashes."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import Any
 
 
 def dask_setup(server: Any) -> None:
-    """Watch standard input, a pipe whose other end the starter holds. Dask calls this."""
+    """Watch standard input, a pipe from the program that started this one. Dask calls this."""
     threading.Thread(target=_watch, daemon=True).start()
 
 

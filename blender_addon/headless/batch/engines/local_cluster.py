@@ -85,7 +85,7 @@ def _let_go(process: subprocess.Popen[bytes] | None) -> None:
 
 
 def _some_port() -> int:
-    """Return a port below those that systems hand out. That it is taken is unlikely, and then named by the client."""
+    """Return a port below the ports that systems assign. The client reports if it is taken, which is unlikely."""
     return 10_000 + secrets.randbelow(20_000)
 
 
