@@ -22,7 +22,7 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
 MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)
 """Of a body that is shown as a mannequin."""
 GLOSSY = ("Skin",)
-"""Materials whose surface is a principled one. Another is a tenth as large in a file."""
+"""Materials with a principled surface. Others are a tenth as large in a file."""
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
@@ -35,7 +35,7 @@ FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material whose viewport colour and surface colour agree.
+    """Create a material with the same colour in viewport and render.
 
     Args:
         colour: linear RGBA.
@@ -71,7 +71,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return what owns an input's value, and its path there, for ``driver_add`` and the like.
+    """Return the owner of an input's value and its path there, such as for ``driver_add``.
 
     Raises:
         KeyError: the node group has no such input.
@@ -98,12 +98,12 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
-    """Return a new driver of a property, or of one element of an array, whose value goes over as it is."""
+    """Return a new driver of a property, or of one element of an array, that copies its source."""
     return plain(owner.driver_add(path, axis))
 
 
 def plain(curve: bpy.types.FCurve) -> bpy.types.Driver:
-    """Return a driver's own, its curve without modifiers (before Blender 5) or keys: a value then stays as it is."""
+    """Return a driver's own, its curve without modifiers (before Blender 5) or keys: which copies its source."""
     for modifier in tuple(curve.modifiers):
         curve.modifiers.remove(modifier)
     curve.keyframe_points.clear()

@@ -10,7 +10,7 @@ import bpy
 from .._exchange.errors import MocapError
 
 BESIDE = "mocap"
-"""Folder of captures and takes beside a saved .blend file."""
+"""Folder of captures and takes next to a saved .blend file."""
 _MOVED = "moved.json"
 
 
@@ -53,7 +53,7 @@ def file_of(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def sessions_folder() -> Path:
-    """Return the folder of the user's that holds what unsaved scenes write: outside the extension's, which may go."""
+    """Return the user's folder for files of unsaved scenes. The extension's own may be deleted."""
     documents = Path.home() / "Documents"
     return (documents if documents.is_dir() else Path.home()) / "Manifold MoCap"
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 
 def next_number(folder: Path, stem: str) -> int:
-    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder, 1 where there is nothing."""
+    """Return 1 more than the highest N of everything named ``stem_N...`` in a folder, 1 for an empty one."""
     found = [re.match(rf"{re.escape(stem)}_(\d+)", path.name) for path in folder.glob(f"{escape(stem)}_*")]
     return 1 + max((int(match[1]) for match in found if match), default=0)
 

@@ -1,4 +1,4 @@
-"""Nodes and scripted drivers with what they are connected to."""
+"""Create connected nodes and scripted drivers."""
 
 from __future__ import annotations
 

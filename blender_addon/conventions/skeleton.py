@@ -1,4 +1,4 @@
-"""The skeletons of characters here: SMPL's joints, or those with fingers."""
+"""The skeletons of characters: SMPL's joints, with or without fingers."""
 
 from __future__ import annotations
 

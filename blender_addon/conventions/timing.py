@@ -1,4 +1,4 @@
-"""Time: which scene frame a frame of the take falls on, and the scene's frame rate."""
+"""Map frames of takes to scene frames, and set the scene's frame rate."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TakeTiming:
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return where a recording lies in a scene, whose rate and range are set for it or stay as they are.
+    """Return the place of a recording in a scene, and set the scene's rate and range if wanted.
 
     Args:
         start: scene frame of its first frame.
@@ -44,7 +44,7 @@ def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, sce
 
 
 def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
-    """Show a frame, None for the current one, to the fraction, evaluated anew."""
+    """Show a frame, or evaluate the current one again."""
     if frame is None:
         scene.frame_set(scene.frame_current, subframe=scene.frame_subframe)
     else:
@@ -52,7 +52,7 @@ def show_frame(scene: bpy.types.Scene, frame: int | None = None) -> None:
 
 
 def go_to_frame(scene: bpy.types.Scene, frame: float) -> None:
-    """Show a scene at a frame that need not be whole."""
+    """Show a scene at a fractional frame."""
     whole = int(np.floor(frame))
     scene.frame_set(whole, subframe=float(frame - whole))
 

@@ -1,1 +1,1 @@
-"""Takes out of Blender: one file a format, and the table that lists them."""
+"""Export takes in the formats of other programs."""

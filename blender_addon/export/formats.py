@@ -14,9 +14,9 @@ class Format:
     label: str
     """For people."""
     description: str
-    """What the file holds."""
+    """Contents of the file."""
     is_sampled: bool = True
-    """The motion is sampled, at any frame rate and in any range. Otherwise its keys are written as they are."""
+    """The motion is sampled, at any frame rate and in any range. Otherwise its own keys are written."""
     keeps: tuple[str, ...] = ()
     """Fields of ``FileLayout`` that can be chosen. The format states all others itself."""
 
@@ -43,7 +43,7 @@ ROOT_MOTIONS = (
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
     ("place", "In Place", "The travel is left out"),
 )
-"""What carries the travel over the ground: identifier, label, description, as Blender's enumerations have them."""
+"""Carriers of the travel over the ground: identifier, label, description, as Blender's enumerations have them."""
 UNITS = (
     ("m", "Metres", "One unit of the file is a metre"),
     ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
@@ -64,7 +64,7 @@ class FileLayout:
     root: str = "body"
     """Of ``ROOT_MOTIONS``."""
     fingers: bool = True
-    """Finger bones are kept where the body has them. Without, hands carry their skin."""
+    """Keep finger bones. Otherwise hands carry their skin."""
     node: str = ""
     """Name of the skeleton's object in the file, "" for the armature's own."""
 
@@ -87,7 +87,7 @@ class Destination:
     format: str
     """Key of ``FORMATS``."""
     description: str
-    """What the file holds, for people."""
+    """Contents of the file, for people."""
     layout: FileLayout
 
 

@@ -33,7 +33,7 @@ def plain_copy(
     root: bool = False,
     fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
-    """Copy a body without shape keys, drivers and deform bones. Rotations mean the same on both.
+    """Copy a body without shape keys, drivers and deform bones, with the same meaning of rotations.
 
     Blender must be in object mode.
 
@@ -149,7 +149,7 @@ def _copy_armature(
 
 
 def _shape_shifts(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3) distances from the rest joints to those of the sliders' shape, in the armature's frame."""
+    """Return the (J, 3) shifts of the joints from rest to the sliders' shape, in the armature's frame."""
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
     layout = layout_of(armature.data.bones)
     shifts = np.zeros((layout.num_joints, 3))
@@ -171,7 +171,7 @@ def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:
 
 @contextmanager
 def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
-    """Yield a temporary plain copy of a take of ours, under its own names. Any other take as it is.
+    """Yield a temporary plain copy of a take of ours under its own names, or any other take unchanged.
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
     movement included. It is as large as the file's unit states, and keeps to the take's layout.
@@ -281,7 +281,7 @@ def _swap_names(taken: dict[bpy.types.Object, str], copies: tuple, names: list[s
 
 
 def _remove(collection: bpy.types.Collection, action: bpy.types.Action | None) -> None:
-    """Remove the copies, also those of a copying that broke, and their collection."""
+    """Remove the copies, even incomplete ones, and their collection."""
     objects = list(collection.objects)
     data = {obj.data for obj in objects}
     for obj in objects:

@@ -25,7 +25,7 @@ _WHOLE = 1e-3
 _EVEN = 1e-4
 """Relative difference of scales that is none."""
 _SLACK = 0.01
-"""Share of a frame that keys, which Blender keeps as single precision, may be off."""
+"""Tolerance of keys in frames, as Blender stores them in single precision; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class ExportTake:
     name: str
     """Name of the armature."""
     scene: bpy.types.Scene
-    """Scene whose frame rate counts."""
+    """Scene with the frame rate."""
     armature: bpy.types.Object
     meshes: tuple[bpy.types.Object, ...]
     """Objects that the armature deforms."""
@@ -54,7 +54,7 @@ class ExportTake:
     clip: str = ""
     """Name of the animation in files that name one, "" for the scene's."""
     warnings: tuple[Diagnostic, ...] = ()
-    """Warnings of its solve, which whoever exports it repeats."""
+    """Warnings of its solve, which exports repeat."""
 
     @property
     def metres_a_unit(self) -> float:
@@ -78,7 +78,7 @@ class ExportTake:
 
     @property
     def is_on_frames(self) -> bool:
-        """Whether its frames are those of the scene."""
+        """Whether its frames are frames of the scene."""
         whole = abs(self.step - 1) < _WHOLE and abs(self.first - self.frame_start) < _WHOLE
         return whole and abs(self.fps / scene_frame_rate(self.scene) - 1) < _WHOLE
 
@@ -91,8 +91,7 @@ def take_of(
 ) -> ExportTake:
     """Return the take of an armature, sampled by time.
 
-    A solved take lasts as long as its motion did, also where the scene's frame rate was changed after its keys were
-    laid.
+    A solved take lasts as long as its motion, even if the scene's frame rate was changed after the bake.
 
     Args:
         obj: the armature, or a mesh it deforms.

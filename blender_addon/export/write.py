@@ -21,13 +21,13 @@ WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,
     "amass": export_amass, "amass-x": export_amass_x, "blend": export_blend, "trc": export_trc, "csv": export_csv,
 }  # fmt: skip
-"""What writes a take to a path, by the formats' names."""
+"""Writers of a take to a path, by the formats' names."""
 
 
 def export_take(
     take: ExportTake, format_name: str, path: Path, *, overwrite: bool = False, progress: Progress = silent
 ) -> Path:
-    """Write a take to a file, whole or not at all.
+    """Write a take to a file, complete or not at all.
 
     Args:
         format_name: key of ``FORMATS``.

@@ -23,8 +23,8 @@ _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 class SolverProcess:
     """One run of the solver, which writes JSON lines and ends when its standard input does.
 
-    Two threads read what the process writes. Nothing here ever waits for it. Should this program die, however it
-    dies, the system closes the pipe and the solver ends too.
+    Two threads read the process's output, so nothing here waits for it. If this program ends or crashes, the system
+    closes the pipe and the solver ends too.
 
     Args:
         grace_s: seconds from Cancel until it is killed; 5 if left out.
@@ -73,9 +73,9 @@ class SolverProcess:
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[Line]:
-        """Return what arrived since the last call, without waiting: events as dicts, log lines as text.
+        """Return new lines without waiting: events as dicts, log lines as text.
 
-        A process that was asked to end and does not is killed here after its grace.
+        A process that does not end after ``cancel`` is killed here after its grace.
 
         Args:
             most: number of items at most, so that one call stays short.

@@ -21,10 +21,10 @@ from .child import SolverProcess
 
 NUM_BETAS = 10
 _MOST_LINES = 100_000
-"""Taken at one poll: whatever has come. Poses before the last one are dropped, not shown late."""
+"""Lines taken at one poll, chosen by hand. Poses before the last one are dropped."""
 _LOG_LINES = 200
 SENSORS_GRACE_S = 20.0
-"""Sensors' processes have 5 s to end, and what they recorded is written to the disk before."""
+"""Seconds for sensors to end: their processes need up to 5 s, and recordings are written before."""
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class LivePose:
     """A moment's body and points. Metres, Z up."""
 
     rotvec: np.ndarray | None
-    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers, None where there is no pose."""
+    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers, None without a pose."""
     transl: np.ndarray | None
     """(3,) metres."""
     points: np.ndarray
@@ -42,7 +42,7 @@ class LivePose:
     why: str
     """Why there is no pose, or why it is unsure."""
     off_mm: float
-    """How far markers are from the body in the median, NaN without a pose."""
+    """Median distance of the markers from the body, NaN without a pose."""
     coverage: dict[str, float] = field(default_factory=dict)
     """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
     rate_hz: float = math.nan
@@ -52,7 +52,7 @@ class LivePose:
     lag_ms: float = math.nan
     """How far the pose is behind its source."""
     dropped: int = 0
-    """Frames that were not fitted, so that poses are not late."""
+    """Frames that were skipped, so that poses are not late."""
     face: dict[str, float] = field(default_factory=dict)
     """Value of each channel of the face, by the sender's name for it."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
@@ -60,20 +60,20 @@ class LivePose:
     sigma_m: np.ndarray | None = None
     """(24,) standard deviation of each joint in metres, None where it is not known."""
     views: int = 0
-    """Cameras that the pose is made of, 0 where there are none."""
+    """Cameras that contribute to the pose."""
     views_left_out: int = 0
-    """Views of moments that were fitted without them, so that poses are not late."""
+    """Views that came too late for their moments."""
 
 
 @dataclass
 class LiveRun:
-    """What is known about a run. ``poll`` brings it up to date and never raises for what the process writes."""
+    """State of a live run, which ``poll`` updates. Invalid lines of the process raise nothing."""
 
     process: SolverProcess
     shown: int = 0
-    """Poses that were the newest when somebody looked."""
+    """Poses that were shown."""
     dropped: int = 0
-    """Poses that were not."""
+    """Poses that were skipped for newer ones."""
     betas: np.ndarray | None = None
     """(10,) shape, once it is known."""
     latest: LivePose | None = None
@@ -85,7 +85,7 @@ class LiveRun:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
 
     def poll(self) -> LivePose | None:
-        """Take in what arrived. Return the newest pose if there is one since the last call."""
+        """Read new lines. Return the newest pose since the last call."""
         code = self.process.exit_code  # read first: whatever came before the end is then in the queue
         newest: str | None = None
         for item in self.process.received(_MOST_LINES):
@@ -108,7 +108,7 @@ class LiveRun:
         return pose
 
     def stop(self) -> None:
-        """Ask the process to end. It writes what it recorded first."""
+        """Ask the process to end. It writes its recordings first."""
         self.process.cancel()
 
     @property
@@ -119,7 +119,7 @@ class LiveRun:
 
     @property
     def failure(self) -> str:
-        """What went wrong, for people, "" if nothing did."""
+        """The error as a sentence, "" without one."""
         if self.error is None or self.error["code"] == "cancelled":  # it was asked to end before it had begun
             return ""
         return sentence(self.error)
@@ -139,7 +139,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/live-streams.md)."""
+    """Return the pose of a line of ``live``, None for other lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -197,7 +197,7 @@ def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dic
 
 
 def _numbers(values: Any, count: int | None) -> np.ndarray | None:
-    """Return a flat array of finite numbers, so many or a multiple of three, None if it is anything else."""
+    """Return a flat array of this many finite numbers (None: a multiple of three), None for anything else."""
     try:
         array = np.asarray(values, dtype=np.float64).ravel()
     except (TypeError, ValueError, OverflowError):

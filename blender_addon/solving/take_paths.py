@@ -1,4 +1,4 @@
-"""Where a capture's files are, and where its takes go."""
+"""Paths of captures, takes and subjects."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from pathlib import Path
 from ..conventions.naming import next_number, next_path
 
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
-"""Folders of a Pose2Sim trial that hold one folder a camera, as the solver knows them."""
+"""Folders of a Pose2Sim trial with one folder per camera, as in the solver."""
 MARKER_SUFFIXES = (".c3d", ".trc", ".csv", ".tsv")
-"""Of recordings of optical markers, each of which is a capture by itself. Some programs end them in .txt."""
+"""Endings of marker recordings, each of them a capture. Some programs use .txt."""
 _FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]+')
 
 
@@ -28,7 +28,7 @@ class TakeFiles:
 
 
 def safe_name(name: str) -> str:
-    """Return a name that every system takes for a folder. Letters of any script stay."""
+    """Return a name that is valid for a folder on every system, with letters of any script."""
     cleaned = _FORBIDDEN.sub("_", name).strip(" .")
     return cleaned or "capture"
 
@@ -72,7 +72,7 @@ def is_session(path: Path) -> bool:
 
 
 def trials_below(path: Path, levels: int = 3) -> list[Path]:
-    """Return the recordings of a session's folder, which lie at most so many folders deep, by name."""
+    """Return the recordings of a session's folder, at most this many folders deep, by name."""
     found: list[Path] = []
     for folder in _folders(path):
         if not _POSE_FOLDERS.isdisjoint(inner.name.lower() for inner in _folders(folder)):
@@ -90,7 +90,7 @@ def _folders(path: Path) -> list[Path]:
 
 
 def _holds_cameras(folder: Path) -> bool:
-    """Return whether a folder holds one folder of detections a camera, by itself or in its folder of poses."""
+    """Return whether a folder has a folder of detections per camera, directly or in its folder of poses."""
     try:
         below = {path.name.lower(): path for path in folder.iterdir() if path.is_dir()}
     except OSError:

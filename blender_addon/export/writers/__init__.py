@@ -1,1 +1,1 @@
-"""One module a format, and what guards Blender's own exporters."""
+"""Writers of the formats, and guards of Blender's own exporters."""

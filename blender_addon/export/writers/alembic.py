@@ -25,9 +25,9 @@ _HEADER = np.dtype([("sign", "S12"), ("version", "<i4"), ("points", "<i4"), ("fi
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield a take whose frames are the scene's and whose unit is a metre: itself, or temporary copies of its meshes.
+    """Yield a take on the scene's frames in metres: itself, or temporary copies of its meshes.
 
-    Copies play the sampled vertices from a point cache, one sample a scene frame, under the meshes' own names.
+    Copies play the sampled vertices from a point cache, one sample per scene frame, under the meshes' names.
     """
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take

@@ -54,7 +54,7 @@ def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """Return what both models share, and root (F, 3), body (F, 63) and fingers (F, 90) by AMASS's names."""
+    """Return the arrays of both models, and root (F, 3), body (F, 63) and fingers (F, 90) by AMASS's names."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     pose = sample_joints(take, progress)
@@ -73,7 +73,7 @@ def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarr
 
 
 def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
-    """Return (F, 30, 3) axis-angles of fingers from a flat hand, of those from the rest of a body."""
+    """Convert (F, 30, 3) axis-angles of fingers from a body's rest to a flat hand."""
     hands = read_arrays(default_hands_path(), required=("body_id", "flat"))
     if body != str(hands["body_id"]):
         return rotvec

@@ -18,7 +18,7 @@ from ..take import ExportTake
 
 
 def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature, its meshes and what they need in a collection of the armature's name, without their scene.
+    """Write the armature and its meshes as a collection of the armature's name, without their scene.
 
     Raises:
         NothingToExport: another frame rate than the take's is asked for.
@@ -47,7 +47,7 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
 
 @contextmanager
 def _whole_paths(take: ExportTake) -> Iterator[None]:
-    """Let the take name its files by whole paths, which hold wherever the file is opened, while the block runs."""
+    """Use absolute paths for the take's files while the block runs."""
     action = current_action(take.armature)
     if action is None or not action.is_editable:
         yield

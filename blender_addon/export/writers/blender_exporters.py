@@ -1,4 +1,4 @@
-"""FBX, glTF and USD by Blender's own exporters, whose settings differ between versions."""
+"""FBX, glTF and USD by Blender's own exporters, which differ between versions."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def run_exporter(
         operator: such as ``bpy.ops.export_scene.fbx``.
         path: file to write.
         settings: known to every version we support.
-        newer_settings: left out where this Blender does not know them.
+        newer_settings: ignored by a Blender that lacks them.
 
     Raises:
         ExporterMissing: this Blender has no such exporter.
@@ -53,20 +53,20 @@ def run_exporter(
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
-    """Raise what the system reported, where it stands in the traceback an exporter gives for an error."""
+    """Raise the system's error that is part of an exporter's traceback."""
     for number in _DISK:
         if os.strerror(number) in text:
             raise OSError(number, os.strerror(number)) from error
 
 
 _RESERVE = 2**20
-"""Bytes that stay free beside what is estimated, chosen by hand."""
+"""Bytes that stay free in addition to the estimate, chosen by hand."""
 _OGAWA, _FROZEN = b"Ogawa", 0xFF
 _CRATE = b"PXR-USDC"
 
 
 def require_space(path: Path, estimate: int) -> None:
-    """Check that a file of about so many bytes, and a little more, fits on its disk.
+    """Check that a file of about this many bytes fits on its disk.
 
     Raises:
         OSError: it does not.

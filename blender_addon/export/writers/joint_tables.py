@@ -15,7 +15,7 @@ from ..plain_take import plain_take
 from ..take import ExportTake, PoseSamples, sample_joints, sample_pose
 
 R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""(x, y, z) becomes (x, z, -y): what faces Blender's front, -Y, faces +Z."""
+"""(x, y, z) becomes (x, z, -y). Blender's front, -Y, becomes +Z."""
 
 
 UNITS_PER_METRE = 100.0
@@ -61,7 +61,7 @@ def euler_zxy(R: np.ndarray) -> np.ndarray:
 
 
 def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return how far two sets of angles are apart, whole turns aside."""
+    """Return the distance of two sets of angles without whole turns."""
     return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi).sum(-1)
 
 
@@ -112,7 +112,7 @@ def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
 def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the joints: metres in Blender's world (Z up), the scene's frame numbers, seconds from the first.
 
-    See ``measured_joints`` for those that are left out.
+    See ``measured_joints`` for omitted joints.
     """
     pose = measured_joints(take, progress)
     columns = [f"{name}_{axis}_m" for name in pose.names for axis in "xyz"]
@@ -121,9 +121,9 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the joints of a take without what nothing measured: a table can leave it out, a skeleton cannot.
+    """Return the measured joints of a take.
 
-    Joints at rest throughout are no columns. Where a joint rests for a while its places are NaN.
+    A joint that is always at rest is omitted. Places of a joint are NaN while it rests.
     """
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
@@ -144,7 +144,7 @@ def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
 def _write(
     path: Path, head: list[str], fps: float, positions: np.ndarray, *, first: int, delimiter: str, decimals: int
 ) -> None:
-    """Write lines, then a row a frame: its number, its time in seconds, positions (F, J, 3), NaN as nothing."""
+    """Write lines, then a row per frame: number, time in seconds, positions (F, J, 3), empty for NaN."""
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]
