@@ -52,8 +52,8 @@ def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None =
     """Return the capture of the command line, or that at a path, read with its options."""
     from solver_backend.io.load import load_capture
 
-    path = path or (args.capture if "capture" in args else args.source)
-    return load_capture(path, **reading(args), progress=progress)
+    given = args.capture if "capture" in args else args.source
+    return load_capture(path or given, **reading(args), progress=progress)
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
@@ -69,9 +69,10 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses, used = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
-    for name, sightings in used.items() if args.coverage is not None else ():
-        picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
-        write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
+    if args.coverage is not None:
+        for name, sightings in used.items():
+            picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
+            write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
     return lenses
 
 

@@ -166,8 +166,9 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     kind = _format_of_output(args)
     if args.interleave and not args.trigger:
         raise CommandLineInvalid("--interleave needs sensors on one trigger.", hint="Add --trigger.")
-    wand = None if args.wand is None else Wand(*args.wand)
-    gamma = Gamma(*args.gamma_lengths, args.gamma_height)
+    wand = None if args.wand is None else Wand(args.wand[0], args.wand[1])
+    long_m, short_m = args.gamma_lengths
+    gamma = Gamma(long_m, short_m, args.gamma_height)
     views = wand_views(args.folder, args.lenses, lights=wand is not None, empty=args.empty, progress=progress)
     clocks = triggered(tuple(view.name for view in views), 1e-6 * args.interleave) if args.trigger else None
     found: Any = calibrate_by_wand(views, WandOptions(wand, clocks, args.every_sensor), progress)

@@ -146,8 +146,9 @@ def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fill the transition between two frames with plausible poses."""
     from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
 
+    first, last = args.frames
     return _by_pose_ndf(
-        args, lambda body, prior: interpolated_motion(_read(args), body, prior, *args.frames, args.count, progress)
+        args, lambda body, prior: interpolated_motion(_read(args), body, prior, first, last, args.count, progress)
     )
 
 

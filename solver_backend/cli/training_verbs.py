@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.outcome import Outcome, rows
 from solver_backend.exchange.errors import BackendMissing
@@ -43,7 +43,7 @@ def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
     return _trained(finished, [], {name: round(value, 4) for name, value in finished.metrics.items()})
 
 
-def _given(args: argparse.Namespace, *names: str) -> dict[str, object]:
+def _given(args: argparse.Namespace, *names: str) -> dict[str, Any]:
     return {name: value for name in names if (value := getattr(args, name)) is not None}
 
 

@@ -52,6 +52,7 @@ class Engine(Protocol):
 
     def free(self) -> int:
         """Return how many more takes it would begin now."""
+        ...
 
     def begin(self, ticket: Ticket) -> None:
         """Begin a take."""
@@ -62,6 +63,7 @@ class Engine(Protocol):
         Raises:
             MocapError: no more takes can be done.
         """
+        ...
 
     def notes(self) -> list[str]:
         """Return what a person should know about the workers."""
@@ -69,6 +71,7 @@ class Engine(Protocol):
 
     def headline(self) -> str:
         """Return who works, in a few words."""
+        ...
 
     def close(self) -> None:
         """End the takes that are under way, and tidy up."""
