@@ -145,7 +145,8 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
     if known is None or known.get("inputs") != record["inputs"]:
         return record
     kept: Any = {key: known[key] for key in ("steps", "attempts", "solve", "people") if key in known}
-    return {**record, **kept}
+    record.update(kept)
+    return record
 
 
 def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
