@@ -325,7 +325,7 @@ class MarkerChain:
         if what == "ready":
             self._waited_for.discard(connection)
         elif what == "seen":
-            seen = message[1]
+            seen: SensorSightings = message[1]
             self.statistics.frames[name] += 1
             before = self._number.get(seen.sensor, seen.number)
             self._number[seen.sensor] = seen.number
