@@ -40,7 +40,8 @@ def playing_actions(obj: bpy.types.Object) -> list[bpy.types.Action]:
 
 def aside_note(obj: bpy.types.Object, before: list[bpy.types.Action]) -> str:
     """Return a sentence about each action that an object played before and now has muted on the NLA, "" for none."""
-    strips = [(track, strip) for track in obj.animation_data.nla_tracks for strip in track.strips]
+    tracks = obj.animation_data.nla_tracks if before else ()
+    strips = [(track, strip) for track in tracks for strip in track.strips]
     where = {strip.action: track.name for track, strip in strips if strip.action is not None}
     aside = [action for action in before if action in where and action not in playing_actions(obj)]
     names = [f"{'The take' if is_take(action) else 'Your action'} '{action.name}'" for action in aside]
