@@ -141,8 +141,9 @@ FINGER_CONTROLS = (*(finger_control(side, f) for side in SIDES for f in FINGERS)
 
 def has_finger_controls(armature: bpy.types.Object | None) -> bool:
     """Return whether an armature has the controls of fingers."""
-    is_armature = armature is not None and armature.type == "ARMATURE"
-    return is_armature and all(name in armature.pose.bones for name in FINGER_CONTROLS)
+    if armature is None or armature.type != "ARMATURE":
+        return False
+    return all(name in armature.pose.bones for name in FINGER_CONTROLS)
 
 
 def control_paths(armature: bpy.types.Object) -> list[tuple[str, str]]:

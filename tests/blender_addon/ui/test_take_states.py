@@ -222,9 +222,10 @@ class Sequence:
         take.ik = take.ik | switches if to == "IK" else take.ik - switches
 
     def own_action(self) -> None:
-        self.armature.animation_data.action = None
+        animation: Any = self.armature.animation_data
+        animation.action = None
         self.armature.pose.bones[CHEST].keyframe_insert("rotation_quaternion", frame=1)
-        self.state.users.add(self.armature.animation_data.action.name)
+        self.state.users.add(animation.action.name)
         self.state.own = True
 
     def duplicate(self) -> None:
