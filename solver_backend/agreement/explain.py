@@ -44,8 +44,8 @@ AGREED_BODY = {"upright": -6.0, "handed": -8.0}
 
 LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 """Cosine of a camera's pitch and of the trunk's angle from which a single view shows how its pictures are turned."""
-LEAST_OUTSIDE, BEYOND_PICTURE = 0.02, 0.03
-"""Share of keypoints outside the calibrated picture from which it is turned, and widths that count as outside."""
+LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
+"""Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
 _OF_CAMERA = {
     "camera_placed": "{} was moved after the calibration", "camera_late": "{} is late",
     "camera_unexplained": "nothing explains {}",
@@ -283,7 +283,8 @@ class _Search:
         table = sorted((self.score(r) for r in dict.fromkeys(likely)), key=lambda s: -s.total)
         written = next(s for s in table if s.reading == self.written)
         near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
-        chosen = min(near, key=lambda s: (round(s.cost, 6), -s.total))
+        # The body cannot decide between readings that give the same one.
+        chosen = min(near, key=lambda s: (round(s.cost, 6), -s.epipolar))
         others = [s for s in table[1:] if s is not chosen and not chosen.body.is_same(s.body)]
         leads = [self.lead(table[0], s) for s in others]
         margin, runner_up = min(

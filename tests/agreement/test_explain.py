@@ -298,4 +298,15 @@ def test_turned_pictures_of_a_single_camera_are_found(turn: int) -> None:
     u, v = np.moveaxis(seen.xy + [0 if turn == 1 else -300, 0], -1, 0)  # off the middle of the picture
     xy = np.stack([height - 1 - v, u] if turn == 1 else [v, width - 1 - u], axis=-1)
     found = turn_of_one_view(camera, replace(seen, xy=xy))
-    assert found is not None and found[0] == turn and 0.02 < found[1] < 1.0
+    assert found is not None and found[0] == turn and 0.0 < found[1] < 1.0
+
+
+@pytest.mark.parametrize(
+    ("shape", "size"),
+    [("cut to 4:3", (1080, 1440)), ("cut to 16:9", (1080, 1920)), ("cut to a square", (1080, 1080))],
+)
+def test_portrait_pictures_are_cut_along_their_longer_side(shape: str, size: tuple[int, int]) -> None:
+    portrait = replace(CAMERAS.subset([0]), image_size=np.array([[1080, 1920]]))
+    found = corrected(portrait, [CameraCorrection(shape=shape)])
+    assert tuple(found.image_size[0]) == size
+    assert found.K[0, 1, 2] == portrait.K[0, 1, 2] - (1920 - size[1]) / 2
