@@ -1,1 +1,1 @@
-"""What files leave unsaid: joint sets, frame numbers, camera names, which way is up."""
+"""Recognise facts that files do not state: joint sets, frame numbers, units, up axes."""

@@ -13,11 +13,11 @@ from solver_backend.types import Capture, MarkerCloud
 
 _DIGITS = re.compile(r"\d+")
 _MOST_DIGITS = 18
-"""A longer number is a hash or a serial number, and more than an integer of the machine holds."""
+"""A longer number is a hash or a serial number, and overflows an integer."""
 _STEP_OF_TIMES = 10
-"""Numbers that typically lie so far apart, or further, count something else than frames."""
+"""Typical step of numbers that do not count frames."""
 _SPARSEST, _FREE = 100, 1000
-"""Frames that may lie between the first and the last file: so many a file, and so many at least."""
+"""Largest span of numbers: so many per file, plus a constant."""
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:
@@ -145,8 +145,8 @@ def cut_frames(capture: Capture, first: int, last: int) -> Capture:
 
     Args:
         capture: as it was read.
-        first: first frame that is kept, from 0.
-        last: last frame that is kept.
+        first: first kept frame, from 0.
+        last: last kept frame.
 
     Raises:
         JobInvalid: the take has no such frames.

@@ -1,4 +1,4 @@
-"""Which joint set a detector wrote: by the number of keypoints, then by anatomy."""
+"""Recognise a detector's joint set by the number of keypoints, then by anatomy."""
 
 from __future__ import annotations
 
@@ -16,19 +16,19 @@ _BONES: tuple[tuple[str, str], ...] = (
     ("head_top", "nose"), ("thorax", "{s}_shoulder"), ("thorax", "spine"), ("spine", "mid_hip"),
     ("left_hip", "right_hip"), ("left_shoulder", "right_shoulder"),
 )  # fmt: skip
-"""Pairs that lie close together in every pose; a wrong vocabulary pairs far-apart points instead."""
+"""Pairs of near keypoints in every pose. A wrong vocabulary pairs distant points."""
 
 SAMPLED_PEOPLE = 2000
-"""Detections that are looked at."""
+"""Most detections that are used."""
 CLEAR_RATIO = 1.15
 """The best set is clear when the next one's bones are this many times longer."""
 UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
 to 0.19 in its own order, and 0.42 to 0.57 in the median of others; who crouches comes near."""
 HANDS_ALONE = "Hands alone are not solved, for they lie at the wrists of a body: detect that too."
-"""What to do about files of hands."""
+"""Advice for files of hands."""
 _ENOUGH = 10
-"""People from which an order is called unlike."""
+"""Least people for a warning."""
 
 
 def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:
@@ -69,10 +69,10 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
 ) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return the joint set of a recording, how it was recognised, and what is doubtful about it.
+    """Return the joint set of a recording, how it was recognised, and doubts about it.
 
-    What the user gives is final. What the recording's settings state is believed unless it cannot be or anatomy clearly
-    contradicts it. Without either, the set is recognised.
+    The user's choice is final. The recording's settings count unless they are impossible or anatomy clearly contradicts
+    them. Otherwise the set is recognised.
 
     Args:
         xy: (..., K, 2) pixels, NaN where missing.
@@ -110,10 +110,10 @@ def recognise_joint_set(
     """Return the joint set that fits the detections best, how that was found, and whether it is certain.
 
     Several sets may share a number of keypoints (25: BODY_25, BODY_25B; 17: COCO_17, H36M_17). Each is scored by the
-    rms length of its bones relative to the person's height in the image; the right one has the shortest.
+    rms length of its bones relative to the person's height in the image. The right one has the shortest.
 
     Args:
-        xy: (N, K, 2) pixels, NaN where missing; N people of any frames and views.
+        xy: (N, K, 2) pixels of N people of any frames and views, NaN where missing.
         confidence: (N, K).
 
     Raises:

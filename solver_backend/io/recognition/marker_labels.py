@@ -1,4 +1,4 @@
-"""Labels of markers: subjects, points that nobody named, and labels that must be made unique."""
+"""Read labels of markers: subjects, unnamed points, duplicates."""
 
 from __future__ import annotations
 
@@ -31,9 +31,9 @@ def is_model_output(label: str) -> bool:
 
 
 def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return labels that are neither empty nor there twice, and those that were there twice.
+    """Return unique labels, and the labels that were duplicates.
 
-    An empty label becomes '*' and its number from 1; the second 'LASI' becomes 'LASI (2)'.
+    An empty label becomes '*' and its number from 1. The second 'LASI' becomes 'LASI (2)'.
     """
     counts = Counter(label for label in labels if label)
     taken: set[str] = set(counts)

@@ -1,4 +1,4 @@
-"""The length unit of a file of markers: stated, or estimated from the size of what was recorded."""
+"""Find the length unit of a file of markers: stated, or estimated from the markers' size."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def unit_named(text: str) -> str | None:
 
 
 def spread(positions: np.ndarray) -> float:
-    """Return the largest side of the box that holds most markers, the median over frames. NaN where none are seen."""
+    """Return the largest side of the box around most markers, the median over frames. NaN where none are seen."""
     frames = positions[:: max(1, len(positions) // 200)]
     sides = quantile(frames, 0.9, 1, "nearest") - quantile(frames, 0.1, 1, "nearest")
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
@@ -78,7 +78,7 @@ def spread(positions: np.ndarray) -> float:
 def find_unit(positions: np.ndarray, stated: str, given: str | None, default: str, labels: Sequence[str] = ()) -> Unit:
     """Return the unit of positions.
 
-    What is given wins, then what the file states unless markers then spread over less than ``SMALLEST_M`` or more than
+    The user's unit wins, then the file's unless markers then spread over less than ``SMALLEST_M`` or more than
     ``LARGEST_M``, or the parts that labels name are no person's distance apart, then the unit in which they have a
     person's size.
 

@@ -1,4 +1,4 @@
-"""Which axis of a file of markers points up: given, stated, or inferred from how the body stands in it."""
+"""Find the up axis of a file of markers: given, stated, or inferred from the body."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ UP_AXES: dict[str, tuple[tuple[int, int, int], ...]] = {
     "x": ((0, 1, 0), (0, 0, 1), (1, 0, 0)),
     "-x": ((0, -1, 0), (0, 0, 1), (-1, 0, 0)),
 }
-"""Rotation from a world whose named axis points up to ours, whose Z points up."""
+"""Rotation from a world with the named axis up to ours with Z up."""
 
 
 def rotation_to_z_up(up_axis: str) -> np.ndarray:
@@ -52,13 +52,13 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
 
 
 UPRIGHT = 2.0
-"""A body stands along an axis if its length along it is this many times that along every other."""
+"""Least length ratio of a standing body's axis to every other axis."""
 LEANING = 1.2
-"""The same in the axes of a camera that looks down, where nothing is at the level 0: up to 40 degrees."""
+"""The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0."""
 FLOOR_M = 0.3
-"""Feet of a person who stands are this near to the level 0."""
+"""Largest height of a standing person's feet."""
 LYING_M = 0.4
-"""A person who lies on the floor is lower than this."""
+"""Largest height of a person on the floor."""
 PERSON_FACTOR = 2.0
 """By so much less and more than people's may two parts of a body be apart: those of a person who is coiled up, and the
 tallest in a unit that is not far off."""
@@ -105,12 +105,12 @@ class UpAxis:
 def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str) -> UpAxis:
     """Return the axis of positions that points up.
 
-    What is given wins. A body that stands along another axis than the file states (or than its format has by default),
-    with its feet at 0 of that axis, is taken at its word, unless it may lie on the floor that the statement means.
+    The user's axis wins. A body along another axis than the file states (or its format implies), with its feet at 0 of
+    that axis, decides unless it may be a lying person.
 
     Args:
         positions: (F, M, 3) metres, NaN where missing.
-        labels: one a marker.
+        labels: one per marker.
         stated: the axis the file states, empty if none.
         given: the axis the user names.
         default: the axis of most files of the format.
@@ -184,7 +184,7 @@ def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray |
 def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
     """Return (F, 3) vectors from a lower part of the body to a higher one, and people's least, usual and most metres.
 
-    None without two such parts; of a long take some frames alone.
+    None without two such parts. Long takes are thinned.
     """
     frames = positions[:: max(1, len(positions) // 500)]
     names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]

@@ -32,9 +32,9 @@ ACROSS = {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 
 LEG_SHARE = 0.491
 """Thigh and shank together over the stature (Drillis and Contini 1966)."""
 LENGTH_SIGMA_M = 0.012
-"""How far a detector's length is from the body's."""
+"""Deviation of a detector's length from the body's."""
 STATURE_SIGMA_M = 0.005
-"""How well people know their stature."""
+"""Error of a stated stature."""
 MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
 """Of adults, where it is not given (NCD-RisC 2016, both sexes)."""
 _ROUNDS = 20
@@ -69,8 +69,8 @@ def scale_from_stature(
     Args:
         points: (F, K, 3) keypoints, NaN where unknown.
         joint_set: their names.
-        stature_m: of the person; that of adults with their spread where None.
-        body: whose shapes people have; the one that ships if left out.
+        stature_m: of the person. None for the distribution of adults.
+        body: body model, the shipped one if None.
 
     Raises:
         JobInvalid: the points hold no bones, or bones of no length, or the stature is impossible.
@@ -161,17 +161,17 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
 
 
 STATURES_M = (1.25, 2.15)
-"""A unit is taken where it makes the person so tall."""
+"""Statures that confirm a unit."""
 POSSIBLE_M = (0.6, 2.9)
-"""Children and giants: with such a person the unit that the cameras' distance shows stays."""
+"""Statures of children and giants, which keep the unit that the cameras' distance suggests."""
 UNIT_STATURE_M = 1.7
 ARRAY_M = 6.0
-"""Width that cameras are given to triangulate, whose limits are in metres."""
+"""Width of cameras in triangulation, which has limits in metres."""
 OFF_LINE = 0.05
-"""Median residual over the person's extent up to which views agree."""
+"""Largest median residual of agreeing views, in the person's extent."""
 _UNITS = ("m", "cm", "mm", "inch")
-"""Each makes a person of another one impossible. A foot does not: 5.8 of them are 5.8 squares of a board, or of what
-structure from motion counts in."""
+"""Units that exclude each other by the person's size. Feet do not: 5.8 of them may be 5.8 squares of a board, or units
+of structure from motion."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class PersonUnit:
     cameras: Cameras
     """In metres, where a known unit explains the person."""
     to_plausible: float = 1.0
-    """Factor by which people in these cameras are found: 1 where the person has a possible size."""
+    """Factor on lengths for finding people, 1 if the person has a possible size."""
     problems: tuple[Diagnostic, ...] = ()
     """Corrections."""
 
@@ -191,7 +191,7 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
 
     Args:
         cameras: in metres as far as their calibration shows.
-        detections: of all people; the largest person of each picture counts, if the views agree on that one.
+        detections: of all people. The largest person of each picture counts if the views agree.
         guessed: the unit that the calibration was read in, where only the cameras' distance suggests it; '' where it is
             known, and stays.
     """
@@ -208,7 +208,7 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:
-    """Return the main person's stature by the legs in the cameras' unit, NaN where the views agree on nobody.
+    """Return the main person's stature by the legs in the cameras' unit, NaN if the views do not agree.
 
     Args:
         cameras: C cameras in any unit.
@@ -250,7 +250,7 @@ def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
-    """Return the calibration in the unit that makes the person possible, and the factor by which people are found.
+    """Return the calibration in the unit that makes the person possible, and the factor for finding people.
 
     Args:
         calibration: of the cameras of the detections.

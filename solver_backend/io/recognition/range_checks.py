@@ -1,8 +1,4 @@
-"""What a capture's numbers can be: one table of checks, applied to every capture whichever reader made it.
-
-What is impossible is an error; what is merely odd becomes a problem that a person sees. The table of diagnostics has
-which is which.
-"""
+"""Check the numbers of every capture by one table: impossible ones are errors, odd ones are warnings."""
 
 from __future__ import annotations
 
@@ -22,7 +18,7 @@ from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3
 FOCAL_LENGTHS = (0.25, 20.0)
-"""Of the longer side of the picture; 0.25 is a picture 127° wide, 20 one of 3°."""
+"""In the longer side of the picture. 0.25 is a picture of 127°, 20 one of 3°."""
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
 FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, plausible.FARTHEST_M, 0.01
 FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), plausible.FRAME_RATES
@@ -34,19 +30,19 @@ Find = Callable[[Capture], Iterator[Diagnostic]]
 
 @dataclass(frozen=True)
 class RangeCheck:
-    """One thing that is looked at."""
+    """One check."""
 
     find: Find
-    """Yields each finding: an error refuses the capture, a warning is a problem that a person sees."""
+    """Yields findings. An error rejects the capture, a warning is one of its problems."""
     error: type[MocapError] = CaptureInvalid
-    """What is raised where it cannot be."""
+    """Raised for errors."""
 
 
 def checked(capture: Capture) -> Capture:
-    """Return the capture with confidences in 0..1 and a problem for everything odd that it does not name yet.
+    """Return the capture with confidences in 0..1 and a problem for each new finding.
 
     Raises:
-        CalibrationInvalid, CaptureInvalid: something cannot be.
+        CalibrationInvalid, CaptureInvalid: a number is impossible.
     """
     capture = _with_unit_confidence(capture)
     odd: list[Diagnostic] = []
@@ -65,7 +61,7 @@ def _with_problems(capture: Capture, odd: Iterable[Diagnostic]) -> Capture:
 
 
 def _with_world(capture: Capture) -> Capture:
-    """Return the capture with what the person shows of its world, where no reader has looked at it."""
+    """Return the capture with a check of its world, if no reader has made one."""
     if capture.world_checked or not _has_views(capture) or capture.is_one_view:
         return capture
     world = check_world(*capture.require_multiview())
@@ -136,7 +132,7 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
-    """A distortion whose radius shrinks again further out maps two directions to one pixel."""
+    """A distortion with a shrinking radius maps two directions to one pixel."""
     limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]
@@ -182,7 +178,7 @@ def _odd_rate(capture: Capture) -> Iterator[Diagnostic]:
 
 
 def _beyond(capture: Capture) -> np.ndarray:
-    """Return how many picture sizes each detection lies beyond the picture's edge."""
+    """Return the distance of each detection beyond the picture's edge, in picture sizes."""
     assert capture.cameras is not None and capture.keypoints is not None
     size = capture.cameras.image_size[:, None, None]
     xy = capture.keypoints.xy[capture.keypoints.confidence > 0]
