@@ -288,7 +288,7 @@ def refine_starts(cameras: Cameras, xy: np.ndarray, offsets: np.ndarray, reach: 
 
 
 def whole_lags(cameras: Cameras, tracks: np.ndarray, reach: int) -> np.ndarray:
-    """Return (C,) whole frames by which cameras lag behind the first; zeros unless other lags agree far better.
+    """Return (C,) whole frames by which cameras lag behind the first; zeros unless others agree far better.
 
     Args:
         cameras: C cameras.
@@ -299,7 +299,7 @@ def whole_lags(cameras: Cameras, tracks: np.ndarray, reach: int) -> np.ndarray:
     gains = pair_gains(cameras, xy, reach=reach)
     best = gains.best_offsets(len(cameras))
     (now, _), (then, _) = gains.of_cameras(none), gains.of_cameras(best)
-    if (now >= KEPT_SHARE * then).all():
+    if (now >= KEPT_SHARE * then).all() or (strengths(gains, best) < LEAST_STRENGTH).any():
         return none
     return refine_starts(cameras, xy, best, REACH + gains.step)
 
