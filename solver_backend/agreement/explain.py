@@ -46,6 +46,7 @@ LEAST_LEVEL, LEAST_UPRIGHT = 0.3, 0.8
 """Cosine of a camera's pitch and of the trunk's angle from which a single view shows how its pictures are turned."""
 LEAST_OUTSIDE, BEYOND_PICTURE = 0.002, 0.005
 """Least share of keypoints outside a picture of another turn, and widths beyond its edge: no detector writes them."""
+TRUNK = "hip", "shoulder"
 _OF_CAMERA = {
     "camera_placed": "{} was moved after the calibration", "camera_late": "{} is late",
     "camera_unexplained": "nothing explains {}",
@@ -155,7 +156,8 @@ def turn_of_one_view(camera: Cameras, detections: Detections) -> tuple[int, floa
     scores, outside = list[float](), list[float]()
     for turn in TURNS:
         read = unturn(points, turn, size)
-        trunk = sum(read[:, names.index(f"{s}_hip")] - read[:, names.index(f"{s}_shoulder")] for s in ("left", "right"))
+        hips, shoulders = (read[:, [names.index(f"{s}_{part}") for s in ("left", "right")]].sum(1) for part in TRUNK)
+        trunk = hips - shoulders
         cosine = (trunk @ up) / np.maximum(np.linalg.norm(trunk, axis=-1) * np.linalg.norm(up), 1e-9)
         known = np.isfinite(read).all(-1)
         beyond = ((read < -BEYOND_PICTURE * size) | (read > (1 + BEYOND_PICTURE) * size)).any(-1) & known
