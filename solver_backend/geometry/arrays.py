@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, TypeVar
 
 import numpy as np
 
@@ -175,3 +177,45 @@ def has_fast_blas() -> bool:
     built = show(mode="dicts")
     name = str(built.get("Build Dependencies", {}).get("blas", {}).get("name", "")).lower()
     return any(library in name for library in _FAST)
+
+
+R = TypeVar("R", bound="Rows")
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Arrays with one row per frame or key; fields that are None stay None."""
+
+    @property
+    def arrays(self) -> tuple[Array | None, ...]:
+        """The fields, in their order."""
+        return tuple(getattr(self, field.name) for field in fields(self))
+
+    def _replaced_by(self: R, values: Iterable[Array | None]) -> R:
+        return replace(self, **dict(zip((field.name for field in fields(self)), values, strict=True)))
+
+    def select(self: R, frames: Any) -> R:
+        """Return the rows at these indices, of this slice or where this mask is true."""
+        return self._replaced_by(None if part is None else part[frames] for part in self.arrays)
+
+    def astype(self: R, precision: Any) -> R:
+        """Return the rows in a precision."""
+        return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
+
+    def where(self: R, mask: Array, other: R) -> R:
+        """Return these rows where the mask is true, and the other's elsewhere."""
+        xp = array_namespace(mask)
+
+        def pick(own: Array | None, others: Array | None) -> Array | None:
+            if own is None or others is None:
+                return own
+            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
+
+        return self._replaced_by(map(pick, self.arrays, other.arrays))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[R]) -> R:
+        """Return the rows of all parts, one part after the other."""
+        columns = list(zip(*(part.arrays for part in parts), strict=True))
+        xp = array_namespace(columns[0][0])
+        return parts[0]._replaced_by(None if column[0] is None else xp.concat(column) for column in columns)

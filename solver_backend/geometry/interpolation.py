@@ -1,8 +1,8 @@
 """Interpolation through unit vectors of any dimension along geodesics: SLERP, SIDER2, SIDER-n, with Jacobians.
 
-Every point of these curves is a combination of its keys whose weights depend on the keys' inner products alone. The
-derivative by key j is therefore ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``: a handful of numbers, ``KeyWeights``.
-Jacobians are (..., d, d) in the ambient space, right for changes of a key tangent to the sphere.
+Every point of these curves is a combination of its keys, with weights that depend on the keys' inner products only. So
+the derivative by key j is ``w_j I + Σ_ik p_i M_j[i, k] p_kᵀ``, a few numbers (``KeyWeights``). Jacobians are
+(..., d, d) in the ambient space, for changes of a key tangent to the sphere.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from solver_backend.types.shapes import Float
 Keys = Float[Array, "*#batch n d"]
 """Several vectors each."""
 Times = Float[Array, "*#batch"] | float
-"""Where on a curve."""
+"""Position on a curve."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class KeyWeights:
     """(..., n, n, n): ``d value / d p_j = w_j I + Σ_ik p_i mixing[j, i, k] p_kᵀ``."""
 
     def vjp(self, cotangent: Float[Array, "*#batch d"]) -> Float[Array, "... n d"]:
-        """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys."""
+        """Return (..., n, d), the cotangent (..., d) of the value carried to each key."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
         mixed = sum_of_rows(self.mixing * along[..., None, :, None])
@@ -50,17 +50,9 @@ class KeyWeights:
 
 
 def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
-    """Return the point at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), which is followed beyond its ends.
+    """Return the point (..., d) at ``t`` of the geodesic from ``a`` (t = 0) to ``b`` (t = 1), for any real ``t``.
 
     ``sin((1-t)ψ)/sinψ a + sin(tψ)/sinψ b``; series at ``ψ = 0``; from ``a`` to ``-a`` through a fixed direction.
-
-    Args:
-        a: (..., d) unit vectors.
-        b: (..., d) unit vectors.
-        t: scalar or (...), any real number.
-
-    Returns:
-        (..., d).
 
     Reference: Shoemake 1985; thesis eq. 4.9 and 6.2.3.
     """
@@ -69,19 +61,10 @@ def slerp(a: Vectors, b: Vectors, t: Times) -> Vectors:
 
 
 def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
-    """Return the point at ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (t = ½) and ``c`` (t = 1).
+    """Return the point at any real ``t`` of the spherical parabola through ``a`` (t = 0), ``b`` (½) and ``c`` (1).
 
-    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` as long as the way
-    from ``a`` to ``b`` and on to ``c`` is shorter than half a circle, and is smooth in ``t`` wherever it does.
-
-    Args:
-        a: (..., d) unit vectors.
-        b: (..., d) unit vectors.
-        c: (..., d) unit vectors.
-        t: scalar or (...), any real number.
-
-    Returns:
-        (..., d).
+    ``SLERP(SLERP(a, SLERP(c, b, 2), t), SLERP(SLERP(a, b, 2), c, t), t)``. It passes through ``b`` and is smooth in
+    ``t`` as long as the way from ``a`` to ``b`` to ``c`` is shorter than half a circle.
 
     Reference: Fong and Leung 2023; thesis 6.2.3.
     """
@@ -89,17 +72,10 @@ def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
 
 
 def sider_n(keys: Keys, t: Times) -> Vectors:
-    """Return the point at ``t`` of the curve through n + 1 keys at ``t = 0, 1/n, ..., 1``.
+    """Return the point (..., d) at any real ``t`` of the curve through (..., n + 1, d) keys at ``t = 0, 1/n, ..., 1``.
 
-    Two keys: SLERP; three: SIDER2; more: the Aitken-Neville recursion with geodesics for straight lines, so that in
-    the flat limit the curve is the polynomial of degree n through its keys.
-
-    Args:
-        keys: (..., n + 1, d) unit vectors, n >= 1.
-        t: scalar or (...), any real number.
-
-    Returns:
-        (..., d).
+    Two keys give SLERP, three SIDER2, more the Aitken-Neville recursion on geodesics. In the flat limit the curve is
+    the polynomial of degree n through its keys.
 
     Reference: thesis 6.2.3 for n = 2; Neville 1934 for the recursion.
     """
@@ -108,15 +84,10 @@ def sider_n(keys: Keys, t: Times) -> Vectors:
 
 
 def sider_weights(keys: Keys, t: Times) -> KeyWeights:
-    """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
-
-    Args:
-        keys: (..., n + 1, d) unit vectors; SIDER2 for three.
-        t: scalar or (...), broadcast against the batch of ``keys``.
-    """
+    """Return ``sider_n(keys, t)`` with its derivative in factored form; ``t`` is broadcast against the batch."""
     xp = array_namespace(keys)
     t, count = constant(t, keys), keys.shape[-2]
-    # Broadcast as late as may be: what does not depend on the time is worked out once for all times.
+    # Broadcast as late as possible: what does not depend on the time is computed once for all times.
     gram = xp.matmul(keys, xp.matrix_transpose(keys))
     own = identity(count, keys) + xp.zeros_like(gram)
     zero = xp.zeros_like(gram)[..., None, :, :] * xp.ones_like(gram)[..., :, :, None]
@@ -129,13 +100,12 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
 
 
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
-    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, whatever its geodesics are.
+    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, for any kind of geodesic.
 
     Args:
         points: n + 1 of any kind.
-        t: where on the curve.
-        join: two points and a share, to the point there on their geodesic, which goes on beyond its ends.
-        reflect: a point and a centre, to the point as far beyond the centre.
+        join: (point, point, share) -> the point at that share of their geodesic, also beyond its ends.
+        reflect: (point, centre) -> the point at the same distance beyond the centre.
     """
     degree = len(points) - 1
     if degree == 1:

@@ -1,4 +1,4 @@
-"""Markers that jump: only there can a label change its marker, so only there are labels tested."""
+"""Detect markers that jump, the only places where a label can change its marker."""
 
 from __future__ import annotations
 
@@ -7,21 +7,21 @@ import numpy as np
 from solver_backend.geometry.arrays import quantile, true_runs
 
 NEIGHBOURS = 6
-"""Markers around each, which move nearly as it does."""
+"""Markers around each one, which move nearly as it does."""
 NEAREST = 2
-"""Of them the nearest, which are mostly on the same bone: distances to others change over gaps."""
+"""Number of the nearest of them, mostly on the same bone: distances to others change over gaps."""
 JUMP_M = 0.025
-"""A marker that leaves its neighbours by so much more in one frame than before and after jumps ..."""
+"""A marker jumps if it leaves its neighbours by so much more in one frame than before and after."""
 GAP_JUMP_M = 0.06
-"""... and one that is so much nearer or farther from them after a gap than before it."""
+"""It also jumps if its distance to them changes so much over a gap."""
 STILL_S = 0.5
-"""A marker that is exactly where it was for so long, while its neighbours move, is no marker ..."""
+"""A marker without any motion for so long is frozen if its neighbours move ..."""
 MOVED_M = 0.02
-"""... if they move so far."""
+"""... this far."""
 
 
 def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
-    """Return (M, n) the markers that are nearest to each, by the median distance in frames spread over the take."""
+    """Return (M, n) the nearest markers of each, by the median distance in frames spread over the take."""
     some = points[np.unique(np.linspace(0, len(points) - 1, 60).astype(int))]
     distance = np.linalg.norm(some[:, :, None] - some[:, None], axis=-1)
     median = quantile(distance, 0.5, axis=0)
@@ -31,12 +31,7 @@ def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:
 
 
 def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: the markers that jump away from their neighbours somewhere in the take.
-
-    Args:
-        points: (F, M, 3) metres, NaN where missing.
-        around: (M, n) neighbours of each.
-    """
+    """Return (M,) bool: markers that jump away from their neighbours (M, n) somewhere in the take (F, M, 3), metres."""
     moved = np.diff(points, axis=0)
     jumps = np.zeros(points.shape[1], dtype=bool)
     for m, near in enumerate(around):
@@ -51,14 +46,10 @@ def jumping(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
-    """Return (M,) bool: the markers that jump away from every neighbour at once, or come back from it the next frame.
+    """Return (M,) bool: markers that jump away from every neighbour at once, or return the next frame.
 
     Stricter than ``jumping``, for reports: at 30 Hz the feet of a walk differ by more than ``JUMP_M`` in every step,
-    while a marker on the same bone moves alike.
-
-    Args:
-        points: (F, M, 3) metres, NaN where missing.
-        around: (M, n) neighbours of each.
+    while a marker on the same bone moves with it.
     """
     moved = np.diff(points, axis=0)
     leaves = np.zeros(points.shape[1], dtype=bool)
@@ -68,16 +59,15 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
         beside = np.maximum(np.append(alone[1:], 0.0), np.append(0.0, alone[:-1]))
         both = np.minimum(alone[:-1], alone[1:])
         returns = (both > 2 * JUMP_M) & (back < 0.5 * both)
-        leaves[m] = (
-            (alone > JUMP_M + beside).any() or returns.any() or _jumps_in_gaps(points, m, near[:NEAREST], of_all=True)
-        )
+        gaps = _jumps_in_gaps(points, m, near[:NEAREST], of_all=True)
+        leaves[m] = (alone > JUMP_M + beside).any() or returns.any() or gaps
     return leaves
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M) bool: the marker is exactly where it was for a while in which its neighbours move.
+    """Return (F, M) bool: the marker does not move at all while its neighbours do.
 
-    So are others that are exactly where they were in the very same frames: a program held them together.
+    Other markers without motion in exactly these frames count too: a program held them together.
     """
     still = np.zeros(points.shape[:2], dtype=bool)
     same = (np.diff(points, axis=0) == 0).all(-1)
@@ -96,7 +86,7 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
 
 
 def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all: bool = False) -> bool:
-    """Return whether the marker's distances to its neighbours, the median or all of them, change over a gap."""
+    """Return whether the marker's distances to its neighbours, the median or all, change over a gap."""
     seen = np.isfinite(points[:, marker]).all(-1)
     for first, last in true_runs(~seen):
         if first == 0 or last == len(points) - 1:
@@ -110,12 +100,12 @@ def _jumps_in_gaps(points: np.ndarray, marker: int, near: np.ndarray, *, of_all:
 
 
 def _middle(values: np.ndarray) -> np.ndarray:
-    """Return the median of (F, n, 3) over n without what is missing, 0 where all is."""
+    """Return the median of (F, n, 3) over known n, 0 without any."""
     return np.nan_to_num(quantile(values, 0.5, axis=1))
 
 
 def _least(values: np.ndarray) -> np.ndarray:
-    """Return the least length of (F, n, 3) over n without what is missing, 0 where all is."""
+    """Return the smallest length of (F, n, 3) over known n, 0 without any."""
     length = np.linalg.norm(values, axis=-1)
     least = np.where(np.isfinite(length), length, np.inf).min(axis=1, initial=np.inf)
     return np.where(np.isfinite(least), least, 0.0)

@@ -1,4 +1,4 @@
-"""Blocks of frames on all cores: NumPy's operations let go of Python's lock, torch's divide themselves."""
+"""Run blocks of frames on all cores: NumPy releases Python's lock, torch uses its own threads."""
 
 from __future__ import annotations
 

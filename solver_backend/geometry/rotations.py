@@ -1,4 +1,4 @@
-"""Rotations on SO(3): exponential, logarithm, their Jacobians, and the 6D representation.
+"""Rotations: quaternions (wxyz), exponential and logarithm of SO(3), their Jacobians, and the 6D representation.
 
 Tangent vectors act from the left throughout: ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 """
@@ -14,14 +14,7 @@ _SMALL_SQUARE = 1e-8
 
 
 def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "... 4"]:
-    """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``).
-
-    Args:
-        a: (..., 4) wxyz.
-        b: (..., 4) wxyz, broadcast against ``a``.
-
-    Reference: Hamilton 1844, "On quaternions".
-    """
+    """Return the Hamilton product ``a b`` (rotate by ``b`` first, then by ``a``); (..., 4) each, broadcast."""
     xp = array_namespace(a, b)
     aw, ax, ay, az = (a[..., i] for i in range(4))
     bw, bx, by, bz = (b[..., i] for i in range(4))
@@ -47,15 +40,9 @@ def upper_hemisphere(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4"]:
 
 
 def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotation matrices of quaternions of any length but zero.
+    """Return the rotation matrices (..., 3, 3) of quaternions (..., 4) of any length but zero.
 
     ``R = I + 2 (w [u]x + [u]x²) / |q|²`` with ``q = (w, u)``.
-
-    Args:
-        q: (..., 4) wxyz.
-
-    Returns:
-        (..., 3, 3).
 
     Reference: Shoemake 1985, "Animating rotation with quaternion curves", appendix.
     """
@@ -71,15 +58,9 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
 
 
 def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
-    """Return the unit quaternion with ``w >= 0`` of rotation matrices, accurate at every angle.
+    """Return the unit quaternion (..., 4) with ``w >= 0`` of rotations (..., 3, 3), accurate at every angle.
 
     The row of ``4 q qᵀ`` with the largest diagonal is normalised, so nothing is divided by a small number.
-
-    Args:
-        R: (..., 3, 3) rotations.
-
-    Returns:
-        (..., 4) wxyz.
 
     Reference: Shepperd 1978, "Quaternion from rotation matrix".
     """
@@ -111,15 +92,9 @@ def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
 
 
 def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
-    """Return the rotation vector, of length 0..π, of quaternions of any length but zero.
+    """Return the rotation vector (..., 3) rad, of length 0..π, of quaternions (..., 4) of any length but zero.
 
     ``v = 2 atan2(|u|, w) u/|u|`` with ``q = (w, u)`` and ``w >= 0``; exact at 0 and at π (Grassia 1998).
-
-    Args:
-        q: (..., 4) wxyz.
-
-    Returns:
-        (..., 3) rad.
     """
     xp = array_namespace(q)
     q = q / xp.sqrt(squared_length(q))[..., None]
@@ -133,16 +108,10 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
 
 
 def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]:
-    """Return ``G`` with ``quat(exp(ω)) q ≈ q + G ω``, the derivative by a left rotation.
+    """Return ``G`` (..., 4, 3) with ``quat(exp(ω)) q ≈ q + G ω``, the derivative of (..., 4) by a left rotation.
 
-    ``G ω = ½ (0, ω) q``; for unit ``q`` it satisfies ``Gᵀ G = I/4``, so ``ω = 4 Gᵀ dq`` turns a change of the
-    quaternion into the left rotation it makes: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
-
-    Args:
-        q: (..., 4) wxyz, unit.
-
-    Returns:
-        (..., 4, 3).
+    ``G ω = ½ (0, ω) q``. For unit ``q`` it satisfies ``Gᵀ G = I/4``, so ``ω = 4 Gᵀ dq`` is the left rotation of a
+    change of the quaternion: ``R(q + dq) ≈ exp([4 Gᵀ dq]x) R(q)``.
 
     Reference: Solà 2017, "Quaternion kinematics for the error-state Kalman filter" (global rates).
     """
@@ -151,12 +120,6 @@ def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]
     entries = (-x, -y, -z, w, z, -y, -z, w, x, y, -x, w)
     return xp.reshape(xp.stack(entries, axis=-1), (*q.shape[:-1], 4, 3))
 
-
-__all__ = [
-    "cross", "exp_so3", "left_jacobian_inverse_so3", "left_jacobian_so3", "log_so3", "matrix_from_6d",
-    "matrix_from_6d_with_jacobian", "matrix_from_quat", "matrix_to_6d", "quat_conjugate", "quat_from_matrix",
-    "quat_from_rotvec", "quat_left_tangent", "quat_multiply", "rotvec_from_quat", "skew",
-]  # fmt: skip
 
 _SERIES_BELOW = 0.1
 """Squared angle below which the Taylor series of the coefficients are used (six terms: below 1e-17)."""
@@ -188,39 +151,20 @@ def cross(a: Float[Array, "*#batch 3"], b: Float[Array, "*#batch 3"]) -> Float[A
 
 
 def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
-    """Return the rotation about ``v`` by ``|v|``: ``R = I + sinθ/θ [v]x + (1 - cosθ)/θ² [v]x²``.
+    """Return the rotation (..., 3, 3) about ``v`` (..., 3) by ``|v|`` rad.
 
-    Args:
-        v: (..., 3) rotation vectors, rad.
-
-    Returns:
-        (..., 3, 3) rotations.
-
-    Reference: Rodrigues 1840; series at small angles.
+    ``R = I + sinθ/θ [v]x + (1 - cosθ)/θ² [v]x²`` (Rodrigues 1840); series at small angles.
     """
     return _polynomial(v, *_coefficients(v, 0, 1))
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
-    """Return the rotation vector, of length 0..π, with ``exp_so3(v) = R``; accurate at 0 and at π.
-
-    Args:
-        R: (..., 3, 3) rotations.
-
-    Returns:
-        (..., 3) rad.
-    """
+    """Return the rotation vector (..., 3), of length 0..π, with ``exp_so3(v) = R``; accurate at 0 and at π."""
     return rotvec_from_quat(quat_from_matrix(R))
 
 
 def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return ``J`` with ``exp(v + dv) ≈ exp(J dv) exp(v)``: ``I + (1 - cosθ)/θ² [v]x + (θ - sinθ)/θ³ [v]x²``.
-
-    Args:
-        v: (..., 3) rad.
-
-    Returns:
-        (..., 3, 3).
 
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
     """
@@ -229,12 +173,6 @@ def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]
 
 def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
     """Return the inverse of ``left_jacobian_so3``: ``I - ½ [v]x + (1 - θ/2 cot θ/2)/θ² [v]x²``.
-
-    Args:
-        v: (..., 3) rad, shorter than 2π.
-
-    Returns:
-        (..., 3, 3).
 
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2".
     """
@@ -247,12 +185,6 @@ def matrix_from_6d(x: Float[Array, "*batch 6"]) -> Float[Array, "*batch 3 3"]:
 
     ``b1 = a1/|a1|``, ``b2 = (a2 - (b1·a2) b1)/|…|``, ``b3 = b1 × b2``. Columns shorter than 1e-12 are not scaled up to
     length one, so a zero or collinear input yields no rotation but no NaN either.
-
-    Args:
-        x: (..., 6), ``a1 = x[..., :3]`` and ``a2 = x[..., 3:]``.
-
-    Returns:
-        (..., 3, 3) with columns b1, b2, b3.
 
     Reference: Zhou et al. 2019, "On the Continuity of Rotation Representations in Neural Networks", eq. 11-12.
     """
@@ -271,12 +203,6 @@ def matrix_from_6d_with_jacobian(
     """Return ``R(x)`` of ``matrix_from_6d`` and ``J`` with ``R(x + dx) ≈ exp([J dx]x) R(x)``.
 
     From ``ω = b1 (b3·db2) - b2 (b3·db1) + b3 (b2·db1)``, the rotation that carries the frame b1 b2 b3.
-
-    Args:
-        x: (..., 6).
-
-    Returns:
-        R (..., 3, 3) and J (..., 3, 6).
     """
     xp = array_namespace(x)
     b1, b2, b3, length1, length2, along = _gram_schmidt(x)

@@ -11,22 +11,18 @@ Vectors = Float[Array, "*#batch d"]
 """Vectors of R^d whose batches broadcast."""
 
 _SERIES_BELOW = 0.01
-"""Of ``(1 + t²) sin²(ψ/2)``: below it the geodesic's weights come from their series."""
+"""Bound on ``(1 + t²) sin²(ψ/2)`` below which the geodesic's weights come from their series."""
 _SERIES_TERMS = 9
 _NO_ANGLE = 1e-24
-"""Of ``sin²(ψ/2)``: below it nothing is divided by the angle, in single precision either."""
+"""Bound on ``sin²(ψ/2)`` below which nothing is divided by the angle, also in single precision."""
 _SMALL_SQUARE = 1e-8
 """Squared angle in radians below which a series is exact to double precision."""
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
-    """Return ``(v - mean(v)) / |v - mean(v)|``: the unit vector of zero mean nearest to ``v``.
+    """Return ``(v - mean(v)) / |v - mean(v)|``, the nearest unit vector of zero mean; not all entries may be equal.
 
-    Args:
-        v: (..., d), not all entries alike.
-
-    Reference: thesis 6.2.2, spherical normalization (eq. 6.2, the spherical constraint); Zhao et al. 2019, "Latent
-        Variables on Spheres".
+    Reference: thesis 6.2.2 (eq. 6.2); Zhao et al. 2019, "Latent Variables on Spheres".
     """
     xp = array_namespace(v)
     centred = v - xp.mean(v, axis=-1, keepdims=True)
@@ -34,14 +30,7 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
 
 
 def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
-    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along ``v``.
-
-    Args:
-        a: (..., d) unit vectors.
-        v: (..., d) tangent vectors at ``a``.
-
-    Reference: thesis 6.2.3.
-    """
+    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along the tangent ``v`` (thesis 6.2.3)."""
     xp = array_namespace(a, v)
     square = xp.sum(v * v, axis=-1, keepdims=True)
     small = square < _SMALL_SQUARE
@@ -51,13 +40,9 @@ def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
 
 
 def sphere_log(a: Vectors, b: Vectors) -> Vectors:
-    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a``.
+    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a`` (thesis 6.2.3).
 
-    Args:
-        a: (..., d) unit vectors.
-        b: (..., d) unit vectors; where ``b = -a`` a fixed direction orthogonal to ``a`` is taken, of length π.
-
-    Reference: thesis 6.2.3.
+    At ``b = -a`` it is a fixed direction orthogonal to ``a``, of length π.
     """
     xp = array_namespace(a, b)
     gap, sum_ = b - a, b + a
@@ -76,15 +61,12 @@ def sphere_log(a: Vectors, b: Vectors) -> Vectors:
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """Return ``sin(tψ)/sinψ`` and its derivative by ``cosψ``, with ``y = sin²(ψ/2)`` and ``z = cos²(ψ/2)``.
 
-    Near ``ψ = 0`` from the hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)``, which needs no small denominator.
+    The hypergeometric series ``t ₂F₁(1-t, 1+t; 3/2; y)`` near ``ψ = 0`` needs no small denominator. All are (...).
 
     Args:
-        y: (...) in 0..1, |a - b|²/4 of the two ends.
-        z: (...) in 0..1, |a + b|²/4; values at 0 (antipodal points) give large but finite weights.
-        t: (...) any real number.
-
-    Returns:
-        Two arrays (...).
+        y: in 0..1, |a - b|²/4 of the two ends.
+        z: in 0..1, |a + b|²/4; values at 0 (antipodal points) give large but finite weights.
+        t: any real number.
 
     Reference: Shoemake 1985; the series is Chebyshev's U of real order (Abramowitz and Stegun 15.1.16).
     """

@@ -7,28 +7,23 @@ import numpy as np
 from solver_backend.exchange.errors import ShapeMismatch
 from solver_backend.types.shapes import Float
 
+Features = Float[np.ndarray, "samples features"]
 
-def frechet_distance(
-    generated: Float[np.ndarray, "samples features"], real: Float[np.ndarray, "others features"]
-) -> float:
+
+def frechet_distance(generated: Features, real: Features) -> float:
     """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
 
-    The trace of the root is that of ``(Σ_a^½ Σ_b Σ_a^½)^½``, which is symmetric.
-
-    Args:
-        generated: (N, D) features, two samples or more.
-        real: (M, D) features, two samples or more.
+    Both are (N, D) features of two or more samples. The trace of the root is that of the symmetric
+    ``(Σ_a^½ Σ_b Σ_a^½)^½``.
 
     Raises:
-        ShapeMismatch: not such arrays, or NaN.
-
+        ShapeMismatch: other arrays, or NaN.
     Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6; thesis eqs. 4.30, 6.11.
     """
     generated, real = _features(generated), _features(real)
     if generated.shape[1] != real.shape[1]:
-        raise ShapeMismatch(
-            f"Features of lengths {generated.shape[1]} and {real.shape[1]} cannot be compared.", where="metrics"
-        )
+        lengths = f"{generated.shape[1]} and {real.shape[1]}"
+        raise ShapeMismatch(f"Features of lengths {lengths} cannot be compared.", where="metrics")
     cov_a, cov_b = (np.atleast_2d(np.cov(f, rowvar=False)) for f in (generated, real))
     values, vectors = np.linalg.eigh(cov_a)
     root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
@@ -37,17 +32,13 @@ def frechet_distance(
     return float(apart + np.trace(cov_a) + np.trace(cov_b) - 2.0 * shared)
 
 
-def diversity(features: Float[np.ndarray, "samples features"], seed: int) -> float:
-    """Return DIV: the mean distance between the pairs of two random halves, in the features' unit.
+def diversity(features: Features, seed: int) -> float:
+    """Return DIV: the mean distance between the pairs of two random halves of (N, D) features, in their unit.
 
     The thesis pairs 526 of 1,052 generated poses with the other 526; an odd sample is left out.
 
-    Args:
-        features: (N, D) features, two samples or more.
-        seed: of the halves.
-
     Raises:
-        ShapeMismatch: not such an array, or NaN.
+        ShapeMismatch: another array, or NaN.
 
     Reference: thesis eqs. 4.31, 6.12.
     """
@@ -59,18 +50,12 @@ def diversity(features: Float[np.ndarray, "samples features"], seed: int) -> flo
 def _features(values: np.ndarray) -> np.ndarray:
     values = np.asarray(values, dtype=np.float64)
     if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
-        raise ShapeMismatch(
-            f"Features of shape {values.shape} cannot be compared.",
-            where="metrics",
-            hint="(samples, features) are expected: two samples or more, and no NaN.",
-        )
+        hint = "(samples, features) are expected: two samples or more, and no NaN."
+        raise ShapeMismatch(f"Features of shape {values.shape} cannot be compared.", where="metrics", hint=hint)
     return values
 
 
 def spearman(a: np.ndarray, b: np.ndarray) -> float:
-    """Return Spearman's ρ of two (N,) lists without ties, the correlation of their ranks, -1 to 1.
-
-    Reference: Spearman 1904.
-    """
+    """Return Spearman's ρ, the correlation of the ranks of two (N,) lists without ties (Spearman 1904)."""
     ranks = [np.argsort(np.argsort(values)) for values in (a, b)]
     return float(np.corrcoef(ranks[0], ranks[1])[0, 1])

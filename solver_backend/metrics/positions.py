@@ -13,31 +13,20 @@ from solver_backend.types import Cameras, Keypoints2D
 from solver_backend.types.shapes import Float
 
 Expected = tuple["int | str | EllipsisType", ...]
-"""Numbers, names that stand for any number, and as the first entry '...' for any leading dimensions."""
+"""Sizes, names that stand for any size, and as the first entry '...' for any leading dimensions."""
 
 
 def same_shape(found: np.ndarray, truth: np.ndarray, expected: Expected) -> tuple[np.ndarray, np.ndarray]:
-    """Return both arrays as float64 after checking that they have one shape, and that it is the expected one.
-
-    Raises:
-        ShapeMismatch: the shapes differ from each other or from what is expected.
-    """
+    """Return both arrays as float64; raise ``ShapeMismatch`` unless both have the expected shape."""
     found, truth = np.asarray(found, dtype=np.float64), np.asarray(truth, dtype=np.float64)
     if found.shape != truth.shape:
-        raise ShapeMismatch(
-            f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared.",
-            where="metrics",
-            hint=f"Both must be {describe(expected)}.",
-        )
+        message = f"Arrays of shapes {found.shape} and {truth.shape} cannot be compared."
+        raise ShapeMismatch(message, where="metrics", hint=f"Both must be {describe(expected)}.")
     return has_shape(found, expected), truth
 
 
 def has_shape(values: np.ndarray, expected: Expected, name: str = "The array") -> np.ndarray:
-    """Return the array as float64 after checking its shape.
-
-    Raises:
-        ShapeMismatch: it has another shape.
-    """
+    """Return the array as float64; raise ``ShapeMismatch`` unless it has the expected shape."""
     values = np.asarray(values, dtype=np.float64)
     free = bool(expected) and expected[0] is ...
     fixed = expected[1:] if free else expected
@@ -60,57 +49,32 @@ def mean_or_nan(values: np.ndarray) -> float:
 
 
 POINTS = (..., "points", 3)
-"""Shape of what is compared, metres."""
+"""Shape of compared positions, metres. Functions on a pair of arrays raise ``ShapeMismatch`` if the shapes differ."""
+Points = Float[np.ndarray, "*batch points 3"]
+Track = Float[np.ndarray, "frames points 3"]
 
 
-def distances_m(
-    found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]
-) -> Float[np.ndarray, "*batch points"]:
-    """Return the distance of every point to its truth, NaN where either is missing.
-
-    Args:
-        found: (..., N, 3) metres.
-        truth: (..., N, 3) metres, of the very same shape.
-
-    Returns:
-        (..., N) metres.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
-    """
+def distances_m(found: Points, truth: Points) -> Float[np.ndarray, "*batch points"]:
+    """Return the distance (..., N) of every point (..., N, 3) to its truth, metres, NaN where either is missing."""
     found, truth = same_shape(found, truth, POINTS)
     return np.linalg.norm(found - truth, axis=-1)
 
 
-def mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
-    """Return the mean per-joint position error without any alignment, in millimetres.
+def mpjpe_mm(found: Points, truth: Points) -> float:
+    """Return the mean per-joint position error of (..., N, 3) points in metres, without alignment, in millimetres.
 
     ``mean |found - truth|`` over all points that both have; NaN if there is none.
-
-    Args:
-        found: (..., N, 3) metres.
-        truth: (..., N, 3) metres.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
 
     Reference: Ionescu et al. 2014, "Human3.6M", sec. 3.
     """
     return 1000.0 * mean_or_nan(distances_m(found, truth))
 
 
-def rmse_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
-    """Return the mean over samples of the root of the mean squared distance, without alignment, in millimetres.
+def rmse_mm(found: Points, truth: Points) -> float:
+    """Return the mean over samples of the root mean squared distance, without alignment, in millimetres.
 
-    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)``, a sample being a frame. Eq. 4.28 prints the norm without its square,
-    which would have no unit of length. A sample without any point in common takes no part.
-
-    Args:
-        found: (..., J, 3) metres, N samples of J points.
-        truth: (..., J, 3) metres.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
+    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)`` of N samples (frames) of J points (..., J, 3), metres. Eq. 4.28 prints
+    the norm without its square, which has no unit of length. Samples without a common point are left out.
 
     Reference: thesis eq. 4.28.
     """
@@ -122,17 +86,10 @@ def rmse_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray
     return 1000.0 * mean_or_nan(np.sqrt(samples))
 
 
-def pa_mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
+def pa_mpjpe_mm(found: Points, truth: Points) -> float:
     """Return the MPJPE after each frame is aligned to its truth by the best similarity (scale, rotation, translation).
 
-    Points that either side lacks take no part; frames with fewer than three common points are left out.
-
-    Args:
-        found: (..., N, 3) metres.
-        truth: (..., N, 3) metres.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
+    Points (..., N, 3) that either side lacks, and frames with fewer than three common points, are left out.
 
     Reference: Umeyama 1991.
     """
@@ -148,21 +105,10 @@ def pa_mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.nda
     return 1000.0 * mean_or_nan(np.where(both, np.linalg.norm(aligned - truth, axis=-1), np.nan))
 
 
-def pck_percent(
-    found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"], threshold_m: float
-) -> float:
-    """Return the share of points within ``threshold_m`` of their truth, in percent, without alignment.
+def pck_percent(found: Points, truth: Points, threshold_m: float) -> float:
+    """Return the share of points (..., N, 3) within ``threshold_m`` of their truth, in percent, without alignment.
 
-    A point that was not found though its truth is known counts as wrong; points without truth take no part. The
-    thesis reports 3 cm and 7 cm.
-
-    Args:
-        found: (..., N, 3) metres.
-        truth: (..., N, 3) metres.
-        threshold_m: metres.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
+    A missing point with known truth counts as wrong; points without truth are left out. The thesis reports 3 and 7 cm.
 
     Reference: Yang and Ramanan 2013, "Articulated human detection with flexible mixtures of parts"; thesis
         6.3.4, eq. 4.29.
@@ -175,19 +121,9 @@ def pck_percent(
 def geodesic_deg(
     found: Float[np.ndarray, "*batch 3 3"], truth: Float[np.ndarray, "*batch 3 3"]
 ) -> Float[np.ndarray, " *batch"]:
-    """Return the angle of the rotation that leads from one to the other, in degrees.
+    """Return the angle (...) of the rotation between (..., 3, 3) rotations, in degrees 0..180, NaN where missing.
 
-    ``2 asin(|A - B|_F / (2 √2))``, which keeps its digits for small angles, where the arc cosine of the trace does not.
-
-    Args:
-        found: (..., 3, 3) rotations.
-        truth: (..., 3, 3) rotations.
-
-    Returns:
-        (...) degrees in 0..180, NaN where either is missing.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
+    ``2 asin(|A - B|_F / (2 √2))`` keeps its digits for small angles, unlike the arc cosine of the trace.
 
     Reference: Hartley et al. 2013, "Rotation averaging", sec. 4.
     """
@@ -199,15 +135,7 @@ def geodesic_deg(
 def angle_mae_deg(
     found: Float[np.ndarray, "*batch joints 3 3"], truth: Float[np.ndarray, "*batch joints 3 3"]
 ) -> float:
-    """Return the mean angular error of the kinematic chain (thesis 6.3.4), in degrees.
-
-    Args:
-        found: (..., J, 3, 3) rotations of the joints against their parents.
-        truth: (..., J, 3, 3) rotations.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
-    """
+    """Return the mean angular error of (..., J, 3, 3) rotations of joints against their parents, degrees (6.3.4)."""
     same_shape(found, truth, (..., "joints", 3, 3))
     return mean_or_nan(geodesic_deg(found, truth))
 
@@ -216,40 +144,17 @@ SKATING_HEIGHT_M = 0.025
 """Height below which a toe counts as standing (thesis 6.3.4, H_thr)."""
 
 
-def accelerations_m_s2(
-    points: Float[np.ndarray, "frames points 3"], fps: float
-) -> Float[np.ndarray, "accelerations points 3"]:
-    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²`` (thesis 6.3.4).
+def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
+    """Return the second differences ``(x_{f+1} - 2 x_f + x_{f-1}) fps²``, (F - 2, N, 3) m/s² (thesis 6.3.4).
 
-    Args:
-        points: (F, N, 3) metres.
-        fps: frames per second.
-
-    Returns:
-        (F - 2, N, 3) m/s², NaN where one of the three frames is missing; empty for fewer than three frames.
-
-    Raises:
-        ShapeMismatch: the array is not (F, N, 3).
+    They are NaN where one of the three frames is missing, and empty for fewer than three frames.
     """
     points = has_shape(points, ("frames", "points", 3))
     return (points[2:] - 2.0 * points[1:-1] + points[:-2]) * fps**2
 
 
-def accel_error_m_s2(
-    found: Float[np.ndarray, "frames points 3"], truth: Float[np.ndarray, "frames points 3"], fps: float
-) -> float:
-    """Return the mean length of the difference between found and true accelerations, in m/s².
-
-    Args:
-        found: (F, N, 3) metres.
-        truth: (F, N, 3) metres.
-        fps: frames per second.
-
-    Returns:
-        m/s²; NaN for fewer than three frames.
-
-    Raises:
-        ShapeMismatch: the shapes differ.
+def accel_error_m_s2(found: Track, truth: Track, fps: float) -> float:
+    """Return the mean length of the difference between accelerations, m/s²; NaN for fewer than three frames.
 
     Reference: Kanazawa et al. 2019, "Learning 3D human dynamics from video", sec. 4.
     """
@@ -259,21 +164,11 @@ def accel_error_m_s2(
 
 
 def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
-    """Return how far toes slide along the floor while they stand on it, in centimetres per frame.
+    """Return the sliding of (F, N, 3) standing toes along the floor, Z up, in centimetres per frame.
 
-    ``FS = 1/N Σ v (2 - 2^(h/H))`` over the frames with ``h ≤ H``, where ``v`` is the horizontal way to the next frame,
-    ``h`` the height and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number of frames, which is
-    what its unit (cm/frame) states; a toe below the floor counts as on it.
-
-    Args:
-        toes: (F, N, 3) metres, Z up.
-        floor_m: height of the floor.
-
-    Returns:
-        cm/frame, averaged over the toes; NaN for fewer than two frames.
-
-    Raises:
-        ShapeMismatch: the array is not (F, N, 3).
+    ``FS = 1/N Σ v (2 - 2^(h/H))`` over frames with ``h ≤ H``: ``v`` is the horizontal way to the next frame, ``h`` the
+    height above the floor, at least 0, and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number
+    of frames, as its unit says. NaN for fewer than two frames.
 
     Reference: Mir et al. 2023, "Generating continual human motion in diverse 3D scenes" (thesis, reference 204).
     """
@@ -289,17 +184,11 @@ _FRAMES = 2000
 
 
 def reprojection_px(
-    cameras: Cameras, points: Float[np.ndarray, "frames points 3"], keypoints: Keypoints2D
+    cameras: Cameras, points: Track, keypoints: Keypoints2D
 ) -> Float[np.ndarray, "views frames points"]:
-    """Return the distance between each detection and the projection of its point.
+    """Return the distance (C, F, K) between each detection and the projection of its point (F, K, 3), pixels.
 
-    Args:
-        cameras: C cameras, in the order of the views.
-        points: (F, K, 3) world metres.
-        keypoints: C views of F frames with K keypoints.
-
-    Returns:
-        (C, F, K) pixels, NaN where there is no detection or no visible point.
+    It is NaN without a detection or a visible point. Cameras are in the order of the views.
 
     Raises:
         ShapeMismatch: the points do not fit the detections, or the cameras the views.

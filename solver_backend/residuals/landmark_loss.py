@@ -72,8 +72,8 @@ class LearnedVariances:
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
 
-        The root of ``exp(-s) r² = 1 + 4 λ s``: its left side less its right one falls and is convex, so that Newton's
-        steps come from the left of the root once they are there.
+        It solves ``exp(-s) r² = 1 + 4 λ s``. The left side less the right is falling and convex, so Newton's method
+        converges from the left.
         """
         s = np.log1p(squared)
         s = s - np.log1p(4.0 * self.weight * s)
@@ -83,12 +83,7 @@ class LearnedVariances:
         return s
 
     def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative by r², as a robust kernel has them.
-
-        Args:
-            squared: r², any shape.
-            scale: of no use, for the learned variances are robust enough.
-        """
+        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s and its derivative by r²; no robust scale is needed."""
         s = self.best(squared)
         precision = np.exp(-s)
         return precision * squared + s + 2.0 * self.weight * s * s, precision
@@ -110,14 +105,12 @@ class LearnedVariances:
 class AdaptiveLoss:
     """Barron's general loss ``|α - 2|/α ((r²/c² / |α - 2| + 1)^(α/2) - 1)`` of a fixed shape α.
 
-    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's; the lower, the less outliers count. Its limits at 2 and
-    0 are taken.
+    α = 2 is least squares, 0 Cauchy's loss, -2 Geman-McClure's; lower values count outliers less.
 
     Reference: Barron 2019, "A general and adaptive robust loss function", eqs. 1, 8 and 9.
     """
 
     alpha: float
-    """Shape."""
     scale: float = 1.0
     """c, in first standard deviations."""
 
@@ -156,11 +149,11 @@ class LearnedPositionTerm:
     """λ."""
 
     def select(self, frames: Any) -> LearnedPositionTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
+        """Return the term of the frames at these indices or of this slice."""
         return LearnedPositionTerm(self.positions[frames], self.weight[frames], self.loss)
 
     def astype(self, precision: Any) -> LearnedPositionTerm:
-        """Return the term with its arrays in a precision of their own kind."""
+        """Return the term in a precision."""
         return LearnedPositionTerm(self.positions.astype(precision), self.weight.astype(precision), self.loss)
 
     def precisions(self, points: np.ndarray) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Distance of landmarks to measured 3D positions (triangulated keypoints, optical markers)."""
+"""Distances of landmarks to measured 3D positions: triangulated keypoints, optical markers, planted feet."""
 
 from __future__ import annotations
 
@@ -7,20 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
+from solver_backend.geometry.arrays import Array, Rows, array_namespace, astype, constant, identity
 from solver_backend.geometry.small_matrices import dot, inverse_symmetric_3x3
 from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 
 
 @dataclass(frozen=True)
-class PositionTerm:
+class PositionTerm(Rows):
     """``E = 1/2 sum_i rho(sqrt(w_i e_i' M_i e_i))``, ``e_i = y_i - m_i``, with Geman-McClure's rho.
 
-    ``w M`` is the inverse of the noise's covariance; noise alike in all directions has M = 1 and ``w = 1/sigma²``.
+    ``w M`` is the inverse of the noise's covariance; isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
     positions: Array
-    """(F, L, 3) metres, finite everywhere (anything where the weight is 0)."""
+    """(F, L, 3) metres, finite; arbitrary where the weight is 0."""
     weight: Array
     """(F, L) inverse variance in 1/m², the mean over the axes; 0 = not observed."""
     metric: Array | None = None
@@ -28,32 +28,18 @@ class PositionTerm:
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
-        """Build the term of positions whose noise is not alike in all directions.
+        """Build the term of positions with anisotropic noise.
 
         Args:
             positions: (F, L, 3) metres, NaN where nothing was observed.
             covariance: (F, L, 3, 3) m², positive definite wherever something was.
-            like: array that sets kind, type and device.
         """
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))
         variance = np.trace(covariance, axis1=-2, axis2=-1) / 3.0
         metric = variance[..., None, None] * inverse_symmetric_3x3(covariance, smallest=0.0)
-        return cls(
-            constant(np.where(seen[..., None], positions, 0.0), like),
-            constant(seen / variance, like),
-            constant(metric, like),
-        )
-
-    def select(self, frames: Any) -> PositionTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
-        metric = None if self.metric is None else self.metric[frames]
-        return PositionTerm(self.positions[frames], self.weight[frames], metric)
-
-    def astype(self, precision: Any) -> PositionTerm:
-        """Return the term in a precision; single holds a metre to 0.1 µm."""
-        metric = None if self.metric is None else astype(self.metric, precision)
-        return PositionTerm(astype(self.positions, precision), astype(self.weight, precision), metric)
+        positions = np.where(seen[..., None], positions, 0.0)
+        return cls(*(constant(part, like) for part in (positions, seen / variance, metric)))
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
@@ -66,7 +52,7 @@ class PositionTerm:
         return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * whitened, weight[..., None] * metric)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return what (F, L, 3) positions leave unexplained, in metres."""
+        """Return the residuals at (F, L, 3) positions, in metres."""
         xp = array_namespace(points)
         error = points - self.positions
         measured = self.weight > 0
@@ -75,7 +61,7 @@ class PositionTerm:
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (1, F, L): a point that is measured once takes over all of its error."""
+        """Return (1, F, L): a point measured once takes over all of its error."""
         return array_namespace(points).astype(used, points.dtype)
 
     def rescaled(self, variance: Array) -> PositionTerm:
@@ -83,7 +69,6 @@ class PositionTerm:
         return replace(self, weight=(self.weight[None] / variance)[0])
 
     def _by_metric(self, error: Array) -> Array:
-        """Return M e of (F, L, 3) errors."""
         if self.metric is None:
             return error
         return array_namespace(error).matmul(self.metric, error[..., None])[..., 0]
@@ -93,15 +78,15 @@ class PositionTerm:
 class RelativePositionTerm:
     """``E = 1/2 sum_i c rho(sqrt(e_i' W_i e_i))``, ``e_i = y_i - m_i - t``, with Geman-McClure's rho.
 
-    ``t = S⁻¹ Σ_i W_i (y_i - m_i)``, ``S = Σ_i W_i``, is the shift of all points that suits best: it costs nothing.
+    ``t = S⁻¹ Σ_i W_i (y_i - m_i)``, ``S = Σ_i W_i``, is the best common shift of all points, which costs nothing.
     """
 
     positions: Array
     """(F, L, 3) metres, finite everywhere."""
     precision: Array
-    """(F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is not known."""
+    """(F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is unknown."""
     share: float
-    """c: how much one frame counts, where the errors of frames are correlated."""
+    """c, the weight of one frame where errors of frames are correlated."""
 
     @classmethod
     def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
@@ -109,7 +94,7 @@ class RelativePositionTerm:
         return cls(constant(positions, like), constant(precision, like), share)
 
     def select(self, frames: Any) -> RelativePositionTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
+        """Return the term of the frames at these indices or of this slice."""
         return RelativePositionTerm(self.positions[frames], self.precision[frames], self.share)
 
     def astype(self, precision: Any) -> RelativePositionTerm:
@@ -117,10 +102,7 @@ class RelativePositionTerm:
         return RelativePositionTerm(astype(self.positions, precision), astype(self.precision, precision), self.share)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
-        """Return the evidence at (F, L, 3) positions; its gradients add up to zero.
-
-        The information is that of the points without their common shift: see ``without_shift``.
-        """
+        """Return the evidence at (F, L, 3) positions; see ``without_shift`` for its information."""
         xp = array_namespace(points)
         off = points - self.positions
         pulled = xp.matmul(self.precision, off[..., None])[..., 0]
@@ -131,7 +113,7 @@ class RelativePositionTerm:
         whitened = xp.matmul(self.precision, error[..., None])[..., 0]
         penalty, robust = geman_mcclure(xp.sum(error * whitened, axis=-1), scale)
         pull = self.share * robust[..., None] * whitened
-        # The shift follows every point: what all are pulled by comes off again.
+        # The shift follows every point, so the common part of the pull comes off again.
         total = xp.matmul(inverse, xp.sum(pull, axis=1)[..., None])
         gradient = pull - xp.matmul(self.precision, total[:, None])[..., 0]
         information = self.share * robust[..., None, None] * self.precision
@@ -139,7 +121,7 @@ class RelativePositionTerm:
 
 
 def without_shift(across: Array, total: Array) -> Array:
-    """Return (F, n, n): what a common shift takes off the equations of points, ``Bᵀ S⁻¹ B``.
+    """Return (F, n, n): what a common shift removes from the equations of points, ``Bᵀ S⁻¹ B``.
 
     Args:
         across: (F, 3, n) B, the points' information times their derivative, summed over the points.
@@ -152,16 +134,9 @@ def without_shift(across: Array, total: Array) -> Array:
 
 
 SIGMA_M = 0.006
-"""How far a planted point's skin and shoe give; chosen by hand."""
+"""Standard deviation of a planted point on its skin and shoe, metres; chosen by hand."""
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:
-    """Return ``E = 1/2 sum_i rho(|y_i - a_i| / sigma)`` over the planted points i with their anchors a.
-
-    Args:
-        planted: (F, L) bool.
-        anchors: (F, L, 3) metres, finite everywhere.
-        like: array that sets kind, type and device.
-        sigma_m: standard deviation of a planted point.
-    """
+    """Return the term of (F, L) planted points at their (F, L, 3) anchors, metres, finite."""
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))

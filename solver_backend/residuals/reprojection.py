@@ -21,7 +21,7 @@ class ReprojectionTerm:
 
     cameras: CameraArrays
     xy: Array
-    """(C, F, L, 2) px, finite everywhere (anything where the weight is 0)."""
+    """(C, F, L, 2) px, finite; arbitrary where the weight is 0."""
     weight: Array
     """(C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed."""
     confidence: Array
@@ -31,25 +31,15 @@ class ReprojectionTerm:
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
-        """Build the term of a capture.
-
-        Args:
-            cameras: C calibrated cameras.
-            keypoints: detections of the same C views.
-            sigma_px: standard deviation of each detection, broadcast against (C, F, L).
-            like: array that sets kind, type and device.
-        """
+        """Build the term of C cameras' detections; ``sigma_px`` is broadcast against (C, F, L)."""
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
-        return cls(
-            CameraArrays.of(cameras, like),
-            constant(xy, like),
-            constant(keypoints.confidence / np.asarray(sigma_px) ** 2, like),
-            constant(keypoints.confidence, like),
-        )
+        weight = keypoints.confidence / np.asarray(sigma_px) ** 2
+        parts = (constant(part, like) for part in (xy, weight, keypoints.confidence))
+        return cls(CameraArrays.of(cameras, like), *parts)
 
     def select(self, frames: Any) -> ReprojectionTerm:
-        """Return the term of the frames at these indices (or of this slice)."""
+        """Return the term of the frames at these indices or of this slice."""
         xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))
         return replace(self, xy=xy, weight=weight, confidence=confidence)
 
@@ -70,7 +60,7 @@ class ReprojectionTerm:
         # The penalty sees the residual in standard deviations; the confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
         penalty, robust = self.penalty(per_sigma * squared_length(error), scale)
-        # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
+        # A point that leaves a camera's view pays as an outlier does, so that hiding never helps.
         hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
         # All views of a landmark at once: Σ_c w Jᵀ [J e].
@@ -79,31 +69,26 @@ class ReprojectionTerm:
         weighted_rows = xp.reshape(weighted_rows, (frames, landmarks, 2 * views, 3))
         rows = xp.reshape(xp.permute_dims(rows, (1, 2, 0, 3, 4)), (frames, landmarks, 2 * views, 4))
         summed = xp.matmul(xp.matrix_transpose(weighted_rows), rows)
-        information, gradient = summed[..., :3], summed[..., 3]
-        return PointEvidence(cost, gradient, information)
+        return PointEvidence(cost, summed[..., 3], summed[..., :3])
 
     def rescaled(self, variance: Array) -> ReprojectionTerm:
         """Return the term with the noise's variance multiplied by a factor, broadcast against (C, F, L)."""
         return replace(self, weight=self.weight / variance)
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (C, F, L) the share of each view's own error that a point fitted to all used views takes over.
-
-        ``h_c = tr(w_c J_c S⁻¹ J_cᵀ) / 2`` with ``S = Σ_c w_c J_cᵀ J_c``.
-        """
+        """Return (C, F, L), the share of each view's error that a fitted point takes over; see ``DataTerm``."""
         xp = array_namespace(points)
         _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))
         J = xp.where(used[..., None, None], J, xp.zeros_like(J))
         own = weight[..., None, None] * xp.matmul(xp.matrix_transpose(J), J)
         S = xp.sum(own, axis=0)
-        eye = identity(3, S)
         loading = 1e-9 + 1e-6 * xp.linalg.trace(S)
-        inverse = xp.linalg.inv(S + loading[..., None, None] * eye)
+        inverse = xp.linalg.inv(S + loading[..., None, None] * identity(3, S))
         return 0.5 * xp.sum(xp.sum(own * inverse, axis=-1), axis=-1)
 
     def residuals(self, points: Array) -> Residuals:
-        """Return what (F, L, 3) positions leave unexplained, in pixels."""
+        """Return the residuals at (F, L, 3) positions, in pixels."""
         xp = array_namespace(points)
         px = project(self.cameras, points)
         error = px - self.xy

@@ -1,7 +1,4 @@
-"""Terms on landmark positions: what each gives the solver is a quadratic model around them.
-
-All views of one landmark collapse into one 3x3 matrix, so the number of cameras leaves the solver's hot loop.
-"""
+"""Terms on landmark positions and poses, each a quadratic model; a landmark's views collapse into one 3x3 matrix."""
 
 from __future__ import annotations
 
@@ -15,11 +12,11 @@ class FrameTerm(Protocol):
     """A term of F frames."""
 
     def select(self, frames: Any) -> Self:
-        """Return the term of the frames at these indices (or of this slice)."""
+        """Return the term of the frames at these indices or of this slice."""
         ...
 
     def astype(self, precision: Any) -> Self:
-        """Return the term with its arrays in a precision of their own kind."""
+        """Return the term in a precision."""
         ...
 
 
@@ -34,8 +31,7 @@ class PointEvidence:
     information: Array
     """(F, L, 3, 3) Gauss-Newton Hessian, 1/m²."""
     shared: Array | None = None
-    """(F, R, L, 3) rows whose squares the Hessian lacks: what an error that landmarks have in common takes away; None
-    where they have none."""
+    """(F, R, L, 3) rows whose squares the Hessian lacks, of an error that landmarks share; None without one."""
 
     def __add__(self, other: PointEvidence) -> PointEvidence:
         rows = [evidence.shared for evidence in (self, other) if evidence.shared is not None]
@@ -48,7 +44,7 @@ class PointEvidence:
 
 
 class PointTerm(FrameTerm, Protocol):
-    """Anything that evaluates landmark positions of a range of frames."""
+    """A term on landmark positions."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) positions; ``scale`` is the robust scale in standard deviations."""
@@ -57,18 +53,18 @@ class PointTerm(FrameTerm, Protocol):
 
 @dataclass(frozen=True)
 class Residuals:
-    """What landmark positions leave unexplained of V views' measurements in d dimensions; markers are one view."""
+    """Errors of V views' measurements in d dimensions; markers are one view."""
 
     error: Array
-    """(V, F, L, d) in the measurement's own unit, 0 where nothing was measured."""
+    """(V, F, L, d) in the measurement's unit, 0 where nothing was measured."""
     squared: Array
-    """(V, F, L) squared length of the error in the noise's variances."""
+    """(V, F, L) squared length of the error in variances of the noise."""
     measured: Array
     """(V, F, L) bool."""
 
     def inliers(self, scale: float) -> Array:
         """Return (V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
-        return self.measured & (self.squared < scale * scale)
+        """(V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
 
     @property
     def deviations(self) -> Array:
@@ -81,13 +77,13 @@ class DataTerm(PointTerm, Protocol):
     """A point term of measurements, whose noise can be learned."""
 
     def residuals(self, points: Array) -> Residuals:
-        """Return what (F, L, 3) positions leave unexplained."""
+        """Return the residuals at (F, L, 3) positions."""
         ...
 
     def leverage(self, points: Array, used: Array) -> Array:
-        """Return (V, F, L) the share of each view's own error that a point fitted to all used views takes over.
+        """Return (V, F, L), the share of each view's error that a point fitted to all used views takes over.
 
-        ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``: the mean diagonal of the hat matrix.
+        It is the mean diagonal of the hat matrix: ``h_v = tr(w_v J_v S⁻¹ J_vᵀ) / d`` with ``S = Σ_v w_v J_vᵀ J_v``.
         """
         ...
 
@@ -105,18 +101,18 @@ class PoseEvidence:
     gradient: Array
     """(F, 3 J) by the joints' left tangents, 1/rad."""
     factors: Array
-    """(F, n) what the term's ``hessian`` is formed from, where it is asked for."""
+    """(F, n) input of the term's ``hessian``."""
 
 
 class PoseTerm(FrameTerm, Protocol):
-    """Anything that evaluates poses one by one."""
+    """A term on poses."""
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations."""
         ...
 
     def hessian(self, factors: Array) -> Array:
-        """Return the (F, 3 J, 3 J) positive semidefinite matrices that these factors stand for, 1/rad²."""
+        """Return the (F, 3 J, 3 J) positive semidefinite matrices of these factors, 1/rad²."""
         ...
 
 

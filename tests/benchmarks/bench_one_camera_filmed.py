@@ -31,7 +31,7 @@ from tests.support.limb_errors import LIMBS, limb_errors
 
 SPEC: dict[str, Any] = {
     "name": "one_camera", "seed": 3, "fps": 30, "frames": 90, "people": {"count": 1}, "perturb": "detector",
-    "rigs": [{"layout": "ring", "count": 2, "size": [640, 480], "radius_m": 3.4, "height_m": 1.4}],
+    "camera_arrays": [{"layout": "ring", "count": 2, "size": [640, 480], "radius_m": 3.4, "height_m": 1.4}],
     "looks": [{"name": "plain", "clothes": "random", "hair": "random", "light": "day", "furniture": 0}],
     "film": ["rgb"], "write": ["video"], "rgb": {"engine": "workbench"}, "joint_set": "MEDIAPIPE_33",
 }  # fmt: skip

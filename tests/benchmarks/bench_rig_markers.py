@@ -72,7 +72,7 @@ def filmed(place: Path) -> list[Shot]:
     """Render both takes."""
     spec = spec_of({
         "seed": 2, "fps": FPS, "frames": FRAMES, "motions": ["choreography", str(recordings_folder() / WALK)],
-        "rigs": ["azure_kinect_3"], "looks": ["suit"], "film": ["infrared", "depth"],
+        "camera_arrays": ["azure_kinect_3"], "looks": ["suit"], "film": ["infrared", "depth"],
     })  # fmt: skip
     make_data_set(spec, place)
     found = []

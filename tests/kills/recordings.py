@@ -14,7 +14,7 @@ from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
 
 _SPEC = {
-    "rigs": [{"preset": "azure_kinect_3", "scale": 0.2}], "frames": 6, "fps": 10, "film": ["masks"],
+    "camera_arrays": [{"preset": "azure_kinect_3", "scale": 0.2}], "frames": 6, "fps": 10, "film": ["masks"],
     "write": ["pose2sim", "c3d"], "seed": 9,
 }  # fmt: skip
 _PICTURES = 90

@@ -34,7 +34,7 @@ FOOTAGE_SIZE = 160, 120
 PLAYED_OAK = Path(__file__).with_name("played_oak")
 """A folder for PYTHONPATH, in which ``depthai`` plays cameras that nobody has."""
 _STUDIO = {
-    "rigs": [{"preset": "azure_kinect_3", "scale": 0.3}], "frames": 40, "fps": 20, "film": ["masks"],
+    "camera_arrays": [{"preset": "azure_kinect_3", "scale": 0.3}], "frames": 40, "fps": 20, "film": ["masks"],
     "write": ["pose2sim"], "perturb": "detector", "seed": 9,
 }  # fmt: skip
 
@@ -67,7 +67,7 @@ def write_inputs(folder: Path) -> None:
     (folder / "spec.json").write_text(json.dumps(_STUDIO))
     made = _STUDIO | {"frames": 5}
     make_data_set(spec_of(made), folder / "set")
-    (folder / "floor.json").write_text(json.dumps({"rigs": ["oak_d_4"], "perturb": "detector"}))
+    (folder / "floor.json").write_text(json.dumps({"camera_arrays": ["oak_d_4"], "perturb": "detector"}))
 
 
 def _filmed_small(cameras: Cameras) -> Cameras:

@@ -11,7 +11,7 @@ from typing import Protocol
 import numpy as np
 
 from solver_backend.fitters.model.states import Keyframes
-from solver_backend.geometry.arrays import Array, array_namespace, constant, to_numpy
+from solver_backend.geometry.arrays import Array, Rows, array_namespace, constant, to_numpy
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class KeyframeLayout:
 
 
 @dataclass(frozen=True)
-class WindowRows:
+class WindowRows(Rows):
     """Frames by window: N rows of n frames; shorter rows are padded with frames of weight 0."""
 
     frames: np.ndarray
@@ -142,10 +142,6 @@ class WindowRows:
         weight = self.weight[:, columns]
         weight = weight * (self.weight.sum(axis=1) / weight.sum(axis=1))[:, None]
         return WindowRows(self.frames[:, columns], self.time[:, columns], weight)
-
-    def select(self, windows: slice) -> WindowRows:
-        """Return the rows of these windows."""
-        return WindowRows(self.frames[windows], self.time[windows], self.weight[windows])
 
 
 class Interpolant(Protocol):

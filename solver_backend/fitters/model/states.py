@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Self
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, PoseLayout, StateLayout
-from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity, index, zeros
+from solver_backend.geometry.arrays import Array, Rows, array_namespace, constant, identity, index, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, quat_from_rotvec, quat_multiply
 from solver_backend.geometry.sphere import ZeroMeanSphere, spherical_normalisation
 from solver_backend.priors.base import PosePrior
@@ -127,45 +126,6 @@ def d_pose_d_state(
             first = layout.turns.start + 3 * number
             jacobian[:, pose.joint(joint), first : first + 3] = share * by_residual[:, joint]
     return jacobian
-
-
-@dataclass(frozen=True)
-class Rows:
-    """Arrays with one row per frame or key; fields that are None stay None."""
-
-    @property
-    def arrays(self) -> tuple[Array | None, ...]:
-        """The fields, in their order."""
-        return tuple(getattr(self, field.name) for field in fields(self))
-
-    def _replaced_by(self, values: Iterable[Array | None]) -> Self:
-        return replace(self, **dict(zip((field.name for field in fields(self)), values, strict=True)))
-
-    def select(self, rows: Any) -> Self:
-        """Return the rows at these indices, of this slice or where this mask is true."""
-        return self._replaced_by(None if part is None else part[rows] for part in self.arrays)
-
-    def astype(self, precision: Any) -> Self:
-        """Return the rows in a precision."""
-        return self._replaced_by(None if part is None else astype(part, precision) for part in self.arrays)
-
-    def where(self, mask: Array, other: Self) -> Self:
-        """Return these rows where the mask is true, and the other's elsewhere."""
-        xp = array_namespace(mask)
-
-        def pick(own: Array | None, others: Array | None) -> Array | None:
-            if own is None or others is None:
-                return own
-            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
-
-        return self._replaced_by(map(pick, self.arrays, other.arrays))
-
-    @classmethod
-    def concatenate(cls, parts: Sequence[Self]) -> Self:
-        """Return the rows of all parts, one part after the other."""
-        columns = list(zip(*(part.arrays for part in parts), strict=True))
-        xp = array_namespace(columns[0][0])
-        return parts[0]._replaced_by(None if column[0] is None else xp.concat(column) for column in columns)
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What one camera leaves open, stated: deviations along the line of sight, and the limbs whose depth is a guess."""
+"""Uncertainty of a solve from one camera: deviations along the line of sight, and limbs of uncertain depth."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
@@ -28,65 +29,56 @@ from solver_backend.residuals.terms import DataTerm, PointTerm
 from solver_backend.types import Motion
 
 ALIKE = 0.9
-"""Lifted depths are off by so many of the lifter's deviations in solved takes, and for so long that a bundle averages
-none of it out. Like ``ACROSS_M`` set on eight takes of subjects 01, 08, 09, 60 and 127, so that 95 % ellipsoids hold 90
-to 97 %."""
+"""Factor on the lifter's deviations for lifted depths, whose errors last too long to average out. Set with ``ACROSS_M``
+on eight takes of subjects 01, 08, 09, 60 and 127, so that 95 % ellipsoids hold 90 to 97 %."""
 ACROSS_M = 0.015
-"""What a body of average proportions and an unseen bias of the detector leave across the picture, per axis."""
+"""Error across the picture, per axis, from average proportions and the detector's bias."""
 OPEN_M = 0.15
-"""A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""
+"""A limb's depth is uncertain if its end's deviation along the line of sight exceeds this: half a step."""
 FLIP_CHANCE = 0.01
-"""It is open, too, where the chance is larger that one of its bones points the other way. That is so in a seventh of
-the limb frames of 18 takes of subjects 01, 08, 09 and 60, which hold 73 % of their flips."""
+"""It is also uncertain if the chance that one of its bones is flipped exceeds this: a seventh of the limb frames of 18
+takes of subjects 01, 08, 09 and 60, with 73 % of their flips."""
 SHORTEST_S = 0.2
-"""A shorter stretch is not worth a look."""
+"""Shorter frame ranges are not reported."""
 STANDS_SHARE = 0.02
-"""Of feet and frames; in fewer, nothing locates the floor. A walker's feet stand in half of them."""
-LIMB_ENDS = {
-    "left_wrist": "left arm",
-    "right_wrist": "right arm",
-    "left_ankle": "left leg",
-    "right_ankle": "right leg",
-    "head": "head",
-}
-"""Joints by which limbs are named."""
+"""With a smaller share of standing feet in all frames nothing locates the floor. A walker has half."""
+LIMB_ENDS = {f"{side}_{end}": f"{side} {part}" for end, part in (("wrist", "arm"), ("ankle", "leg")) for side in SIDES}
+LIMB_ENDS["head"] = "head"
+"""Limb of each end joint."""
 
 
 @dataclass(frozen=True)
 class OneView:
-    """What a single camera leaves open."""
+    """Uncertainty that a single camera leaves."""
 
     camera: str
-    """Its name."""
     centre: np.ndarray
     """(3,) place of the camera, metres."""
     size_sigma: float
-    """Standard deviation of the person's size and distance, as a share: alike in all frames."""
+    """Relative standard deviation of the person's size and distance, common to all frames."""
     focal_sigma: float
-    """The same of the focal length, by which distances alone are wrong."""
+    """The same of the focal length, which affects distances only."""
     size_source: str
-    """What the size is from."""
+    """Source of the size, for people."""
     up_from_person: bool
-    """Up and floor of the world were found from the person."""
+    """Up and floor were estimated from the person."""
     sight: np.ndarray
     """(F, 3) unit direction from the camera to the person."""
     sight_sigma_m: np.ndarray
-    """(F, J) standard deviation along the line of sight of each recorded joint about the body's middle, as the lifter
-    has it, metres."""
+    """(F, J) lifter's standard deviation of each recorded joint along the line of sight, about the body's middle."""
     slant_chances: np.ndarray
     """(F, 8, 3) chances that each bone of arms and legs points towards the camera, across or away from it."""
 
 
 @dataclass(frozen=True)
 class OneCamera(PointSource):
-    """Keypoints that one camera sees, with the pose that was lifted from them."""
+    """Keypoints of one camera, with the lifted pose."""
 
     views: ViewPoints
-    """Detections of all cameras, of which one has any."""
+    """Detections of all cameras; one of them has some."""
     open: OneView
-    """What it leaves open."""
     floor: tuple[PointTerm, ...]
-    """The floor, where the person's feet show it."""
+    """The floor, if the person's feet show it."""
     lifted: RelativePositionTerm
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 
@@ -107,7 +99,7 @@ class OneCamera(PointSource):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Calm the depth, state how far off it may be, and bring parts that nothing informs to rest."""
+        """Smooth the depth, widen its deviations, and bring parts without evidence to rest."""
         solved = steady_depth(solved, self.open, problem.fps)
         solved = with_open_depth(solved, self.open, np.asarray(solved.subject.body.recorded_joints))
         found = diagnose_one_view(solved, self.open, problem)
@@ -126,22 +118,19 @@ class OneCamera(PointSource):
         return self.views.constant_m(layout)
 
     def learn_noise(self, bundle: Bundle) -> DataTerm:
-        """Keep the noise: one camera would take every wrong depth for noise."""
+        """Keep the noise: with one camera every wrong depth would count as noise."""
         return bundle.data
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Return the solution with the deviations that one camera leaves.
+    """Return the solution with one camera's deviations: ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ``.
 
-    ``Σ + a² 1 + ((k l)² + f² z²) d dᵀ + s² p pᵀ`` with ``ACROSS_M`` a, ``ALIKE`` k, and the lifter's deviation l.
-
-    A person s times as large and as far away looks the same, p from the camera to the joint; with a focal length that
-    is f too long everybody is as much too far along the line of sight d. Both are alike in all frames, so that no
-    number of frames takes them away.
+    a is ``ACROSS_M``, k ``ALIKE``, l the lifter's deviation, d the line of sight, and p the joint from the camera. A
+    person s times as large and as far away looks the same, and a focal length f too long moves everybody away by as
+    much. Both errors are common to all frames and do not average out.
 
     Args:
-        one: what is open.
-        joints: (J,) joints of the body whose covariances there are.
+        joints: (J,) recorded joints of the body.
     """
     if solved.covariance is None:
         return solved
@@ -159,7 +148,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return what a result of one camera always reports, and the limbs whose depth is open."""
+    """Return the standard diagnostics of one camera, and limbs of uncertain depth."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))
@@ -184,7 +173,6 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
 
 
 def _all_joints(solved: SolvedFrames) -> np.ndarray:
-    """Return (F, J, 3) the joints of all frames."""
     blocks = [slice(start, start + BLOCK_POSES) for start in range(0, len(solved.frames.transl), BLOCK_POSES)]
     return np.concatenate([_joints(solved.subject, solved, part) for part in blocks])
 
@@ -207,24 +195,20 @@ def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:
 
 
 DEPTH_S, ACROSS_S = 0.067, 0.023
-"""Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length that
-lies nearly in the picture turns pixels of noise into centimetres of depth: without smoothing, accelerations along the
-line of sight are farther off than none at all would be. Joints stay as far off with 0.05 as with 0.1 s (0.3 mm)."""
+"""Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
+in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
 _REACH = 3.0
-"""Standard deviations after which a Gaussian ends."""
+"""Cut-off of a Gaussian, in standard deviations."""
 _LEAST = 1e-6
-"""Keeps what a joint without a turn of its own has open from being divided by zero."""
+"""Regularises joints without a turn of their own, and sigmas of 0."""
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:
     """Return the solution with bones and place smoothed in time, along the line of sight more than across.
 
-    With s the line of sight and G the Gaussians, a bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)`` by
-    the smallest turn of the joint it hangs from, over all bones that hang from it; the root goes to the smoothed
-    distance in the smoothed direction. Lengths stay.
-
-    Args:
-        one: the camera's place and the line of sight to the person.
+    A bone of direction u turns to ``G_d (u·s) s + G_a (u - (u·s) s)``, with s the line of sight and G the Gaussians, by
+    the smallest turn of its joint over all bones of that joint. The root gets the smoothed distance and direction.
+    Lengths stay.
     """
     body, frames, sight = solved.subject.body, solved.frames, one.sight
     if len(sight) < 3:
@@ -262,12 +246,7 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
 
 
 def smooth(values: np.ndarray, sigma: float) -> np.ndarray:
-    """Return (F, ...) values under a Gaussian over frames, which go on beyond the ends as they came: ``2 x_0 - x_i``.
-
-    Args:
-        values: (F, ...).
-        sigma: standard deviation in frames.
-    """
+    """Return (F, ...) values under a Gaussian of ``sigma`` frames, continued beyond the ends by ``2 x_0 - x_i``."""
     reach = min(int(np.ceil(_REACH * sigma)), len(values) - 1)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / max(sigma, _LEAST)) ** 2)
     padded = np.pad(values, [(reach, reach), *[(0, 0)] * (values.ndim - 1)], mode="reflect", reflect_type="odd")

@@ -1,4 +1,4 @@
-"""What is wrong with a single camera's picture of a person, as far as it shows: repeated frames, cuts, gliding."""
+"""Visible faults of one camera's pictures: repeated frames, cuts, gliding, exchanged limbs."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Keypoints2D
 
 CUT_SHARE, CUT_TIMES = 0.3, 6.0
-"""A picture cuts where keypoints jump by this share of the person's extent, and by so many times their usual step:
-a sprinter moves by 0.15 of it from picture to picture at 30 a second."""
+"""Share of the person's extent, and multiple of the usual step, that keypoints jump by at a cut. A sprinter moves by
+0.15 of it per picture at 30 fps."""
 CUT_POINTS, USUAL_S = 4, 0.5
-"""Keypoints that both pictures must show, and how far around the usual step is looked for."""
+"""Keypoints that both pictures must show, and time around them that gives the usual step."""
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
-"""Somebody glides who moves over the floor faster than this for so long, the feet slower about the body than such a
-share of it. A walker's feet move about the body as fast as the body moves, and nobody flies for so long."""
+"""A person glides at more than this speed for this time, with feet moving about the body at less than this share of it.
+A walker's feet move about the body as fast as the body moves, and nobody flies this long."""
 SMOOTH_S = 0.25
-"""Length of the average over time under which a lifted pose's trembling is no movement."""
+"""Averaging time that removes the jitter of a lifted pose."""
 _LEAST_EXTENT_PX = 1.0
-"""Of a person whose points are all in one place."""
+"""Smallest extent of a person."""
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Return the detections of one view with repeated frames between their neighbours, and what was repeated."""
+    """Interpolate repeated frames of one view's detections, and report them."""
     again = repeated_frames(keypoints)
     share = 100.0 * float(again.mean())
     if share < LEAST_REPEATED:
@@ -67,12 +67,12 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
 
 
 def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
-    """Return the stretches in which a person moves over the floor and the feet take no step.
+    """Return frame ranges in which a person moves over the floor without a step.
 
     Args:
         root: (F, 3) the body's middle, world metres, Z up.
-        feet: (F, 2, 3) the ankles.
-        seen: (F,) bool, the person is in the picture.
+        feet: (F, 2, 3) ankles.
+        seen: (F,) bool.
     """
     if len(root) < GLIDE_S * fps + 2:
         return []
@@ -83,7 +83,7 @@ def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> 
 
 
 def _speed(points: np.ndarray, fps: float) -> np.ndarray:
-    """Return the speed of (F, ...) points averaged over ``SMOOTH_S``, a second."""
+    """Return the velocity of (F, ...) points averaged over ``SMOOTH_S``, per second."""
     half = max(1, round(0.5 * SMOOTH_S * fps))
     index = np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
@@ -97,24 +97,19 @@ LIMBS = {
 }
 """Keypoints that a detector exchanges together."""
 LEAST_PAIRS = 2
-"""Pairs of keypoints that must jump at once: one alone may be an outlier, and only ends what several began."""
+"""Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange."""
 CROSSED_SHARE = 0.5
-"""An exchange explains the jump with less than this share of what is left without it."""
+"""An exchange must leave less than this share of the jump."""
 JUMP_SHARE = 0.1
-"""What an exchange explains at least by the person's extent in the picture: a keypoint in the mean over a limb, and a
-pair of them alone."""
+"""Share of the person's extent that it must explain, per keypoint on average over a limb, and of a single pair."""
 LONGEST_S = 1.5
-"""A longer stretch is no short confusion: which of its sides are right is not known."""
+"""Longest exchange; in longer ranges the right side is unknown."""
 SEEN_BEFORE_S = 0.2
-"""A keypoint's last place counts so long."""
+"""A keypoint's last place is used for this long."""
 
 
 def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
-    """Return the detections of one view with exchanged limbs given back to their sides, and where.
-
-    Args:
-        keypoints: of this one view.
-    """
+    """Give exchanged limbs of one view's detections back to their sides, and report them."""
     names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
     seen, found = confidence > 0, list[Diagnostic]()
     for part, names_of in LIMBS.items():
@@ -128,10 +123,8 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
         for values in (xy, confidence):
             values[rows, left], values[rows, right] = values[rows, right], values[rows, left]
         if len(rows):
-            runs = true_runs(exchanged)
-            found.append(
-                diagnostic("limbs_exchanged", cameras=[camera], frames=runs, remedy=Remedy.REPAIRED, part=part)
-            )
+            where = {"cameras": [camera], "frames": true_runs(exchanged)}
+            found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=part))
         if others:
             frames = [(jump - 1, jump) for jump in others]
             found.append(diagnostic("limbs_jump_sides", cameras=[camera], frames=frames, part=part))
@@ -139,15 +132,10 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
 
 
 def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
-    """Return (F,) how many pairs of left and right keypoints of a limb jump to one another's places in each frame.
+    """Return (F,) the number of a limb's left and right pairs that jump to one another's places in each frame.
 
-    What is left of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
-    keypoint's own track and that of its counterpart: limbs that merely pass each other go on as they went.
-
-    Args:
-        xy: (F, K, 2) pixels.
-        seen: (F, K) bool.
-        pairs: left and right keypoint of each pair.
+    The rest of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
+    keypoint's own track and its counterpart's. Limbs that pass each other continue as before.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -177,14 +165,10 @@ def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]
 
 
 def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
-    """Return (F,) bool, the stretches from one jump to the next that are exchanged, shortest first; and other jumps.
+    """Return (F,) bool, the exchanged ranges between jumps, shortest first, and the remaining jumps.
 
-    A jump that no other ends within ``longest`` frames leaves open which of its sides is right; one of fewer than
-    ``LEAST_PAIRS`` ends it where it is the only one.
-
-    Args:
-        jumped: (F,) pairs of keypoints that jump.
-        longest: frames.
+    Without a second jump within ``longest`` frames the right side is unknown. A single jump of fewer than
+    ``LEAST_PAIRS`` pairs ends an exchange.
     """
     edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
     faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
@@ -204,20 +188,20 @@ def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray,
 
 
 def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
-    """Return (F, P) the frame before each in which the pair was last seen, -1 where that is too long ago."""
+    """Return (F, P) the last frame before each with the pair seen, -1 if too long ago."""
     frame = np.where(both, np.arange(len(both))[:, None], -1)
     before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
     return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
 
 
 def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 2) the step into each frame, 0 where it is not known."""
+    """Return (n, 2, 2) the step into each frame, 0 if unknown."""
     known = (frames > 0) & both[np.maximum(frames - 1, 0)]
     return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
 
 
 def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return (n, 2, 2) the step out of each frame, 0 where it is not known."""
+    """Return (n, 2, 2) the step out of each frame, 0 if unknown."""
     after = np.minimum(frames + 1, len(track) - 1)
     known = (after > frames) & both[after]
     return np.where(known[:, None, None], track[after] - track[frames], 0.0)

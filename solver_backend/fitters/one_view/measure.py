@@ -1,4 +1,4 @@
-"""What one camera measures: detections in its picture, and a pose that was lifted from them."""
+"""Measurements of one camera: detections in its pictures, and a pose lifted from them."""
 
 from __future__ import annotations
 
@@ -30,33 +30,32 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 PEOPLE_SIGMA = 0.055
-"""Standard deviation of adults' statures as a share, women and men together (ANSUR II: 93 mm of 1.71 m)."""
+"""Relative standard deviation of adults' statures, women and men together (ANSUR II: 93 mm of 1.71 m)."""
 FLOOR_SIGMA_M = 0.05
-"""Error of the floor under the feet: of its height, of up, and of the lifted legs."""
+"""Error of the floor under the feet, from its height, up, and the lifted legs."""
 SHAPE_SIGMA = 0.01
-"""What a known shape leaves open of the size."""
+"""Relative error of the size of a known shape."""
 LARGEST = 10.0
-"""Times as large as the average: nobody, and so is whoever would stand above the camera."""
+"""Largest size relative to the average; also of anybody who would be above the camera."""
 LEAST_HEIGHT_M = 0.3
-"""A camera that is less far above the feet sees no size in them."""
+"""Smallest height of the camera above the feet from which they show a size."""
 _AVERAGE = "what adults are"
 AT_ODDS_SIGMAS = 3.0
-"""A floor at which the person would be so many deviations larger or smaller than people are is none."""
+"""A floor at which the person's size deviates more than this from other knowledge is rejected."""
 
 
 @dataclass(frozen=True)
 class Size:
-    """How many times as large as the average a person is."""
+    """Size of a person relative to the average."""
 
     factor: float
     sigma: float
     source: str
-    """What it is from, for people."""
+    """Source of the size, for people."""
     has_floor: bool = True
-    """The person's feet are where the world has its floor."""
+    """The person's feet are on the world's floor."""
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Size by the floor and its deviation, where that cannot be together with what is given, or with what people are;
-    zero where it can."""
+    """Size by the floor and its deviation, if they contradict the size that is used; zero otherwise."""
 
 
 def size_of(
@@ -69,12 +68,7 @@ def size_of(
     camera_height: float,
     sigma: np.ndarray,
 ) -> Size:
-    """Return how large the person is: of the known shape or stature, else by the floor.
-
-    Args:
-        betas: the known shape, or None.
-        points, names, seen, camera_height, sigma: see ``measured_size``.
-    """
+    """Return the person's size: from the known shape or stature, else by the floor; see ``measured_size``."""
     if capture.floor_from_person:
         by_floor, measured = Size(1.0, PEOPLE_SIGMA, _AVERAGE), None
     else:
@@ -94,15 +88,15 @@ def size_of(
 def measured_size(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float, sigma: np.ndarray
 ) -> tuple[float, float] | None:
-    """Return the size at which an average person's feet reach the floor, and its deviation; None: no foot shows it.
+    """Return the size at which an average person's feet reach the floor, and its deviation; None if no foot shows it.
 
-    All that one camera sees of a person ``s`` times as large is ``s`` times as far away: a foot at height h comes down
-    to ``H - s (H - h)`` below a camera at height H.
+    A person ``s`` times as large looks the same ``s`` times as far away: a foot at height h moves down to
+    ``H - s (H - h)`` below a camera at height H.
 
     Args:
         points: (F, L, 3) an average person's points in the world, metres.
-        names: of the L points.
-        seen: (F, L) bool, which of them the camera sees.
+        names: of the points.
+        seen: (F, L) bool.
         camera_height: H above the floor, metres.
         sigma: (F, L) deviations of the points' heights, metres.
     """
@@ -116,7 +110,7 @@ def measured_size(
 
 
 def size_by_floor(measured: tuple[float, float] | None) -> Size:
-    """Return the size that was measured, weighed against what adults are; theirs where the two cannot be together."""
+    """Return the measured size weighted with adults' statures, or the average adult's if both contradict."""
     if measured is None:
         return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
     if _at_odds(measured, 1.0, PEOPLE_SIGMA):
@@ -130,23 +124,21 @@ def _at_odds(measured: tuple[float, float], factor: float, sigma: float) -> bool
     return not abs(measured[0] - factor) < AT_ODDS_SIGMAS * np.hypot(measured[1], sigma)
 
 
-def _size_of_shape(body: Body, betas: tuple[float, ...]) -> float:
+def _stature_joints(body: Body) -> tuple[int, list[int]]:
     names = body.layout.joints
-    top, bottom = names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
-    height = [
-        joints[top, 1] - joints[bottom, 1].mean()
-        for joints in (body.rest_joints(np.asarray(betas)), body.joints_template)
-    ]
-    return float(height[0] / height[1])
+    return names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
+
+
+def _size_of_shape(body: Body, betas: tuple[float, ...]) -> float:
+    top, bottom = _stature_joints(body)
+    bodies = (body.rest_joints(np.asarray(betas)), body.joints_template)
+    own, average = (joints[top, 1] - joints[bottom, 1].mean() for joints in bodies)
+    return float(own / average)
 
 
 def betas_of_size(body: Body, factor: float) -> np.ndarray:
-    """Return the (10,) smallest shape whose skeleton is so many times as tall as the average's.
-
-    Height is linear in the shape: ``b = g (f - 1) h / |g|²`` with its gradient g.
-    """
-    names = body.layout.joints
-    top, bottom = names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
+    """Return the smallest shape (10,) with a size: ``b = g (f - 1) h / |g|²``, g the gradient of the height h."""
+    top, bottom = _stature_joints(body)
     rest, by_shape = body.joints_template[:, 1], body.joints_shapedirs[:, 1]
     height = rest[top] - rest[bottom].mean()
     gradient = by_shape[top] - by_shape[bottom].mean(axis=0)
@@ -154,10 +146,10 @@ def betas_of_size(body: Body, factor: float) -> np.ndarray:
 
 
 MODEL_ERROR_M = 0.015
-"""What a body of average proportions misses of a person's keypoints, per axis: no second view shows limbs' lengths."""
+"""Error of a body of average proportions at keypoints, per axis: no second view shows limb lengths."""
 ALIKE_S = 0.07
-"""Frames of so long count once: neighbouring windows see the same frames. Chosen on takes of subjects 08 and 60; errors
-last longer, which ``open_depth`` adds to the deviations."""
+"""Frames within this time count once, because neighbouring windows share frames. Chosen on takes of subjects 08 and 60;
+errors that last longer widen the deviations (see ``with_open_depth``)."""
 
 
 def measure_one_view(
@@ -168,13 +160,10 @@ def measure_one_view(
     betas: tuple[float, ...] | None,
     progress: Progress,
 ) -> Measurements:
-    """Return what the one camera that sees the person measures.
-
-    Args:
-        betas: shape of the person, None where it is unknown.
+    """Return the measurements of the one camera that sees the person; ``betas`` is None for an unknown shape.
 
     Raises:
-        NoDetections: in no frame enough keypoints are detected to place a body.
+        NoDetections: no frame has enough keypoints to place a body.
     """
     cameras, whole = capture.require_views()
     keypoints = whole.named
@@ -198,48 +187,26 @@ def measure_one_view(
     seen = take.confidence > 0
     known = seen_frames(np.where(seen[..., None], average, np.nan))
     if not known.any():
-        raise NoDetections(
-            "In no frame are enough keypoints detected to place a body.",
-            where=capture.name,
-            hint="Check that the person is whole in the picture for some frames.",
-        )
+        hint = "Check that the person is whole in the picture for some frames."
+        raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
-    size = size_of(
-        capture,
-        body,
-        betas,
-        (average - t) @ R,
-        landmarks.names,
-        seen,
-        float(centre[2]),
-        np.hypot(sigma[..., 0], sigma[..., 1] * sight[:, None, 2]),
-    )
+    height_sigma = np.hypot(sigma[..., 0], sigma[..., 1] * sight[:, None, 2])
+    in_world, names = (average - t) @ R, landmarks.names
+    size = size_of(capture, body, betas, in_world, names, seen, float(centre[2]), height_sigma)
     if size.at_odds[1]:
-        found.append(
-            diagnostic(
-                "stature_at_odds",
-                given=size.factor * body.stature_m,
-                source=size.source,
-                measured=size.at_odds[0] * body.stature_m,
-                sigma=size.at_odds[1] * body.stature_m,
-            )
-        )
+        given, measured, deviation = (part * body.stature_m for part in (size.factor, *size.at_odds))
+        values = {"given": given, "source": size.source, "measured": measured, "sigma": deviation}
+        found.append(diagnostic("stature_at_odds", **values))
     shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
     points = (in_camera - t) @ R
     frames = np.flatnonzero(known)
-    states = FrameStates(
-        constant(take.z[frames], like),
-        constant((R.T @ take.view.root)[frames], like),
-        constant(((places - t) @ R)[frames], like),
-    )
-    lifted = RelativePositionTerm.of(
-        np.nan_to_num(points),
-        _precision(sigma, sight, known, _joint_of(landmarks, body)),
-        1.0 / max(1.0, ALIKE_S * detected.fps),
-        like,
-    )
+    parts = (take.z, R.T @ take.view.root, (places - t) @ R)
+    states = FrameStates(*(constant(part[frames], like) for part in parts))
+    precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
+    share = 1.0 / max(1.0, ALIKE_S * detected.fps)
+    lifted = RelativePositionTerm.of(np.nan_to_num(points), precision, share, like)
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
     deep = take.view.sigma_m[:, recorded, 1]
     assert take.view.hidden is not None
@@ -287,7 +254,7 @@ def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera:
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``; points of one joint share its error and its weight."""
+    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``; points of one joint share its error and weight."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]
@@ -298,7 +265,7 @@ def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: n
 def _sigma_px(cameras: Cameras, keypoints: Keypoints2D, depth: np.ndarray, view: int) -> np.ndarray:
     """Return (1, F, L) deviations of detections from a body of average proportions, pixels.
 
-    The detector's own noise is read off the second differences of its tracks, whose variance is six times as large.
+    Second differences of the tracks give the detector's noise; their variance is six times as large.
     """
     xy = keypoints.xy[view]
     second = np.abs(xy[:-2] - 2.0 * xy[1:-1] + xy[2:])

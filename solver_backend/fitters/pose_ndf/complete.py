@@ -1,4 +1,4 @@
-"""Completion of poses in which some joints are not known (Tiwari et al. 2022, sec. 4.2, "Fitting to partial data")."""
+"""Edit poses with Pose-NDF: complete missing joints, denoise, interpolate (Tiwari et al. 2022, sec. 4.2)."""
 
 from __future__ import annotations
 
@@ -25,42 +25,35 @@ LIMBS: dict[str, tuple[str, ...]] = {
     "trunk": ("spine1", "spine2", "spine3"),
     "head_and_neck": ("neck", "head"),
 }
-"""Groups of joints that may be named as missing, beside single joints."""
+"""Groups of joints that may be named as missing, like single joints."""
 _LOOKED_AT = 12
-"""Frames of a take that the candidates are tried on."""
+"""Frames on which candidates are tried."""
 
 
 @dataclass(frozen=True)
 class CompleteSettings:
-    """Weights of (7), where nothing but the missing joints moves and nothing of them is observed."""
+    """Weights of (7) for missing joints, which alone move and have no observation."""
 
     manifold: float = 1.0
     """w, 1/rad²."""
     smoothness: float = 2.0
     """λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects."""
     iterations: int = 30
-    """Linearisations at most for each chunk of frames."""
+    """Largest number of linearisations per chunk of frames."""
     candidates: int = 64
-    """Samples of the prior whose limbs are tried in place of the missing ones."""
+    """Samples of the prior whose limbs are tried."""
     starts: int = 3
-    """Candidates, those that fit best, that are started from; the one that ends with the least cost is kept."""
+    """Best candidates that are optimised; the cheapest result is kept."""
     seed: int = 0
-    """Of the samples."""
 
 
 def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
-    """Return the columns of joints named one by one or by limb.
-
-    Raises:
-        JobInvalid: an unknown name, or none.
-    """
+    """Return the columns of joints named one by one or by limb; raise ``JobInvalid`` for an unknown name, or none."""
     known = BODY_JOINTS
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
-        raise JobInvalid(
-            f"There is no joint or limb {', '.join(unknown)}." if unknown else "No joint is named as missing.",
-            where="missing", hint=f"Limbs: {', '.join(LIMBS)}; joints: {', '.join(known)}.",
-        )  # fmt: skip
+        message = f"There is no joint or limb {', '.join(unknown)}." if unknown else "No joint is named as missing."
+        raise JobInvalid(message, where="missing", hint=f"Limbs: {', '.join(LIMBS)}; joints: {', '.join(known)}.")
     joints = {joint for name in names for joint in LIMBS.get(name, (name,))}
     return tuple(column for column, joint in enumerate(known) if joint in joints)
 
@@ -74,21 +67,17 @@ def complete(
     settings: CompleteSettings = CompleteSettings(),
     progress: Progress = silent,
 ) -> PosedFrames:
-    """Return the poses with the missing joints' rotations found near the manifold; nothing else moves.
+    """Return the poses with the missing joints close to the manifold; no other joint moves.
 
-    The paper starts near rest and finds that the result hangs on it; here limbs of sampled poses are tried first.
+    The paper starts near rest, on which its result depends; here limbs of sampled poses are tried first.
 
     Args:
-        subject: body, shape and the landmarks in which smoothness is measured.
-        prior: whose distance is minimised.
-        frames: F poses; what stands for the missing joints is not looked at.
+        subject: its landmarks measure smoothness.
+        frames: F poses, arbitrary at the missing joints.
         missing: columns of the joints, see ``missing_joints``.
-        fps: frames per second.
-        settings: weights and starts.
-        progress: called as chunks of frames are done.
 
     Raises:
-        PoseInvalid: known joints that are NaN or off SO(3).
+        PoseInvalid: known joints are NaN or off SO(3).
     """
     best, least, layout = None, float("inf"), frames.layout
     for number, limb in enumerate(_starts(prior, frames, missing, settings)):
@@ -106,7 +95,7 @@ def complete(
 
 
 def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], settings: CompleteSettings) -> Array:
-    """Return the missing joints' rotations (starts, n, 3, 3) of those samples that lie nearest to the manifold."""
+    """Return missing joints' rotations (starts, n, 3, 3) of the samples nearest to the manifold."""
     xp = array_namespace(frames.local)
     limbs = constant(prior.sample(settings.candidates, settings.seed)[:, list(missing)], frames.local)
     some = frames.select(slice(0, None, max(1, len(frames.local) // _LOOKED_AT)))
@@ -115,7 +104,7 @@ def _starts(prior: PoseNDF, frames: PosedFrames, missing: tuple[int, ...], setti
 
 
 def _with_limb(frames: PosedFrames, missing: tuple[int, ...], limb: Array) -> PosedFrames:
-    """Return the poses with the (n, 3, 3) rotations of the missing joints, the same in all frames."""
+    """Return the poses with the missing joints at (n, 3, 3) rotations, the same in all frames."""
     xp = array_namespace(frames.local)
     columns = [frames.local[:, j] for j in range(frames.local.shape[1])]
     for number, joint in enumerate(missing):
@@ -129,14 +118,13 @@ WEIGHTS = ManifoldWeights(data=1.0, manifold=0.03, smoothness=2.0, level=0.5)
 
 @dataclass(frozen=True)
 class DenoiseSettings:
-    """Weights of (7) and how long to search."""
+    """Weights of (7) at 30 frames per second, and how long to search."""
 
     weights: ManifoldWeights = WEIGHTS
-    """At 30 frames a second."""
     iterations: int = 20
-    """Linearisations at most for each chunk of frames."""
+    """Largest number of linearisations per chunk of frames."""
     move_root: bool = True
-    """Whether the root's rotation and translation may move too, which only smoothness and data hold."""
+    """Let the root move too; only smoothness and data hold it."""
 
 
 def denoise(
@@ -149,20 +137,14 @@ def denoise(
 ) -> PosedFrames:
     """Return the poses that minimise ``λ_v L_v + λ_θ L_θ + λ_t L_t`` (7), from the noisy ones.
 
-    Args:
-        subject: body, shape and the landmarks that stand for its skin, in ``L_v`` and in ``L_t``.
-        prior: whose distance f makes ``L_θ``, here ``max(f - level, 0)²``.
-        frames: F noisy poses; their own landmarks are the observation.
-        fps: frames per second; ``λ_t`` grows with its square, so that a speed costs the same at every rate.
-        settings: weights.
-        progress: called as chunks of frames are done.
+    ``L_v`` and ``L_t`` use the subject's landmarks as its skin, ``L_θ`` is ``max(f - level, 0)²`` of the prior's
+    distance f. ``λ_t`` grows with the square of ``fps``, so that a speed costs the same at every rate.
 
     Raises:
-        PoseInvalid: poses that are NaN or off SO(3).
+        PoseInvalid: poses are NaN or off SO(3).
     """
     xp = array_namespace(frames.local)
-    observed = pose(subject, frames).points
-    w = settings.weights
+    observed, w = pose(subject, frames).points, settings.weights
     weights = replace(w, smoothness=w.smoothness * (fps / 30.0) ** 2)
     columns = range(frames.layout.dof)
     free = columns if settings.move_root else columns[frames.layout.joints]
@@ -171,7 +153,7 @@ def denoise(
 
 
 ALONG = ProjectionSettings(level=RECORDED_RAD)
-"""Recorded poses stay where they are; nearer to all others, steps would lead to the middle of them."""
+"""Recorded poses stay in place; closer to the manifold, steps would lead to the mean pose."""
 
 
 def interpolate_poses(
@@ -182,24 +164,12 @@ def interpolate_poses(
     settings: ProjectionSettings = ALONG,
     progress: Progress = silent,
 ) -> Array:
-    """Return ``count`` poses between each pair, on the manifold, ends not included.
+    """Return (N, count, 21, 3, 3) poses on the manifold between pairs of (N, 21, 3, 3) poses, without the ends.
 
-    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)``, so that the way is shared out evenly, and along
-    each joint's geodesic; θ' is projected by (6).
-
-    Args:
-        prior: the manifold.
-        start: (N, 21, 3, 3).
-        end: (N, 21, 3, 3).
-        count: poses between.
-        settings: of the projection.
-        progress: called after every pose.
-
-    Returns:
-        (N, count, 21, 3, 3).
+    ``θ_t = θ'_{t-1} + τ (θ'_T - θ'_{t-1})`` with ``τ = 1/(T - t + 1)`` along each joint's geodesic; (6) projects θ'.
 
     Raises:
-        PoseInvalid: poses that are NaN or off SO(3).
+        PoseInvalid: poses are NaN or off SO(3).
     """
     xp = array_namespace(start, end)
     here, target = prior.project(start, settings), prior.project(end, settings)

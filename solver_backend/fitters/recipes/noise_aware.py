@@ -11,11 +11,11 @@ from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, State
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.optimise import Stretches
-from solver_backend.fitters.model.states import FrameStates, PosedFrames, Rows
+from solver_backend.fitters.model.states import FrameStates, PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
 from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed, sample_frames
-from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.arrays import Array, Rows, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae

@@ -29,53 +29,47 @@ BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])
 
 @dataclass(frozen=True)
 class HandFaults:
-    """How much a detector of hands is off; lengths are shares of a palm, wrist to middle knuckle.
+    """Errors of a hand detector; lengths are shares of a palm, wrist to middle knuckle.
 
     ``whole``, ``drift`` and ``jitter`` are those of MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
-    videos), as ``python -m tests.benchmarks.hands.real_noise`` measures them: 0.05, 0.10 and 0.036 with cameras
-    that were refined, as the studio's cameras are off by themselves; 0.03, 0.04 and 0.016 on palms of 60 to 140 px.
+    videos), measured with refined cameras by ``python -m tests.benchmarks.hands.real_noise``: 0.05, 0.10 and 0.036. On
+    palms of 60 to 140 px they are 0.03, 0.04 and 0.016.
     """
 
     whole: float = 0.05
-    """Standard deviation per axis of an error of the whole hand, alike for ``drift_s``."""
+    """Standard deviation per axis of an error of the whole hand, correlated over ``drift_s``."""
     drift: float = 0.10
     """The same of each point."""
     jitter: float = 0.036
-    """Of each point, anew in every frame."""
+    """Standard deviation of each point's independent error in every frame."""
     drift_s: float = 0.3
-    """Time in which drift becomes another."""
+    """Time constant of the drift."""
     guessed: float = 2.5
-    """How many times worse points are that something hides."""
+    """Factor on the errors of hidden points."""
     least_seen: float = 0.5
-    """Share of the points that must be seen for a hand to be found."""
+    """Share of visible points from which a hand is detected."""
     missing: float = 0.06
-    """Share of the frames in which a hand is not found though it is seen ..."""
+    """Share of frames in which a visible hand is missed ..."""
     missing_s: float = 0.15
-    """... for so long."""
+    """... and the length of a miss."""
     wrong: float = 0.01
-    """Share in which it is found elsewhere, a palm or two away."""
+    """Share of frames in which it is detected elsewhere, a palm or two away."""
     exchanged: float = 0.005
-    """Share of the frames in which left and right are exchanged."""
+    """Share of frames with left and right exchanged."""
     held: bool = False
-    """Whether hands hold a thing that hides fingers beyond the knuckles: these are guesses, found half as often."""
+    """Hands hold a thing that hides fingers beyond the knuckles: these are guesses, detected half as often."""
     gloved: bool = False
-    """Whether they wear gloves: every point is a guess, found half as often."""
+    """Hands wear gloves: every point is a guess, detected half as often."""
     small_px: float = 15.0
-    """Palms of fewer pixels: errors grow with the square of what is missing."""
+    """Palm size below which errors grow with the square of the ratio."""
 
 
 def detect_hands(
     cameras: Cameras, points: np.ndarray, hidden: np.ndarray, fps: float, faults: HandFaults, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return (C, F, 2, 21, 3) x, y in pixels and confidence; NaN with 0 where a hand is not found.
+    """Return (C, F, 2, 21, 3) x, y in pixels and confidence; NaN with 0 for undetected points.
 
-    Args:
-        cameras: C cameras.
-        points: (F, 2, 21, 3) metres, left first.
-        hidden: (C, F, 2, 21) whether something stands before a point.
-        fps: frames per second.
-        faults: of the detector.
-        rng: seeded source of randomness.
+    ``points`` (F, 2, 21, 3) are in metres, left first; ``hidden`` (C, F, 2, 21) marks blocked ones.
     """
     hidden = hidden | faults.gloved
     if faults.held:
@@ -97,7 +91,7 @@ def detect_hands(
     inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None, None])).all(-1)
     lost = bursts(rng.random(shape), faults.missing, max(1.0, faults.missing_s * fps))
     enough = (~hidden & inside).mean(-1) >= faults.least_seen
-    # What hides the fingers of every view hides them from a detector that knows such hands; it misses every other one.
+    # A detector used to such hands is not stopped by hidden fingers, but misses every other hand.
     if faults.held or faults.gloved:
         enough = bursts(rng.random(shape), 0.5, max(1.0, faults.missing_s * fps)) & inside.all(-1)
     found = ~lost & enough
@@ -117,20 +111,15 @@ _BONES = np.array(
 """Both points of each bone of a hand: metacarpals first, then three of each finger."""
 _RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)
 _CHUNK = 64
-"""Frames that are looked at together."""
+"""Frames evaluated together."""
 
 
 def hidden_by_hands(
     centres: Float[np.ndarray, "cameras 3"], points: Float[np.ndarray, "frames 2 21 3"]
 ) -> Bool[np.ndarray, "cameras frames 2 21"]:
-    """Return (C, F, 2, 21) whether a bone of either hand lies between a camera and a point.
+    """Return (C, F, 2, 21) bool: a bone of either hand is between a camera and a point (F, 2, 21, 3), left first.
 
-    A point is hidden where the line of sight, from outside of the bones that it is on, passes one nearer than its
-    radius: the least distance of two segments.
-
-    Args:
-        centres: (C, 3) metres.
-        points: (F, 2, 21, 3) metres, left first.
+    A point is hidden if its line of sight passes a bone, other than its own, at less than the bone's radius.
     """
     frames = len(points)
     hidden = np.zeros((len(centres), frames, 2, NUM_HAND_POINTS), bool)
@@ -145,7 +134,7 @@ def hidden_by_hands(
 
 
 def _own_bones() -> np.ndarray:
-    """Return (42, 40) which bones a point is on: those that hold it; wrist and knuckles are on the palm."""
+    """Return (42, 40) bool, the own bones of each point; wrist and knuckles are on the palm."""
     own = (np.arange(NUM_HAND_POINTS)[:, None, None] == _BONES).any(-1)
     knuckles = [HAND_POINTS.index(name) for name in HAND_POINTS if name.endswith("_mcp")]
     own[[0, *knuckles], :5] = True
@@ -180,17 +169,11 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
 
 
 _SIGHT_CHUNK = 32
-"""Frames that are looked at together."""
+"""Frames evaluated together."""
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 21) bool: the body, without the hand itself, stands between a camera and a point.
-
-    Args:
-        person: F frames.
-        cameras: C cameras.
-        points: (F, 2, 21, 3) metres, left first.
-    """
+    """Return (C, F, 2, 21) bool: the body without the hand itself blocks a point (F, 2, 21, 3), left first."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
@@ -207,17 +190,17 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
 
 
 SPREAD = 0.7
-"""Share of the prior's deviations that fingers move by: the prior is as wide as its widest source."""
+"""Share of the prior's deviations that fingers move by; the prior is as wide as its widest source."""
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7
-"""Frequencies of the movement; gestures take half a second to open or close a hand."""
+"""Frequencies of the motion; gestures take half a second to open or close a hand."""
 SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())
-"""Shares of a pose, between a relaxed hand and itself, that are tried until fingers do not run through one another."""
+"""Shares of a pose, mixed with a relaxed hand, that are tried until fingers do not intersect."""
 TOUCH_M = 0.002
-"""Overlap of fingers that touch."""
+"""Overlap of touching fingers."""
 EASE_S = 0.2
-"""Half the time in which a hand relaxes before such a pose, and returns after it."""
+"""Half the time in which a hand relaxes before such a pose and returns after it."""
 _WAVES = 4
-"""Waves that each angle is the sum of; chosen by hand."""
+"""Waves per angle; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -237,12 +220,7 @@ class MovingHands:
 
 
 def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHands:
-    """Return hands that move as the prior of hands has it, each for itself, at the wrists of a person.
-
-    Args:
-        person: F frames of a body that ships, or of a file with fingers.
-        fps: frames per second.
-        rng: seeded source of randomness.
+    """Return hands that move independently, as the prior of hands says, at the wrists of a person.
 
     Raises:
         BodyInvalid: the body has no finger joints.
@@ -256,7 +234,7 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
 
 
 def points_of_hands(person: Person, skeletons: tuple[HandSkeleton, HandSkeleton], angles: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 21, 3) metres: the points of hands of these angles (F, 2, A) at the person's wrists."""
+    """Return (F, 2, 21, 3) metres, the points of hands of these angles (F, 2, A) at the person's wrists."""
     posed = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
     found = []
     for side, skeleton in enumerate(skeletons):
@@ -276,7 +254,7 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
 
 
 def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, A) angles that are nearer to a relaxed hand about frames in which fingers run through one another."""
+    """Return (F, A) angles, closer to a relaxed hand around frames with intersecting fingers."""
     need = np.ones(len(angles))
     for share in SHARES:
         mixed = relaxed + share * (angles - relaxed)
@@ -289,7 +267,7 @@ def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps:
 
 
 def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> np.ndarray:
-    """Return the (n, V, 3) vertices of a person whose fingers move, in these frames."""
+    """Return the (n, V, 3) vertices of a person with moving fingers, in these frames."""
     body = with_fingers(person.body)
     local = np.concatenate([person.local[frames], hands.rotations()[frames]], axis=1)
     return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
@@ -301,19 +279,12 @@ def finger_turns(hands: MovingHands) -> np.ndarray:
 
 
 def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
-    """Return (C, F, 2, 21) whether the body, or a finger or palm of either hand, stands before a point."""
+    """Return (C, F, 2, 21) bool: the body, a finger or a palm blocks a point."""
     return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
 
 
 def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray) -> Capture:
-    """Return a clean capture with every point of the hands in the picture, hidden or not, and the truth of them.
-
-    Args:
-        capture: of the body.
-        cameras: of the shot.
-        hands: of the person.
-        hidden: (C, F, 2, 21), see ``hidden_of``.
-    """
+    """Return a clean capture with every hand point in the picture, hidden (see ``hidden_of``) or not, and its truth."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
     with np.errstate(invalid="ignore"):
@@ -327,16 +298,7 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
 def with_found_hands(
     capture: Capture, cameras: Cameras, hands: MovingHands, hidden: np.ndarray, fps: float, rng: np.random.Generator
 ) -> Capture:
-    """Return a perturbed capture with the hands that a detector finds.
-
-    Args:
-        capture: of the body.
-        cameras: that filmed, as they are.
-        hands: of the person.
-        hidden: (C, F, 2, 21), see ``hidden_of``.
-        fps: frames per second.
-        rng: seeded source of randomness.
-    """
+    """Return a perturbed capture with the detected hands; ``hidden`` is from ``hidden_of``."""
     assert capture.keypoints is not None
     found = detect_hands(cameras, hands.points, hidden, fps, HandFaults(), rng)
     return replace(capture, keypoints=replace(capture.keypoints, hands=found))

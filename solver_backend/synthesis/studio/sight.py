@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,13 +19,10 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import SMPL_JOINTS
 
-if TYPE_CHECKING:
-    pass
-
 CLEARANCE_M = 0.035
-"""A sight line ends this far before its point, which lies on the skin or a little below."""
+"""A sight line ends this far before its point, which is on the skin or slightly below."""
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Row and column of each of a symmetric matrix's six numbers."""
+"""Row and column of each of a symmetric matrix's six entries."""
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -39,12 +35,12 @@ def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
 def hidden_by_ellipsoids(
     centres: np.ndarray, lines: np.ndarray, middle: np.ndarray, shape: np.ndarray, counted: np.ndarray
 ) -> np.ndarray:
-    """Return (F, C, K) bool: an ellipsoid stands in a sight line.
+    """Return (F, C, K) bool: an ellipsoid blocks the sight line.
 
     Args:
-        centres: (C, 3) of the cameras, metres.
+        centres: (C, 3) cameras, metres.
         lines: (F, C, K, 3) from ``sight_lines``.
-        middle: (F, S, 3) of the ellipsoids, metres.
+        middle: (F, S, 3) centres of the ellipsoids, metres.
         shape: (F, S, 3, 3) their matrices, 1/m^2.
         counted: (S, K) bool: the ellipsoid can hide the point.
     """
@@ -65,13 +61,7 @@ def hidden_by_ellipsoids(
 
 
 def hidden_by_boxes(centres: np.ndarray, lines: np.ndarray, furniture: np.ndarray) -> np.ndarray:
-    """Return (F, C, K) bool: a piece of furniture stands in a sight line (slabs of Kay and Kajiya 1986).
-
-    Args:
-        centres: (C, 3) of the cameras, metres.
-        lines: (F, C, K, 3) from ``sight_lines``.
-        furniture: (N, 4, 3) of ``Room``.
-    """
+    """Return (F, C, K) bool: a piece of furniture (see ``Room``) blocks a sight line (Kay and Kajiya 1986)."""
     hidden = np.zeros(lines.shape[:3], dtype=bool)
     for middle, half, (angle, _, _), _ in furniture:
         turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
@@ -89,13 +79,13 @@ def hidden_by_boxes(centres: np.ndarray, lines: np.ndarray, furniture: np.ndarra
 _CELLS = 28
 """Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees."""
 _FAR_M = 3.0
-"""Where a camera stands that is farther away, metres: sight lines are the same there; chosen by hand."""
+"""Distance of the cameras of a table, metres; sight lines from farther away are the same. Chosen by hand."""
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
 
 @dataclass(frozen=True)
 class RigidSight:
-    """Of Q points that lie on rigid parts."""
+    """Tables of visibility of Q points on rigid parts."""
 
     point: np.ndarray
     """(Q,) index of each point."""
@@ -104,7 +94,7 @@ class RigidSight:
     table: np.ndarray
     """(Q, cells) bool: hidden from there."""
     parts: np.ndarray
-    """(Q, J) bool: the parts that the table stands for."""
+    """(Q, J) bool: parts that the table covers."""
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return (F, C, Q) bool of (C, 3) camera centres, (F, K, 3) points and (F, J, 3, 3) rotations of the bones."""
@@ -116,10 +106,8 @@ class RigidSight:
 def rigid_sight(body: Body, landmarks: Landmarks, counted: np.ndarray) -> RigidSight:
     """Return the tables of a body's mean shape.
 
-    Args:
-        body: the body.
-        landmarks: K points; those that one of head and hands carries alone get a table.
-        counted: (J, K) bool: the part can hide the point.
+    Of K landmarks, those carried by the head or one hand alone get a table; ``counted`` (J, K) says which part can hide
+    which point.
     """
     face_part = body.weights[body.faces].sum(axis=1).argmax(axis=1)
     at, bone, tables, parts = [], [], [], []
@@ -153,10 +141,8 @@ def _directions() -> np.ndarray:
     x, y = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
     z = 1 - np.abs(x) - np.abs(y)
     below = z < 0
-    x, y = (
-        np.where(below, (1 - np.abs(y)) * np.copysign(1, x), x),
-        np.where(below, (1 - np.abs(x)) * np.copysign(1, y), y),
-    )
+    folded_x, folded_y = (1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y)
+    x, y = np.where(below, folded_x, x), np.where(below, folded_y, y)
     ways = np.stack([x, y, z], axis=1)
     return ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
@@ -178,15 +164,15 @@ def _looking(way: np.ndarray) -> np.ndarray:
 
 
 _SLAB_M = 0.08
-"""Parts are cut across their longest axis into slabs of about this length, an ellipsoid each."""
+"""Length of the slabs that parts are cut into across their longest axis, with an ellipsoid each."""
 _MOST_SLABS = 8
 _ALONG, _ACROSS = 0.7, 1.03
-"""Half axes of an ellipsoid: along by its slab's length, across by the slab's elliptic cross-section; tuned by how
+"""Half axes of an ellipsoid, relative to its slab: along by length, across by the elliptic cross-section. Tuned by how
 often sight lines end as at the mesh (``tests/synthesis/studio/test_sight.py``)."""
 _LEAST_M = 0.008
 _DIRECTIONS = 26
 _SPREAD = 120
-"""Points spread over the whole skin beside those at its parts' ends."""
+"""Points spread over the whole skin, in addition to those at its parts' ends."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +196,7 @@ class _Slab:
     weight: np.ndarray
     """(n,) their areas, together 1."""
     axis: np.ndarray
-    """(3,) it is cut across."""
+    """(3,) direction of the cuts."""
     bone: int
 
 
@@ -226,13 +212,13 @@ class BodyProxy:
     """S ellipsoids and P points of the skin of one shape."""
 
     landmarks: Landmarks
-    """The S middles of the ellipsoids, then the P points; they move as the skin does, without correctives."""
+    """The S centres of the ellipsoids, then the P points; they move like the skin, without correctives."""
     bone: np.ndarray
     """(S,) bone that turns each ellipsoid."""
     shape: np.ndarray
     """(S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2."""
     share: np.ndarray
-    """(P,) share of the skin that each point stands for."""
+    """(P,) share of the skin that each point represents."""
 
     def posed(self, person: Person) -> PosedProxy:
         """Return the proxy in a person's F frames, world metres."""
@@ -312,7 +298,7 @@ def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
 
 
 def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
-    """Return the points with as many more, each the farthest from all before it."""
+    """Return the points and ``more`` others, each the farthest from all before it."""
     off = (_squares(skin, skin[points]) + (skin**2).sum(axis=1)[:, None]).min(axis=1)
     found = points.tolist()
     for _ in range(more):
@@ -326,18 +312,12 @@ def _nearest(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Return (V, P) squared distances, less the squared length of each of the skin's."""
+    """Return (V, P) squared distances, less the squared length of each skin vertex."""
     return (points**2).sum(axis=1) - 2 * skin @ points.T
 
 
 class BodySight:
-    """Who of some cameras sees past a body.
-
-    Args:
-        body: the body.
-        betas: (10,) its shape.
-        landmarks: K keypoints; the same object again finds its tables made.
-    """
+    """Visibility of a body's K keypoints; the same ``landmarks`` object reuses its tables."""
 
     def __init__(self, body: Body, betas: np.ndarray, landmarks: Landmarks) -> None:
         self.proxy = body_proxy(body, betas)
@@ -345,14 +325,7 @@ class BodySight:
         self._counted = counted[self.proxy.bone]
 
     def hidden(self, centres: np.ndarray, lines: np.ndarray, points: np.ndarray, posed: PosedProxy) -> np.ndarray:
-        """Return (F, C, K) bool: the body stands in the sight line of its keypoint.
-
-        Args:
-            centres: (C, 3) of the cameras, metres.
-            lines: (F, C, K, 3) from ``sight_lines``.
-            points: (F, K, 3) the keypoints, metres.
-            posed: the proxy in these frames.
-        """
+        """Return (F, C, K) bool: the body blocks the sight line of its keypoint (F, K, 3), see ``sight_lines``."""
         hidden = hidden_by_ellipsoids(centres, lines, posed.middle, posed.shape, self._counted)
         hidden[..., self._rigid.point] |= self._rigid.hidden(centres, points, posed.turn)
         return hidden
@@ -360,13 +333,12 @@ class BodySight:
 
 def pose_proxy(sight: BodySight, person: Person, frames: slice) -> PosedProxy:
     """Return the proxy in some of a person's frames."""
-    return sight.proxy.posed(
-        Person(person.body, person.betas, person.orient[frames], person.local[frames], person.transl[frames])
-    )
+    parts = (part[frames] for part in (person.orient, person.local, person.transl))
+    return sight.proxy.posed(Person(person.body, person.betas, *parts))
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the face is of a part that the point lies in; of SMPL's joints all parts that meet there."""
+    """Return (K, T) bool: the point lies in the face's part; for SMPL's joints, in any part that meets there."""
     own = own_faces(body, names)
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     for k, name in enumerate(names):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -33,7 +32,7 @@ LIGHT = ("day", "dim", "night", "random")
 
 @dataclass(frozen=True)
 class StudioLook:
-    """What a shot looks like; what is 'random' is drawn by the shot's own seed."""
+    """Appearance of a shot; 'random' values are drawn by the shot's own seed."""
 
     name: str
     clothes: str = "suit"
@@ -41,11 +40,11 @@ class StudioLook:
     hair: str = "random"
     """A key of ``HAIR``."""
     light: str = "day"
-    """A key of ``LIGHT``; of colour pictures alone, infrared brings its own."""
+    """A key of ``LIGHT``, for colour pictures; infrared has its own."""
     furniture: int = 0
-    """Pieces that stand about the person and hide parts of it."""
+    """Pieces around the person, which hide parts of it."""
     room: bool = True
-    """Walls and a ceiling; a floor alone if not."""
+    """Walls and a ceiling, or only a floor."""
 
 
 _PRESETS: dict[str, dict[str, Any]] = {
@@ -69,16 +68,11 @@ def read_look(description: Any) -> StudioLook:
     values = CheckedValues(given, "look", ("preset", *StudioLook.__dataclass_fields__))
     preset = values.choice("preset", "suit", _PRESETS) if "preset" in values else ""
     rest = {key: value for key, value in given.items() if key != "preset"}
-    values = CheckedValues({"name": preset or "look", **_PRESETS.get(preset, {}), **rest}, "look", values_of_a_look())
-    return StudioLook(
-        values.text("name", "look"), values.choice("clothes", "suit", CLOTHES), values.choice("hair", "random", HAIR),
-        values.choice("light", "day", LIGHT), values.whole("furniture", 0, 0, 20), values.flag("room", True),
-    )  # fmt: skip
-
-
-def values_of_a_look() -> tuple[str, ...]:
-    """Return the keys of a look."""
-    return tuple(StudioLook.__dataclass_fields__)
+    fields = StudioLook.__dataclass_fields__
+    values = CheckedValues({"name": preset or "look", **_PRESETS.get(preset, {}), **rest}, "look", fields)
+    names = {"name": values.text("name", "look"), "clothes": values.choice("clothes", "suit", CLOTHES)}
+    names |= {"hair": values.choice("hair", "random", HAIR), "light": values.choice("light", "day", LIGHT)}
+    return StudioLook(**names, furniture=values.whole("furniture", 0, 0, 20), room=values.flag("room", True))
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:
@@ -88,16 +82,21 @@ def draw_light(light: str, rng: np.random.Generator) -> str:
 
 
 _PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {
-    "bias_mm": ("detector", "view_bias_mm"), "drift_mm": ("detector", "drift_mm"),
-    "jitter_mm": ("detector", "jitter_mm"), "missing": ("detector", "missing"),
-    "occluded_missing": ("detector", "occluded_missing"), "outliers": ("detector", "outliers"),
-    "swaps_per_minute": ("detector", "swaps_per_minute"), "anatomy_mm": ("anatomy_mm",),
-    "calibration_mm": ("cameras", "calibration_mm"), "delay_frames": ("cameras", "delay_frames"),
-    "marker_mm": ("markers", "measurement_mm"), "placement_mm": ("markers", "placement_mm"),
-    "skin_mm": ("markers", "skin_mm"), "marker_gaps": ("markers", "hidden"), "marker_views": ("markers", "least_views"),
-    "marker_swaps_per_minute": ("markers", "swaps_per_minute"), "ghosts": ("markers", "ghosts"),
-}  # fmt: skip
-"""Where a description's keys stand in ``Faults``; 0 leaves a fault out."""
+    "bias_mm": ("detector", "view_bias_mm"),
+    **{
+        name: ("detector", name)
+        for name in ("drift_mm", "jitter_mm", "missing", "occluded_missing", "outliers", "swaps_per_minute")
+    },
+    "anatomy_mm": ("anatomy_mm",),
+    **{name: ("cameras", name) for name in ("calibration_mm", "delay_frames")},
+    "marker_mm": ("markers", "measurement_mm"),
+    **{name: ("markers", name) for name in ("placement_mm", "skin_mm")},
+    "marker_gaps": ("markers", "hidden"),
+    "marker_views": ("markers", "least_views"),
+    "marker_swaps_per_minute": ("markers", "swaps_per_minute"),
+    "ghosts": ("markers", "ghosts"),
+}
+"""Path of a description's keys in ``Faults``; 0 leaves a fault out."""
 _LARGEST = {"missing": 0.9, "occluded_missing": 0.95, "outliers": 0.9, "marker_gaps": 0.9, "ghosts": 0.9}
 PRESETS: dict[str, Faults] = {
     "none": Faults(),
@@ -115,7 +114,7 @@ PRESETS: dict[str, Faults] = {
         markers=MarkerFaults(measurement_mm=4.0, placement_mm=8.0, skin_mm=1.5, hidden=0.15, ghosts=0.01)
     ),
 }
-"""'detector' is the measured one, 'optical_markers' the demo take's; the others are chosen."""
+"""'detector' is measured, 'optical_markers' is the demo take's; the others are chosen by hand."""
 
 
 def read_faults(description: Any) -> Faults:
@@ -146,39 +145,39 @@ KINDS = ("infrared", "depth", "masks", "normals", "rgb")
 FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")
 """What can be written beside our own capture."""
 _KEYS = (
-    "version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks", "film", "write",
-    "markers", "joint_set", "perturb", "rgb", "hands",
-)  # fmt: skip
+    *["version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks"],
+    *["film", "write", "markers", "joint_set", "perturb", "rgb", "hands"],
+)
 ENGINES = ("workbench", "cycles", "eevee")
 
 
 @dataclass(frozen=True)
 class People:
-    """Who is filmed."""
+    """The filmed people."""
 
     count: int = 1
     sigma: float = 0.8
     """Spread of their shapes, in standard deviations of the population."""
     strange: bool = False
-    """Give them bones and flesh that no shape of the solver's body has."""
+    """Give them proportions that no shape of the solver's body has."""
 
 
 @dataclass(frozen=True)
 class RgbSettings:
-    """How colour pictures are made; the backend carries these to Blender."""
+    """Settings of colour pictures, which Blender renders."""
 
     engine: str = "workbench"
     """'workbench' is fast, 'cycles' and 'eevee' light the room."""
     samples: int = 4
-    """Samples a pixel of 'cycles' and 'eevee'."""
+    """Samples per pixel of 'cycles' and 'eevee'."""
     blur: float = 0.0
-    """Share of a frame that the shutter is open."""
+    """Exposure time as a share of a frame."""
     exposure: float = 0.0
-    """Stops brighter or darker; every shot draws half a stop more or less."""
+    """Stops brighter or darker; every shot draws up to half a stop more or less."""
     noise: float = 0.01
-    """Standard deviation of the sensor's noise, of full scale."""
+    """Standard deviation of the sensor's noise, relative to full scale."""
     rolling_s: float = 0.0
-    """Seconds that the shutter takes from the first row to the last."""
+    """Seconds from the first row of the rolling shutter to the last."""
 
 
 @dataclass(frozen=True)
@@ -199,17 +198,17 @@ class Spec:
     write: tuple[str, ...]
     """Some of ``FORMATS``."""
     markers: str
-    """Layout that the person wears, "" for none."""
+    """Marker layout of the person, "" for none."""
     joint_set: JointSet
-    """Of the keypoints that are written and solved; the truth holds every set."""
+    """Of the written and solved keypoints; the truth holds every set."""
     perturb: Faults
     hands: bool
-    """Whether fingers move, and captures hold hands."""
+    """Fingers move, and captures hold hands."""
     rgb: RgbSettings
     folder: Path
-    """What paths are relative to."""
+    """Base of relative paths."""
     text: str
-    """The description as plain JSON with sorted keys: what makes a data set the same."""
+    """The description as plain JSON with sorted keys, which identifies a data set."""
 
 
 def read_spec(path: Path | str) -> Spec:
@@ -231,8 +230,6 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
         StudioInvalid: a key or preset is unknown, a type is wrong, or a value is impossible.
         MocapError: the capture of an array cannot be read.
     """
-    if isinstance(values, Mapping) and "rigs" in values and "camera_arrays" not in values:  # its name until 0.1
-        values = {"camera_arrays": values["rigs"], **{key: value for key, value in values.items() if key != "rigs"}}
     top = CheckedValues(values, "description", _KEYS)
     if top.whole("version", VERSION, 0, 10**6) != VERSION:
         raise StudioInvalid(f"The description is of version {top.raw('version')}; {VERSION} is read.", where="version")
@@ -298,18 +295,13 @@ def _several(top: CheckedValues, key: str, default: list[Any]) -> list[Any]:
 
 def _people(top: CheckedValues) -> People:
     values = CheckedValues(top.raw("people", {}), "people", ("count", "sigma", "strange"))
-    return People(
-        values.whole("count", 1, 1, 100_000), values.number("sigma", 0.8, 0.0, 3.0), values.flag("strange", False)
-    )
+    sigma = values.number("sigma", 0.8, 0.0, 3.0)
+    return People(values.whole("count", 1, 1, 100_000), sigma, values.flag("strange", False))
 
 
 def _rgb(top: CheckedValues) -> RgbSettings:
     values = CheckedValues(top.raw("rgb", {}), "rgb", RgbSettings.__dataclass_fields__)
-    return RgbSettings(
-        values.choice("engine", "workbench", ENGINES), values.whole("samples", 4, 1, 4096),
-        values.number("blur", 0.0, 0.0, 1.0), values.number("exposure", 0.0, -8.0, 8.0),
-        values.number("noise", 0.01, 0.0, 1.0), values.number("rolling_s", 0.0, 0.0, 1.0),
-    )  # fmt: skip
-
-
-__all__ = ["ENGINES", "FORMATS", "KINDS", "PRESETS", "People", "RgbSettings", "Spec", "read_spec", "spec_of"]
+    bounds = {"blur": (0.0, 1.0), "exposure": (-8.0, 8.0), "noise": (0.0, 1.0), "rolling_s": (0.0, 1.0)}
+    numbers = {name: values.number(name, getattr(RgbSettings, name), *ends) for name, ends in bounds.items()}
+    engine, samples = values.choice("engine", "workbench", ENGINES), values.whole("samples", 4, 1, 4096)
+    return RgbSettings(engine, samples, **numbers)
