@@ -19,9 +19,9 @@ SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
 _HEM_RINGS = 2
 """Rings of skin that stay below a garment's border, and over which it tapers."""
 _LEAST_M = 0.0006
-"""Distance of one layer above the one below at least, metres: no two shine through; chosen by hand."""
+"""Smallest distance between layers, metres, so that none shines through; chosen by hand."""
 _WAVES = 10
-"""Waves that folds are the sum of; chosen by hand."""
+"""Number of waves in the folds; chosen by hand."""
 _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "bare": (),
     "suit": (("suit", 0.002),),
@@ -31,10 +31,9 @@ _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "tunic_leggings": (("shoes", 0.003), ("trousers", 0.003), ("tunic", 0.016)),
 }
 """Layers of an outfit, from the skin outwards, with their thickness in metres; chosen by hand."""
-_LABEL_OF = {
-    "suit": "suit", "shoes": "shoes", "trousers": "bottom", "shorts": "bottom", "shirt": "top", "tee": "top",
-    "tunic": "top", "short": "hair", "long": "hair",
-}  # fmt: skip
+_LABEL_OF = {"suit": "suit", "shoes": "shoes"}
+_LABEL_OF |= dict.fromkeys(("trousers", "shorts"), "bottom") | dict.fromkeys(("shirt", "tee"), "top")
+_LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}
 
 
 @dataclass(frozen=True)
@@ -42,7 +41,7 @@ class Costume:
     """The person's whole surface; N vertices, T triangles."""
 
     base: np.ndarray
-    """(N,) the body's vertex of each."""
+    """(N,) body vertex of each."""
     offset_m: np.ndarray
     """(N,) metres along its posed normal."""
     faces: np.ndarray
@@ -52,7 +51,7 @@ class Costume:
     part: np.ndarray
     """(T,) joint that moves each triangle most."""
     body_face: np.ndarray
-    """(T,) the body's triangle that each lies over."""
+    """(T,) body triangle below each."""
 
     def posed(self, skin: np.ndarray, corners: CornerSums) -> np.ndarray:
         """Return the (F, N, 3) surface of an (F, V, 3) posed skin."""
@@ -62,12 +61,7 @@ class Costume:
 
 
 class CornerSums:
-    """Vertex normals of a mesh in any pose: sums of the normals of the triangles around, weighted by area.
-
-    Args:
-        faces: (T, 3).
-        count: number of vertices.
-    """
+    """Vertex normals of a mesh with (T, 3) faces in any pose: area-weighted sums of the triangles around."""
 
     def __init__(self, faces: np.ndarray, count: int) -> None:
         flat = faces.ravel()
@@ -94,26 +88,14 @@ def draw_outfit(clothes: str, hair: str, rng: np.random.Generator) -> tuple[str,
 
 
 def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Costume:
-    """Return the surface of a dressed body.
-
-    Args:
-        body: the body.
-        clothes: a key of the outfits, none of them 'random'.
-        hair: 'none', 'short' or 'long'.
-        rng: seeded source of the folds and the fall of the hair.
-    """
+    """Return the surface of a body with clothes and hair, none of them 'random'; ``rng`` shapes folds and hair."""
     layers = [*_OUTFITS[clothes], *(() if hair == "none" else ((hair, 0.012 if hair == "short" else 0.02),))]
     regions = _Regions(body)
     covers = [regions.of(name) for name, _ in layers]
     rings = [_rings_inside(body, cover) for cover in covers]
     parts = body.weights[body.faces].sum(axis=1).argmax(axis=1)
-    base, offset, faces, label, body_face = (
-        [np.arange(len(body.v_template))],
-        [np.zeros(len(body.v_template))],
-        [],
-        [],
-        [],
-    )
+    base, offset = [np.arange(len(body.v_template))], [np.zeros(len(body.v_template))]
+    faces, label, body_face = list[np.ndarray](), list[np.ndarray](), list[np.ndarray]()
     hidden = _hidden(body, rings)
     kept = np.flatnonzero(~hidden)
     faces.append(body.faces[kept])
@@ -132,15 +114,12 @@ def dress(body: Body, clothes: str, hair: str, rng: np.random.Generator) -> Cost
         label.append(np.full(len(chosen), LABELS.index(_LABEL_OF[name])))
         body_face.append(chosen)
         start += len(used)
-    over = np.concatenate(body_face)
-    return Costume(
-        np.concatenate(base), np.concatenate(offset), np.concatenate(faces),
-        np.concatenate(label).astype(np.uint8), parts[over], over,
-    )  # fmt: skip
+    base, offset, faces, label, over = map(np.concatenate, (base, offset, faces, label, body_face))
+    return Costume(base, offset, faces, label.astype(np.uint8), parts[over], over)
 
 
 def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
-    """Return (T,) the triangles that lie wholly below a garment and clear of its hem."""
+    """Return (T,) bool: triangles entirely below a garment and clear of its hem."""
     hidden = np.zeros(len(body.faces), dtype=bool)
     for ring in rings:
         hidden |= (ring[body.faces] >= _HEM_RINGS).all(axis=1)
@@ -148,7 +127,7 @@ def _hidden(body: Body, rings: list[np.ndarray]) -> np.ndarray:
 
 
 def _rings_inside(body: Body, cover: np.ndarray) -> np.ndarray:
-    """Return (V,) how many edges each vertex lies inside a region, 0 at its border and outside, at most 5."""
+    """Return (V,) the number of edges from each vertex to a region's border, 0 outside, at most 5."""
     edges = np.concatenate([body.faces[:, [0, 1]], body.faces[:, [1, 2]], body.faces[:, [2, 0]]])
     inside = cover.copy()
     rings = np.zeros(len(cover))
@@ -162,14 +141,14 @@ def _rings_inside(body: Body, cover: np.ndarray) -> np.ndarray:
 
 
 def _folds(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (N,) smooth values in about -1..1 of a cloth's folds: waves mostly across the body."""
+    """Return (N,) smooth values in about -1..1 of a cloth's folds, waves mostly across the body."""
     waves = rng.normal(size=(_WAVES, 3)) * [14.0, 26.0, 14.0]
     phases = rng.uniform(0, 2 * np.pi, _WAVES)
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves.T + phases).sum(axis=1) * 0.7
 
 
 class _Regions:
-    """Parts of the skin by garment, from the joint that moves a vertex and from its place on the resting body."""
+    """Skin regions by garment, from the joint that moves a vertex and its place on the resting body."""
 
     def __init__(self, body: Body) -> None:
         owner = body.weights.argmax(axis=1)
@@ -214,11 +193,8 @@ class _Regions:
 
     def _tunic(self) -> np.ndarray:
         thigh = 0.6 * self._y("left_hip") + 0.4 * self._y("left_knee")
-        return (
-            self._trunk()
-            | self._sleeves(abs(self._at["left_elbow"][0]) + 0.08)
-            | (self._in("pelvis", "hip") & (self._v[:, 1] > thigh))
-        )
+        thighs = self._in("pelvis", "hip") & (self._v[:, 1] > thigh)
+        return self._trunk() | self._sleeves(abs(self._at["left_elbow"][0]) + 0.08) | thighs
 
     def _trousers(self) -> np.ndarray:
         return self._legs(self._y("left_ankle") + 0.02, self._y("spine1") - 0.01)

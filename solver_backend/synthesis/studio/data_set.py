@@ -26,24 +26,24 @@ from solver_backend.synthesis.studio.stage import require_sight, set_up
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
 _BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
-"""Of PNG, EXR and MP4, somewhat more than what the presets were measured to take."""
+"""Of PNG, EXR and MP4; slightly more than the presets were measured to need."""
 _QUIET_COLOUR = 0.8
-"""The same of colour without noise, which adds the bits of its spread to each of three channels."""
+"""The same of colour without noise, which adds its bits to each of three channels."""
 _NIGHT_GAIN = 4.0
-"""Times the sensor's noise by night."""
+"""Factor on the sensor's noise at night."""
 _BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}
-"""A view."""
+"""Per view."""
 _TRUTH_BYTES = 9000
-"""A view and frame, of truth and captures."""
+"""Per view and frame, of truth and captures."""
 _SCENE_BYTES = 260_000
-"""A shot that is filmed in colour."""
+"""Per shot filmed in colour."""
 _SPARE = 64 * 2**20
 """Bytes that stay free on the disk; chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Plan:
-    """What a description asks for."""
+    """Extent of a data set."""
 
     shots: tuple[Shot, ...]
     frames: int
@@ -52,11 +52,7 @@ class Plan:
 
 
 def plan(spec: Spec) -> Plan:
-    """Return what a description asks for; nothing is made.
-
-    Raises:
-        FileMissing: a motion is not there.
-    """
+    """Return the extent of a described data set; raise ``FileMissing`` if a motion does not exist."""
     shots = list_shots(spec)
     total, pictures = 0.0, 0
     for shot in shots:
@@ -67,9 +63,8 @@ def plan(spec: Spec) -> Plan:
         per_pixel = sum(_BYTES_PER_PIXEL.get(kind, 0) for kind in (*spec.film, *spec.write))
         if "rgb" in spec.film:
             gain = 1.0 if shot.look.light == "day" else _NIGHT_GAIN
-            per_pixel += _QUIET_COLOUR + 3 / 8 * math.log2(
-                1 + gain * 255 * math.sqrt(2 * math.pi * math.e) * spec.rgb.noise
-            )
+            noise = gain * 255 * math.sqrt(2 * math.pi * math.e) * spec.rgb.noise
+            per_pixel += _QUIET_COLOUR + 3 / 8 * math.log2(1 + noise)
             total += _SCENE_BYTES
         total += spec.frames * area * per_pixel
         total += spec.frames * views * (_TRUTH_BYTES + sum(_BYTES_PER_FRAME.get(kind, 0) for kind in spec.write))
@@ -77,11 +72,11 @@ def plan(spec: Spec) -> Plan:
 
 
 def check_data_set(spec: Spec, out: Path) -> Plan:
-    """Check everything that can be checked before work begins, and return what would be made; nothing is written.
+    """Check a data set as far as possible without work, and return its extent; nothing is written.
 
     Raises:
         OtherDataSet: the folder holds another data set, or something else.
-        DiskTooSmall: there is not enough room for what is not yet made.
+        DiskTooSmall: the disk has not enough room for the missing shots.
         NobodySeen, CameraInsideBody: a shot cannot be filmed.
         MocapError: a motion cannot be read.
     """
@@ -111,26 +106,21 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     """
     found = check_data_set(spec, out)
     check_output(out / DESCRIPTION, overwrite=True)
-    text = json.dumps(
-        {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder),
-         "description": json.loads(spec.text), "needed_mb": round(found.bytes / 2**20, 1)},
-        indent=1, sort_keys=True,
-    )  # fmt: skip
-    write_text(out / DESCRIPTION, text + "\n", overwrite=True)
+    record = {"format": _FORMAT, "version": VERSION, "digest": digest(spec), "folder": str(spec.folder)}
+    record |= {"description": json.loads(spec.text), "needed_mb": round(found.bytes / 2**20, 1)}
+    write_text(out / DESCRIPTION, json.dumps(record, indent=1, sort_keys=True) + "\n", overwrite=True)
     return found
 
 
 def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()) -> list[ShotRecord]:
-    """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` states.
+    """Make every missing shot of a data set, and return the contents of each ``shot.json``.
 
     Args:
-        spec: the description.
-        out: folder of the data set.
         progress: called for every frame.
-        only: names of the shots to make, of a folder that was claimed before; all, and the folder is claimed, if empty.
+        only: names of the shots to make in a claimed folder; if empty, claim the folder and make all.
 
     Raises:
-        FileMissing: there is no shot of such a name, or the folder was not claimed.
+        FileMissing: there is no shot of this name, or the folder was not claimed.
         MocapError: see ``open_data_set`` and ``make_shot``.
     """
     if only:
@@ -162,7 +152,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
 
 
 def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
-    """Return description and shots of a data set that was made.
+    """Return description and shots of a finished data set.
 
     Raises:
         FileMissing: there is none, or no shot of it.
@@ -186,12 +176,12 @@ def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
 
 
 def digest(spec: Spec) -> str:
-    """Return what makes a data set the same: its description, in hexadecimal."""
+    """Return the identity of a data set: a hash of its description, in hexadecimal."""
     return hashlib.sha256(spec.text.encode()).hexdigest()[:32]
 
 
 def _one_of_each(shots: list[Shot]) -> list[Shot]:
-    """Return one shot of each motion, array and look: who the person is hardly changes what is seen of them."""
+    """Return one shot of each motion, array and look, as the person hardly changes what is seen."""
     return list({(s.motion.name, s.array.name): s for s in reversed(shots)}.values())[::-1]
 
 
@@ -216,22 +206,9 @@ def _description(out: Path) -> dict[str, Any] | None:
 
 
 def free_bytes(out: Path) -> int:
-    """Return how much room the disk of a folder has that need not be there yet."""
+    """Return the free bytes on the disk of a folder that need not exist yet."""
     return shutil.disk_usage(next(p for p in (out.resolve(), *out.resolve().parents) if p.exists())).free
 
 
 def _size(count: float) -> str:
     return f"{count / 2**30:.1f} GiB" if count >= 2**30 else f"{count / 2**20:.0f} MiB"
-
-
-__all__ = [
-    "DESCRIPTION",
-    "SHOTS",
-    "Plan",
-    "check_data_set",
-    "free_bytes",
-    "make_data_set",
-    "open_data_set",
-    "plan",
-    "read_data_set",
-]

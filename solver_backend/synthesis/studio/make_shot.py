@@ -56,16 +56,14 @@ _CHUNK = 16
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
-    """Film a shot; return (C, F, M) the share of each marker that each camera sees, float32.
+    """Film a shot; return (C, F, M) float32, the share of each marker that each camera sees.
 
-    Where nothing is filmed the shares are those of sight lines.
+    Without pictures the shares are those of sight lines.
 
     Args:
-        spec: what is filmed.
-        stage: the shot.
         keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
             uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and metres before any sensor.
-        on_frame: called with each frame that is done.
+        on_frame: called after each frame.
     """
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
     cameras = stage.cameras
@@ -85,9 +83,14 @@ def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] =
 
 
 def _shoot(
-    spec: Spec, stage: Stage, behind: Backdrop, kinds: list[str], place: tuple[int, int], surface: np.ndarray,
+    spec: Spec,
+    stage: Stage,
+    behind: Backdrop,
+    kinds: list[str],
+    place: tuple[int, int],
+    surface: np.ndarray,
     keep: Keep,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     view, frame = place
     seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")
@@ -111,19 +114,14 @@ def _shoot(
 
 
 DONE = "shot.json"
-"""Of a shot's folder: it is whole."""
+"""File that marks a complete shot's folder."""
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
-    """Make a shot and return what its ``shot.json`` states; a shot that is there already stays.
+    """Make a shot and return its ``shot.json``; an existing shot stays.
 
-    Several processes may make one shot at a time: the first that is through names its folder.
-
-    Args:
-        spec: the data set.
-        shot: which one.
-        shots: folder of all shots.
-        on_frame: called with each frame that is filmed.
+    Several processes may make one shot at a time: the first to finish names its folder. ``on_frame`` is called after
+    each filmed frame.
 
     Raises:
         NobodySeen, CameraInsideBody: it cannot be filmed.
@@ -145,18 +143,11 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], Non
 
 
 def read_shot(folder: Path) -> ShotRecord:
-    """Return what the ``shot.json`` of a shot's folder states.
-
-    Raises:
-        FileMissing, FileDamaged: it is not there, or no object of JSON.
-    """
+    """Return the ``shot.json`` of a shot's folder; raise ``FileMissing`` or ``FileDamaged``."""
     record = read_json(folder / DONE)
     if not is_shot_record(record):
-        raise FileDamaged(
-            "The shot's record is not an object.", where=str(folder / DONE), hint="Remove the shot's folder."
-        )
-    if "rig" in record:  # its name until 0.1
-        record.setdefault("camera_array", record["rig"])
+        message, hint = "The shot's record is not an object.", "Remove the shot's folder."
+        raise FileDamaged(message, where=str(folder / DONE), hint=hint)
     return record
 
 

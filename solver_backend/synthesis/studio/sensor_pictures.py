@@ -15,7 +15,7 @@ from solver_backend.types import SMPL_JOINTS
 
 @dataclass(frozen=True)
 class Backdrop:
-    """What a camera sees while nobody is there; the same in every frame."""
+    """View of a camera without a person, the same in every frame."""
 
     depth: np.ndarray
     """(h, w) float32 metres."""
@@ -24,23 +24,23 @@ class Backdrop:
     normal: np.ndarray
     """(h, w, 3) float32, world."""
     cosine: np.ndarray
-    """(h, w) float32 between normal and sight line."""
+    """(h, w) float32 cosine between normal and sight line."""
     towards: np.ndarray
     """(h, w, 3) float32 unit vectors from the surfaces to the camera, world."""
 
 
 @dataclass(frozen=True)
 class Seen:
-    """What a camera sees in a frame."""
+    """View of a camera in a frame."""
 
     depth: np.ndarray
-    """(h, w) float32 metres along the axis, inf where nothing is; the person's and the room's, without markers."""
+    """(h, w) float32 metres along the axis to person or room, without markers; inf where nothing is."""
     label: np.ndarray
     """(h, w) uint8 index into the labels, with markers."""
     cosine: np.ndarray
     """(h, w) float32."""
     normal: np.ndarray | None
-    """(h, w, 3) float32 unit normals of the world, None where nobody asked."""
+    """(h, w, 3) float32 unit normals in the world, None unless requested."""
     spheres: Spheres
     person: ZBuffer
 
@@ -68,16 +68,7 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
 
 
 def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: int, *, normals: bool = False) -> Seen:
-    """Return what a camera sees of a dressed person before its backdrop.
-
-    Args:
-        stage: the shot.
-        view: which camera.
-        behind: its backdrop.
-        surface: (N, 3) the person's vertices in this frame.
-        frame: which frame, for the markers.
-        normals: also return the normals.
-    """
+    """Return a camera's view of the dressed person with (N, 3) vertices before its backdrop in a frame."""
     cameras, costume = stage.cameras, stage.costume
     width, height = cameras.image_size[view].tolist()
     camera, px = in_camera(cameras, view, surface)
@@ -103,33 +94,33 @@ def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: 
 
 
 FULL = 65535
-"""Where the sensor saturates."""
+"""Saturation of the sensor."""
 _ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)
-"""Infrared reflectance by label, chosen."""
+"""Infrared reflectance by label; chosen by hand."""
 _KERNEL_PX = 2
-"""Pixels to each side that a lens' blur reaches; chosen by hand."""
+"""Reach of the lens blur on each side, pixels; chosen by hand."""
 
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """How bright things are, and the sensor's errors; all chosen to look like figure 5.5 of the thesis."""
+    """Brightness of things and errors of the sensor; chosen to look like figure 5.5 of the thesis."""
 
     flood: float = 9000.0
-    """Counts of a white surface square on at 1 m."""
+    """Counts of a white surface at 1 m, facing the camera."""
     retro: float = 6.0
-    """Times ``FULL`` that a retro-reflector gives at 2 m."""
+    """Counts of a retro-reflector at 2 m, in ``FULL``."""
     least_retro: float = 1.3
-    """The same at least, as exposure goes with the room's size."""
+    """Lower limit of these, as exposure follows the room's size."""
     blur_px: float = 0.65
     """Standard deviation of the lens's blur of retro-reflections."""
     shot_noise: float = 2.0
-    """Standard deviation at one count, growing with the root."""
+    """Standard deviation at one count; it grows with the square root."""
     read_noise: float = 12.0
     """Standard deviation of counts in the dark."""
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
-    """Return (h, w) float32 counts that retro-reflective spheres send back, not yet saturated."""
+    """Return (h, w) float32 counts reflected by retro-reflective spheres, before saturation."""
     height, width = shape
     light = np.zeros(height * width, np.float32)
     if not len(spheres.pixel):
@@ -149,18 +140,16 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
 
 
 def infrared(
-    depth: np.ndarray, cosine: np.ndarray, label: np.ndarray, retro: np.ndarray, model: InfraredModel,
+    depth: np.ndarray,
+    cosine: np.ndarray,
+    label: np.ndarray,
+    retro: np.ndarray,
+    model: InfraredModel,
     rng: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
+) -> np.ndarray:
     """Return the (h, w) uint16 picture: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
 
-    Args:
-        depth: (h, w) metres, inf where nothing is.
-        cosine: (h, w) of the angle between normal and sight line.
-        label: (h, w) index into the labels.
-        retro: (h, w) counts from ``sphere_light``.
-        model: the sensor.
-        rng: seeded source of randomness.
+    ``depth``, ``cosine`` and ``label`` are as in ``Seen``, ``retro`` is from ``sphere_light``.
     """
     assert len(_ALBEDO) == len(LABELS)
     surface = np.float32(model.flood) * _ALBEDO[label] * np.maximum(cosine, np.float32(0.05)) / depth**2
@@ -172,46 +161,41 @@ def infrared(
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """The sensor's errors; of the size that Tölgyessy et al. 2021 measured on Azure Kinects, up to 3.9 m."""
+    """Errors of the sensor, as large as Tölgyessy et al. 2021 measured on Azure Kinects up to 3.9 m."""
 
     constant_mm: float = 0.8
-    """Standard deviation at no distance."""
+    """Standard deviation at distance 0."""
     quadratic_mm: float = 0.55
-    """Added standard deviation at 1 m, growing with the square of the distance."""
+    """Added standard deviation at 1 m; it grows with the square of the distance."""
     grazing: float = 0.25
-    """Share by which noise grows with the tangent of the angle of incidence."""
+    """Growth of the noise with the tangent of the angle of incidence."""
     edge_m: float = 0.06
-    """Neighbouring pixels farther apart than this are an edge."""
+    """Depth difference of neighbouring pixels at an edge."""
     flying: float = 0.5
-    """Share of pixels at an edge whose depth lies between both surfaces."""
+    """Share of pixels at an edge with a depth between both surfaces."""
     lost: float = 0.25
-    """Share of pixels at an edge that give no depth."""
+    """Share of pixels at an edge without depth."""
     range_m: tuple[float, float] = (0.5, 3.86)
-    """Nearest and farthest depth."""
+    """Smallest and largest depth."""
     ring_noise: float = 1.5
-    """Times the noise in the ring of a marker."""
+    """Factor on the noise in the ring around a marker."""
     surface_radii: float = 2.0 / 3.0
-    """How far before its middle a sphere sends light back, in radii: the mean over its disc."""
+    """Distance before its centre at which a sphere reflects light, in radii: the mean over its disc."""
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
-        """Return the standard deviation in metres of a surface square on, at depths in metres."""
+        """Return the standard deviation in metres of a facing surface at depths in metres."""
         return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
 
 
 def measure_depth(
-    depth: np.ndarray, cosine: np.ndarray, retro: np.ndarray, spheres: Spheres, model: TimeOfFlightModel,
+    depth: np.ndarray,
+    cosine: np.ndarray,
+    retro: np.ndarray,
+    spheres: Spheres,
+    model: TimeOfFlightModel,
     rng: np.random.Generator,
-) -> np.ndarray:  # fmt: skip
-    """Return (h, w) uint16 millimetres along the axis, 0 where the sensor gives none.
-
-    Args:
-        depth: (h, w) true metres, inf where nothing is.
-        cosine: (h, w) of the angle between normal and sight line.
-        retro: (h, w) counts from ``sphere_light``.
-        spheres: whose ring lies where.
-        model: the sensor.
-        rng: seeded source of randomness.
-    """
+) -> np.ndarray:
+    """Return (h, w) uint16 millimetres along the axis, 0 without depth; see ``infrared`` for the pictures."""
     low, high = model.range_m
     true = np.minimum(depth, np.float32(100.0))
     blind = retro >= FULL
@@ -223,7 +207,7 @@ def measure_depth(
     factor = np.where(ring, np.float32(model.ring_noise), 1.0 + np.float32(model.grazing) * slope)
     sigma = np.float32(1e-3) * (np.float32(model.constant_mm) + np.float32(model.quadratic_mm) * true**2)
     found = true + (sigma * factor).astype(np.float32) * rng.standard_normal(true.shape, np.float32)
-    # Edges are few: only they are looked at one by one.
+    # Edges are few, so only they are processed one by one.
     near, far = _neighbours(true)
     edge = np.flatnonzero(((far - near > np.float32(model.edge_m)) & ~ring).ravel())
     draw, mix = rng.random(len(edge), np.float32), rng.random(len(edge), np.float32)
@@ -237,9 +221,9 @@ def measure_depth(
 def _with_rings(
     depth: np.ndarray, blind: np.ndarray, spheres: Spheres, before_m: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the depth with the nearest sphere's two pixels around blind patches, and (h, w) where that is.
+    """Return the depth with the nearest sphere's two pixels around blind patches, and (h, w) bool where they are.
 
-    A sphere's light comes from ``before_m`` before its middle.
+    A sphere reflects light ``before_m`` before its centre.
     """
     height, width = depth.shape
     owner = np.full(height * width, np.inf, np.float32)
@@ -276,16 +260,18 @@ def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 SECTOR_DEG = 30
 """Angles of poses are counted in sectors of this size, from 0 to 180 degrees."""
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
+_TRUNK = ("neck", "pelvis")
 _LIMBS = {
-    "elbow bent": (("shoulder", "elbow"), ("elbow", "wrist")), "knee bent": (("hip", "knee"), ("knee", "ankle")),
-    "thigh before trunk": (("neck", "pelvis"), ("hip", "knee")),
-    "arm off trunk": (("neck", "pelvis"), ("shoulder", "elbow")),
-}  # fmt: skip
-"""Angles between two lines, each from a joint to another; of both sides together."""
+    "elbow bent": (("shoulder", "elbow"), ("elbow", "wrist")),
+    "knee bent": (("hip", "knee"), ("knee", "ankle")),
+    "thigh before trunk": (_TRUNK, ("hip", "knee")),
+    "arm off trunk": (_TRUNK, ("shoulder", "elbow")),
+}
+"""Angles between two lines, each from a joint to another; both sides count together."""
 
 
 def views_of(stage: Stage) -> list[int]:
-    """Return how often the person is seen from each of eight directions, from the front on, to its left."""
+    """Count how often the person is seen from each of eight directions, from the front to the left."""
     way = stage.cameras.centres[:, None] - stage.joints[None, :, 0]
     local = np.einsum("fij,cfi->cfj", stage.person.orient, way)
     angle = np.arctan2(local[..., 0], local[..., 2]) % (2 * np.pi)
@@ -294,7 +280,7 @@ def views_of(stage: Stage) -> list[int]:
 
 
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
-    """Return how often (F, 24, 3) joints are bent by how much, in sectors of ``SECTOR_DEG`` from 0 degrees on."""
+    """Count the bends of (F, 24, 3) joints in sectors of ``SECTOR_DEG`` from 0 degrees on."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
     trunk = _line(joints, "pelvis", "neck", "")
     found = {"trunk off upright": _counted(_angle(trunk, upright))}
