@@ -1,4 +1,4 @@
-"""The unit sphere of any dimension: normalisation, exponential, logarithm, and the two weights of a geodesic."""
+"""The unit sphere of any dimension: normalisation, the two weights of a geodesic, tangent bases."""
 
 from __future__ import annotations
 
@@ -15,8 +15,6 @@ _SERIES_BELOW = 0.01
 _SERIES_TERMS = 9
 _NO_ANGLE = 1e-24
 """Bound on ``sin²(ψ/2)`` below which nothing is divided by the angle, also in single precision."""
-_SMALL_SQUARE = 1e-8
-"""Squared angle in radians below which a series is exact to double precision."""
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:
@@ -27,35 +25,6 @@ def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch
     xp = array_namespace(v)
     centred = v - xp.mean(v, axis=-1, keepdims=True)
     return centred / xp.sqrt(xp.sum(centred * centred, axis=-1, keepdims=True))
-
-
-def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
-    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along the tangent ``v`` (thesis 6.2.3)."""
-    xp = array_namespace(a, v)
-    square = xp.sum(v * v, axis=-1, keepdims=True)
-    small = square < _SMALL_SQUARE
-    length = xp.sqrt(xp.where(small, xp.ones_like(square), square))
-    along = xp.where(small, 1.0 - square / 6.0, xp.sin(length) / length)
-    return xp.where(small, 1.0 - square / 2.0, xp.cos(length)) * a + along * v
-
-
-def sphere_log(a: Vectors, b: Vectors) -> Vectors:
-    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a`` (thesis 6.2.3).
-
-    At ``b = -a`` it is a fixed direction orthogonal to ``a``, of length π.
-    """
-    xp = array_namespace(a, b)
-    gap, sum_ = b - a, b + a
-    near, far = xp.sqrt(xp.sum(gap * gap, axis=-1)), xp.sqrt(xp.sum(sum_ * sum_, axis=-1))
-    angle = 2.0 * xp.atan2(near, far)
-    u = gap + 0.5 * (near * near)[..., None] * a
-    length = xp.sqrt(xp.sum(u * u, axis=-1))
-    flat = length < xp.finfo(a.dtype).smallest_normal ** 0.5
-    v = u * (angle / xp.where(flat, xp.ones_like(length), length))[..., None]
-    antipodal = is_antipodal(0.25 * far * far)
-    if bool(xp.any(antipodal)):
-        v = xp.where(antipodal[..., None], angle[..., None] * orthogonal_axis(a), v)
-    return v
 
 
 def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:

@@ -17,24 +17,24 @@ from solver_backend.priors.view_lifter import LiftedView, load_view_lifter
 from solver_backend.types import Cameras, Keypoints2D
 
 _ROUNDS = 6
-"""Reweighted solves."""
+"""Number of reweighted solves."""
 _SCALE_M = 0.12
-"""Distance from its ray at which a point starts to be doubted: lifted limbs are off by as much."""
+"""Distance from its ray at which a point loses weight: the error of lifted limbs."""
 _SMOOTH_S = 0.15
-"""Standard deviation in time over which places are averaged: a single frame's distance jumps by a few percent."""
+"""Standard deviation in time of the average of places: a single frame's distance varies by a few percent."""
 _NEAREST_M = 0.3
-"""Depth of a person in front of a camera at least, metres; chosen by hand."""
+"""Smallest depth of a person in front of a camera, metres; chosen by hand."""
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) shifts t in camera axes that bring points nearest to their rays; NaN where nothing is seen.
+    """Return the (F, 3) shifts t in camera axes that bring points nearest to their rays; NaN without points.
 
     ``Σ_i w_i |(p_i + t)_xy - x_i (p_i + t)_z|²`` is linear in t; points far from their rays lose weight.
 
     Args:
-        points: (F, L, 3) in camera axes, about anything, metres.
-        image: (F, L, 2) x, in focal lengths; anything where the weight is 0.
-        weight: (F, L) of each point, 0 where it was not seen.
+        points: (F, L, 3) in camera axes, metres.
+        image: (F, L, 2) x, in focal lengths; arbitrary where the weight is 0.
+        weight: (F, L), 0 where not seen.
     """
     weight = np.where(np.isfinite(image).all(-1), weight, 0.0)
     x = np.where(weight[..., None] > 0, image, 0.0)
@@ -57,7 +57,7 @@ def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarra
 
 
 def smoothed_places(places: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 3) places averaged over neighbouring frames by a Gaussian; NaN stays where nothing is near."""
+    """Return (F, 3) places averaged over neighbouring frames by a Gaussian; NaN places stay."""
     half = max(1, round(3 * _SMOOTH_S * fps))
     kernel = np.exp(-0.5 * (np.arange(-half, half + 1) / (_SMOOTH_S * fps)) ** 2)
     known = np.isfinite(places).all(axis=1)
@@ -76,7 +76,7 @@ class LiftedTake:
     z: np.ndarray
     """(F, d) codes of the prior."""
     local: np.ndarray
-    """(F, J, 3, 3) what they decode to."""
+    """(F, J, 3, 3) decoded rotations."""
     image: np.ndarray
     """(F, L, 2) keypoints in focal lengths from the principal point, NaN where missing."""
     confidence: np.ndarray
@@ -91,10 +91,7 @@ class LiftedTake:
         return up / max(float(np.linalg.norm(up)), 1e-9)
 
     def placed(self, body: Body, landmarks: Landmarks, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (F, L, 3) points of a person of this shape in the camera's axes, and the body's (F, 3) places.
-
-        NaN where nothing is seen.
-        """
+        """Return (F, L, 3) points of a person of this shape in the camera's axes and (F, 3) places, NaN if unseen."""
         still = np.zeros((len(self.local), 3))
         points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
         places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
@@ -102,7 +99,7 @@ class LiftedTake:
 
 
 LEAST_POINTS = 6
-"""Keypoints by which a frame shows a person."""
+"""Keypoints from which a frame shows a person."""
 
 
 def lift_take(
@@ -111,11 +108,10 @@ def lift_take(
     """Lift the keypoints of one camera.
 
     Args:
-        camera: one camera; only its lens is looked at.
-        keypoints: of this one view.
-        body: whose joints the prior's poses are.
+        camera: a single camera, used for its lens.
+        keypoints: of this view.
         prior: decoder of poses on this body.
-        up: (3,) unit vector against gravity in the camera's axes; None: unknown.
+        up: (3,) unit vector against gravity in the camera's axes; None if unknown.
 
     Raises:
         FileMissing, WeightsInvalid: see ``load_view_lifter``.
@@ -131,12 +127,12 @@ def lift_take(
 
 
 UP_RAD = 0.17
-"""Error of the lifter's up over a take, per axis: 10 degrees, alike in most of its frames."""
+"""Error of the lifter's up over a take, per axis: 10 degrees, common to most frames."""
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5
-"""Error of a lower sole's height by its own distance, metres; the time over which errors are correlated."""
+"""Error of a lower sole's height, metres, and its correlation time."""
 STANDING_PERCENT = 20.0
-"""Of the lower sole's heights over a take: where it stands. Against the median, feet of four takes of subjects 08 and
-60 and of four that the lifter is trained on skate 0.003 cm a frame instead of 0.005, and joints are no farther off."""
+"""Percentile of the lower sole's heights at which it stands. Against the median, feet of four takes of subjects 08
+and 60 and of four training takes skate 0.003 instead of 0.005 cm per frame, with equal joint errors."""
 SOLE_M, ANKLE_M = 0.02, 0.08
 """Heights of a standing foot's heel or toe, and of its ankle."""
 _FEET = {
@@ -148,30 +144,18 @@ _UP = np.array([0.0, 0.0, 1.0])
 
 
 def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
-    """Return the height at which the lower sole stands, metres; None where no foot is seen.
+    """Return the height at which the lower sole stands, metres; None if no foot is seen.
 
-    That is the lowest fifth of its heights (``STANDING_PERCENT``): who dances on the toes or leaps stands seldom.
-
-    Args:
-        points: (F, L, 3) Z up.
-        names: of the L points.
-        seen: (F, L) bool.
+    It is a low percentile, ``STANDING_PERCENT``: dancers and jumpers stand rarely. See ``lower_soles`` for arguments.
     """
     soles = lower_soles(points, names, seen, _UP)
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
 
 
 def surest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, sigma: np.ndarray) -> float | None:
-    """Return the median height of the lower sole with weights ``1 / σ²``, metres; None where no foot is seen.
+    """Return the median height of the lower sole with weights ``1 / σ²``, metres; None if no foot is seen.
 
-    Feet below somebody who squats or lies are lifted 0.1 m too low or too high, and the lifter knows that it is less
-    sure there.
-
-    Args:
-        points: (F, L, 3) Z up.
-        names: of the L points.
-        seen: (F, L) bool.
-        sigma: (F, L) deviations of the heights, metres.
+    Feet of people who squat or lie are lifted 0.1 m too low or too high, with larger deviations ``sigma`` (F, L).
     """
     frames, column = _lower(points, names, seen, _UP)
     if not len(frames):
@@ -183,13 +167,9 @@ def surest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, si
 
 
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
-    """Return the (n, 3) lower sole of each frame in which a foot is seen.
+    """Return the (n, 3) lower sole of each frame with a visible foot, in the direction ``up`` (3,).
 
-    Args:
-        points: (F, L, 3) metres.
-        names: of the L points.
-        seen: (F, L) bool.
-        up: (3,) unit direction against gravity.
+    ``points`` (F, L, 3) are in metres, ``seen`` is (F, L) bool.
     """
     frames, column = _lower(points, names, seen, up)
     drop = np.array([_FEET.get(name, 0.0) for name in names])
@@ -199,7 +179,7 @@ def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up
 def _lower(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (n,) frames in which a foot is seen, and the (n,) points whose sole is the lowest there."""
+    """Return the (n,) frames with a visible foot, and the (n,) points with the lowest sole there."""
     columns = np.array([k for k, name in enumerate(names) if name in _FEET], dtype=int)
     if not len(columns):
         return columns, columns
@@ -210,15 +190,10 @@ def _lower(
 
 
 def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-    """Return (3,) up in the camera's axes: the lifter's, tilted so that feet stay at one height where people walk.
+    """Return the lifter's up (3,) in the camera's axes, tilted so that feet stay at one height.
 
     ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, of which n are
-    independent.
-
-    Args:
-        take: lifted.
-        points: (F, L, 3) placed points in the camera's axes.
-        names: of the L points.
+    independent. ``points`` (F, L, 3) are the placed points in the camera's axes.
     """
     up: np.ndarray = take.up
     seen = take.confidence > 0

@@ -1,7 +1,4 @@
-"""The lifter: pose code, root and shape of a person from the 3D points of a frame, by a small network.
-
-It gives the start of a fit. Points are seen from the trunk, so that neither place nor heading matter.
-"""
+"""The lifter: a small network from the 3D points of a frame, seen from the trunk, to the start of a fit."""
 
 from __future__ import annotations
 
@@ -22,22 +19,22 @@ from solver_backend.types import NUM_BETAS
 DEFAULT_WEIGHTS: Path = ASSETS / "lifter.npz"
 SIDES = ("left", "right")
 TRUNK: tuple[str, ...] = tuple(f"{side}_{part}" for part in ("shoulder", "hip") for side in SIDES)
-"""Points that must be there."""
+"""Points that must be known."""
 POINTS: tuple[str, ...] = (
     *TRUNK,
     *(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle", "ear", "big_toe", "heel") for side in SIDES),
     "nose",
 )
-"""Points the network looks at; those that a detector does not have are missing to it."""
+"""Inputs of the network; points that a detector lacks are missing."""
 OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS
 """Code, root rotation (6 numbers), translation and shape."""
 _SMALLEST_M = 1e-3
-"""Width of the trunk across its axis at least, metres, below which its front is not known; chosen by hand."""
+"""Smallest width of the trunk with a known front, metres; chosen by hand."""
 
 
 @dataclass(frozen=True)
 class Lifted:
-    """What the network makes of F frames; meaningless where ``usable`` is False."""
+    """Network results for F frames; meaningless where ``usable`` is False."""
 
     z: Array
     """(F, 32) unit zero-mean codes of SPoser."""
@@ -46,14 +43,14 @@ class Lifted:
     pelvis: Array
     """(F, 3) metres."""
     betas: Array
-    """(F, 10) shape, as each frame alone gives it."""
+    """(F, 10) shape by each frame alone."""
     usable: Array
-    """(F,) bool: shoulders and hips are there."""
+    """(F,) bool: shoulders and hips are known."""
 
 
 @dataclass(frozen=True)
 class TrunkFrame:
-    """Where the trunk of F people is: ``x_world = R x + origin``."""
+    """Trunk frames of F people: ``x_world = R x + origin``."""
 
     R: Array
     """(F, 3, 3): x to the person's left, y up the spine, z to the front."""

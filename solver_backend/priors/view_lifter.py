@@ -1,7 +1,7 @@
 """The view lifter: pose code, root, direction up and their errors from one camera's keypoints over 27 frames.
 
-One image holds neither a person's distance nor their size, so neither comes out. A window is turned so that its middle
-looks straight at the person and divided by their angular size: where in the picture somebody stands does not matter.
+Distance and size do not show in one image and are not estimated. Windows are turned towards the person and divided by
+the angular size, so that the place in the picture does not matter.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ WINDOW, MIDDLE = 27, 13
 """Frames of a window at ``WINDOW_FPS``, and the one that is lifted."""
 WINDOW_FPS = 30.0
 TOKEN = 3 * len(POINTS) + 5
-"""Numbers of a frame that the network reads."""
+"""Inputs of the network per frame."""
 OUTPUTS = LATENT_DIM + 6 + 3 + 2 * NUM_JOINTS
 FACE = ("left_ear", "right_ear", "nose")
-"""Points of the head that the network looks at."""
+"""Points of the head among the network's inputs."""
 NECKS = ("neck", "upper_neck", "thorax")
 HEAD_SHARE = {"head_top": 0.55, "head": 1.0}
-"""Where between the neck and the first of these that a detector has the middle of the head lies. On four takes of
-subjects 01, 08 and 60 limbs are then 34.8 mm off in place of 44.2 with MPII's points, with 0.5 as with 0.62."""
+"""Position of the head's middle between the neck and the first of these that a detector has. On four takes of subjects
+01, 08 and 60 with MPII's points it reduces limb errors from 44.2 to 34.8 mm, with 0.5 as with 0.62."""
 _CENTRE_FRAMES = 2.0
-"""Standard deviation, in frames, of how far about the middle frame the person is looked for."""
+"""Standard deviation, in frames, of the weights that locate the person around the middle frame."""
 _FAINT = 1e-6
-"""Share of frames far from the middle: they count where the person is lost in the middle."""
+"""Added weight of all frames, which counts if the person is lost in the middle."""
 _SMALLEST = 1e-6
 _LOG_SIGMA = (-4.6, 0.7)
-"""Logarithms of the least and greatest standard deviation in metres: 1 cm to 2 m."""
+"""Logarithms of the smallest and largest standard deviation in metres: 1 cm to 2 m."""
 _BLOCK = 256
-"""Windows that are read at a time, which bounds memory to 0.1 GB; chosen by hand."""
+"""Windows per batch, which bounds memory to 0.1 GB; chosen by hand."""
 _START_LOG_SIGMA = -2.5
-"""Where the network's zero stands: 8 cm."""
+"""Log deviation at the network's zero: 8 cm."""
 
 
 @dataclass(frozen=True)
 class LookAt:
-    """How N windows were turned and scaled."""
+    """Turn and scale of N windows."""
 
     R: Array
     """(N, 3, 3) camera to a camera that looks at the person."""
@@ -63,7 +63,7 @@ class LookAt:
 
 @dataclass(frozen=True)
 class LiftedView:
-    """What the network makes of N windows, in the axes of the camera (x right, y down, z forward)."""
+    """Network results for N windows, in the axes of the camera (x right, y down, z forward)."""
 
     z: Array
     """(N, 32) unit zero-mean codes of SPoser."""
@@ -72,28 +72,25 @@ class LiftedView:
     up: Array
     """(N, 3) unit, against gravity."""
     sigma_m: Array
-    """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across each axis of the
-    picture, and along the line of sight."""
+    """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across the picture, per axis,
+    and along the line of sight."""
     sight: Array
     """(N, 3, 3) rows: right, down and forward of a camera that looks at the person."""
     hidden: np.ndarray | None = None
-    """(N, d) what the network has made of the windows before its last layer; None while it trains."""
+    """(N, d) features before the last layer; None during training."""
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
     """Return the camera that looks at the person in the middle of each window.
 
-    Args:
-        points: (N, 27, 19, 2) in focal lengths from the principal point, finite.
-        confidence: (N, 27, 19) in 0..1, 0 where missing.
+    ``points`` (N, 27, 19, 2) are in focal lengths from the principal point, finite; ``confidence`` (N, 27, 19) is 0 for
+    missing ones.
     """
     xp = array_namespace(points)
     weight = _weights(confidence)
     centre = xp.sum(weight[..., None] * points, axis=(1, 2))
-    ray = xp.concat([centre, xp.ones_like(centre[:, :1])], axis=-1)
-    ray = _unit(ray)
-    right = constant((1.0, 0.0, 0.0), ray)[None] - ray[:, :1] * ray
-    right = _unit(right)
+    ray = _unit(xp.concat([centre, xp.ones_like(centre[:, :1])], axis=-1))
+    right = _unit(constant((1.0, 0.0, 0.0), ray)[None] - ray[:, :1] * ray)
     R = xp.stack([right, cross(ray, right), ray], axis=1)
     turned = _turned(points, R)
     size = xp.sqrt(xp.sum(weight * xp.sum(turned * turned, axis=-1), axis=(1, 2)))
@@ -103,20 +100,14 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
     """Return (N, 27, 62): turned and scaled points, 0 where missing, with confidences; size; the direction up if known.
 
-    The last five are alike in all frames of a window.
-
-    Args:
-        points: (N, 27, 19, 2) in focal lengths from the principal point, finite.
-        confidence: (N, 27, 19) in 0..1, 0 where missing.
-        up: (N, 3) unit vector against gravity in the camera's axes, zero where unknown.
-        view: of these points.
+    The last five are equal in all frames of a window. ``up`` (N, 3) is a unit vector against gravity in the camera's
+    axes, zero where unknown; the others are as in ``look_at``.
     """
     xp = array_namespace(points)
     count = points.shape[0]
     scaled = _turned(points, view.R) / view.size[:, None, None, None]
-    near = xp.clip(scaled, -6.0, 6.0)
     there = confidence[..., None]
-    near = xp.where(there > 0, near, xp.zeros_like(near))
+    near = xp.where(there > 0, xp.clip(scaled, -6.0, 6.0), xp.zeros_like(scaled))
     turned_up = xp.matmul(view.R, up[..., None])[..., 0]
     known = xp.sum(up * up, axis=-1, keepdims=True)
     flat = xp.reshape(xp.concat([near, there], axis=-1), (count, WINDOW, -1))
@@ -125,21 +116,19 @@ def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array
 
 
 def interpreted(output: Array, view: LookAt) -> LiftedView:
-    """Return what the (N, 89) output of the network means."""
+    """Return the meaning of the (N, 89) output of the network."""
     xp = array_namespace(output)
     back = xp.matrix_transpose(view.R)
     turn, end = output[:, LATENT_DIM : LATENT_DIM + 6], LATENT_DIM + 9
     up = xp.matmul(back, output[:, LATENT_DIM + 6 : end, None])[..., 0]
     log_sigma = xp.clip(output[:, end:] + _START_LOG_SIGMA, *_LOG_SIGMA)
-    return LiftedView(
-        spherical_normalisation(output[:, :LATENT_DIM]), xp.matmul(back, matrix_from_6d(turn)), _unit(up),
-        xp.exp(xp.reshape(log_sigma, (-1, NUM_JOINTS, 2))), view.R,
-    )  # fmt: skip
+    codes, root = spherical_normalisation(output[:, :LATENT_DIM]), xp.matmul(back, matrix_from_6d(turn))
+    return LiftedView(codes, root, _unit(up), xp.exp(xp.reshape(log_sigma, (-1, NUM_JOINTS, 2))), view.R)
 
 
 @dataclass(frozen=True)
 class ViewLifter:
-    """The network and what is known of it: attention among the frames of a window, read in its middle."""
+    """The network: attention among the frames of a window, read in its middle."""
 
     arrays: Arrays
     """Weights, float32, by the names of the trained module's parameters."""
@@ -162,7 +151,7 @@ class ViewLifter:
         return np.asarray(dense(self.arrays, hidden, "out"), dtype=float)
 
     def hidden(self, tokens: np.ndarray) -> np.ndarray:
-        """Return (N, d) what (N, 27, 62) features become before the last layer, float32."""
+        """Return the features (N, d) of (N, 27, 62) tokens before the last layer, float32."""
         blocks = [self._hidden(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
         return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
 
@@ -173,17 +162,20 @@ class ViewLifter:
         return layer_norm(self.arrays, x[:, MIDDLE], "norm")
 
     def __call__(
-        self, points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...], fps: float,
+        self,
+        points: np.ndarray,
+        confidence: np.ndarray,
+        names: tuple[str, ...],
+        fps: float,
         up: np.ndarray | None = None,
-    ) -> LiftedView:  # fmt: skip
+    ) -> LiftedView:
         """Lift every frame of a take.
 
         Args:
             points: (F, L, 2) in focal lengths from the principal point, undistorted; NaN where missing.
             confidence: (F, L) in 0..1, 0 where missing.
-            names: L names of the points; those that the network does not know are not looked at.
-            fps: frames per second.
-            up: (3,) unit vector against gravity in the camera's axes; None: unknown.
+            names: L names of the points; unknown ones are ignored.
+            up: (3,) unit vector against gravity in the camera's axes; None if unknown.
         """
         points, confidence = known_points(points, confidence, names)
         frames = window_frames(len(points), fps)
@@ -197,9 +189,9 @@ class ViewLifter:
 
 
 def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (F, 19, 2) points that the network looks at, finite, and their confidences, 0 where there is none.
+    """Return the network's (F, 19, 2) points, finite, and their confidences, 0 where missing.
 
-    Detectors without ears or nose have the middle of the head for them, see ``HEAD_SHARE``.
+    The head's middle replaces ears and nose of detectors without them, see ``HEAD_SHARE``.
     """
     points, confidence, names = _with_head(points, confidence, names)
     column = [names.index(name) if name in names else -1 for name in POINTS]
@@ -212,7 +204,7 @@ def known_points(points: np.ndarray, confidence: np.ndarray, names: tuple[str, .
 def _with_head(
     points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Return points, confidences and names with the middle of the head for those of ears and nose that no name is."""
+    """Return points, confidences and names with the head's middle for ears and nose without a name."""
     absent = tuple(name for name in FACE if name not in names)
     top, share = next(((name, share) for name, share in HEAD_SHARE.items() if name in names), ("", 0.0))
     neck = next((name for name in NECKS if name in names), "")
@@ -221,27 +213,20 @@ def _with_head(
     ends = [names.index(neck), names.index(top)]
     middle = points[:, ends[0]] + share * (points[:, ends[1]] - points[:, ends[0]])
     sure = confidence[:, ends].min(axis=1)
-    return (
-        np.concatenate([points, np.repeat(middle[:, None], len(absent), axis=1)], axis=1),
-        np.concatenate([confidence, np.repeat(sure[:, None], len(absent), axis=1)], axis=1),
-        (*names, *absent),
-    )
+    more = (np.repeat(part[:, None], len(absent), axis=1) for part in (middle, sure))
+    points, confidence = (np.concatenate(both, axis=1) for both in zip((points, confidence), more, strict=True))
+    return points, confidence, (*names, *absent)
 
 
 def window_frames(count: int, fps: float) -> np.ndarray:
-    """Return (F, 27) numbers of the frames nearest to each window's times; some lie before the take or after it."""
+    """Return (F, 27) numbers of the frames nearest to each window's times, also beyond the ends of the take."""
     offsets = np.round((np.arange(WINDOW) - MIDDLE) * fps / WINDOW_FPS).astype(int)
     return np.arange(count)[:, None] + offsets
 
 
 @cache
 def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
-    """Load the view lifter's weights.
-
-    Raises:
-        FileMissing: there is no such file.
-        WeightsInvalid: it is for another body, version or SPoser, or damaged.
-    """
+    """Load the view lifter's weights; errors are as in ``read_lifter_weights``."""
     weights = read_lifter_weights(path, "view_lifter")
     heads = weights.metadata.get("heads")
     arrays = {name: np.asarray(array, dtype=np.float32) for name, array in weights.arrays.items()}
@@ -249,9 +234,8 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
     width = shapes.get("place", (0, 0))[-1]
     wanted = {"embed.weight": (width, TOKEN), "place": (WINDOW, width), "out.weight": (OUTPUTS, width)}
     if shapes != wanted or type(heads) is not int or heads < 1 or width % heads:
-        raise WeightsInvalid(
-            "The view lifter is of another kind.", where=path.name, hint="Train it again, or reinstall."
-        )
+        message = "The view lifter is of another kind."
+        raise WeightsInvalid(message, where=path.name, hint="Train it again, or reinstall.")
     if not all(np.isfinite(array).all() for array in arrays.values()):
         raise WeightsInvalid("The view lifter's weights are not all finite.", where=path.name, hint="Reinstall them.")
     return ViewLifter(arrays, heads, weights.metadata)

@@ -64,7 +64,7 @@ class Residuals:
 
     def inliers(self, scale: float) -> Array:
         """Return (V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
-        """(V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
+        return self.measured & (self.squared < scale * scale)
 
     @property
     def deviations(self) -> Array:

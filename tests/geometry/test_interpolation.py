@@ -11,7 +11,7 @@ import torch
 from solver_backend.geometry import interpolation as ip
 from solver_backend.geometry.arrays import array_namespace
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.geometry.sphere import sphere_exp, sphere_log
+from training.data.balance import sphere_exp, sphere_log
 
 TIMES = np.array([-0.5, 0.0, 1e-9, 0.2, 0.5, 0.77, 1.0, 1.3, 2.0])
 

@@ -10,7 +10,39 @@ import numpy as np
 from solver_backend.exchange.errors import NonFiniteData, PoseInvalid
 from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.interpolation import Keys, Times, slerp
-from solver_backend.geometry.sphere import Vectors, sphere_exp, sphere_log
+from solver_backend.geometry.sphere import Vectors, is_antipodal, orthogonal_axis
+
+_SMALL_SQUARE = 1e-8
+"""Squared angle in radians below which a series is exact to double precision."""
+
+
+def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
+    """Return ``cos|v| a + sin|v| v/|v|``, the point reached from ``a`` along the tangent ``v`` (thesis 6.2.3)."""
+    xp = array_namespace(a, v)
+    square = xp.sum(v * v, axis=-1, keepdims=True)
+    small = square < _SMALL_SQUARE
+    length = xp.sqrt(xp.where(small, xp.ones_like(square), square))
+    along = xp.where(small, 1.0 - square / 6.0, xp.sin(length) / length)
+    return xp.where(small, 1.0 - square / 2.0, xp.cos(length)) * a + along * v
+
+
+def sphere_log(a: Vectors, b: Vectors) -> Vectors:
+    """Return the tangent vector at ``a`` that leads to ``b``: ``ψ u/|u|`` with ``u = b - (a·b) a`` (thesis 6.2.3).
+
+    At ``b = -a`` it is a fixed direction orthogonal to ``a``, of length π.
+    """
+    xp = array_namespace(a, b)
+    gap, sum_ = b - a, b + a
+    near, far = xp.sqrt(xp.sum(gap * gap, axis=-1)), xp.sqrt(xp.sum(sum_ * sum_, axis=-1))
+    angle = 2.0 * xp.atan2(near, far)
+    u = gap + 0.5 * (near * near)[..., None] * a
+    length = xp.sqrt(xp.sum(u * u, axis=-1))
+    flat = length < xp.finfo(a.dtype).smallest_normal ** 0.5
+    v = u * (angle / xp.where(flat, xp.ones_like(length), length))[..., None]
+    antipodal = is_antipodal(0.25 * far * far)
+    if bool(xp.any(antipodal)):
+        v = xp.where(antipodal[..., None], angle[..., None] * orthogonal_axis(a), v)
+    return v
 
 
 def lerp(a: Vectors, b: Vectors, t: Times) -> Vectors:

@@ -123,8 +123,10 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
         for values in (xy, confidence):
             values[rows, left], values[rows, right] = values[rows, right], values[rows, left]
         if len(rows):
-            where = {"cameras": [camera], "frames": true_runs(exchanged)}
-            found.append(diagnostic("limbs_exchanged", **where, remedy=Remedy.REPAIRED, part=part))
+            runs = true_runs(exchanged)
+            found.append(
+                diagnostic("limbs_exchanged", cameras=[camera], frames=runs, remedy=Remedy.REPAIRED, part=part)
+            )
         if others:
             frames = [(jump - 1, jump) for jump in others]
             found.append(diagnostic("limbs_jump_sides", cameras=[camera], frames=frames, part=part))

@@ -195,8 +195,7 @@ def measure_one_view(
     size = size_of(capture, body, betas, in_world, names, seen, float(centre[2]), height_sigma)
     if size.at_odds[1]:
         given, measured, deviation = (part * body.stature_m for part in (size.factor, *size.at_odds))
-        values = {"given": given, "source": size.source, "measured": measured, "sigma": deviation}
-        found.append(diagnostic("stature_at_odds", **values))
+        found.append(diagnostic("stature_at_odds", given=given, source=size.source, measured=measured, sigma=deviation))
     shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)

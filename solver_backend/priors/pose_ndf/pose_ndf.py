@@ -123,23 +123,14 @@ def _joint_weights() -> np.ndarray:
 
 
 JOINT_WEIGHTS: np.ndarray = _joint_weights()
-"""(21,) weights ``w`` of the joints 1..21, mean 1: the root of the number of joints that a joint moves, itself counted.
-The paper states only that joints early in the chain weigh more."""
-
-
+"""(21,) weights ``w`` of the joints 1..21, mean 1: the square root of the number of joints that a joint moves, with
+itself. The paper states only that joints early in the chain weigh more."""
 TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0
-"""(21,) factors of the squared distance between a pose and the same turned a little: ``d² = Σ_k w_k/8 |ω_k|²``."""
+"""(21,) factors of the squared distance of a pose to itself turned a little: ``d² = Σ_k w_k/8 |ω_k|²``."""
 
 
 def pose_distance(a: Array, b: Array) -> Array:
-    """Return ``d(a, b) = sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)``, the same for q and -q; rad.
-
-    Args:
-        a: (..., 21, 4) unit quaternions.
-        b: (..., 21, 4) unit quaternions, broadcast against ``a``.
-
-    Returns:
-        (...).
+    """Return ``sqrt(Σ_k w_k/2 arccos²|a_k · b_k|)`` (...) rad of (..., 21, 4) quaternions, the same for q and -q.
 
     Reference: Tiwari et al. 2022, "Pose-NDF", eq. 2.
     """
@@ -157,12 +148,12 @@ def half_angles(a: Array, b: Array) -> Array:
 
 @dataclass(frozen=True)
 class _FieldLevel:
-    """Joints of one depth in the tree, which are encoded together."""
+    """Joints of one depth in the tree, encoded together."""
 
     joints: tuple[int, ...]
     """Columns 0..20 of the joints 1..21."""
     parents: np.ndarray
-    """(n, m) one where a joint's parent is the m-th joint of the level above; no column where that is the pelvis."""
+    """(n, m) one where a joint's parent is the m-th joint of the level above; no column for the pelvis."""
 
 
 def _levels() -> tuple[_FieldLevel, ...]:
@@ -185,7 +176,7 @@ _ORDER = tuple(joint for level in LEVELS for joint in level.joints)
 class PoseField:
     """``f(θ) = f_df([v_1 .. v_21])`` with ``v_k = W1_k s(W0_k [θ_k, v_parent] + b0_k) + b1_k``.
 
-    Children of the pelvis, which has no feature, see zeros in its place. ``s`` is the softplus.
+    Children of the pelvis, which has no feature, get zeros instead. ``s`` is the softplus.
 
     Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
     """
@@ -199,7 +190,7 @@ class PoseField:
     b1: Array
     """(21, l)."""
     distance: SoftplusStack
-    """21 l -> 1, positive; its inputs are the features joint by joint, in the order of the tree's levels."""
+    """21 l -> 1, positive; its inputs are the features in the order of the tree's levels."""
 
     def like(self, x: Array) -> PoseField:
         """Return the network in the kind, type and device of ``x``."""
@@ -225,8 +216,7 @@ class PoseField:
     def _encode(self, quats: Array) -> tuple[list[Array], list[Array]]:
         """Return features (n, N, l) and the slopes (n, N, H) of every level."""
         xp = array_namespace(quats)
-        features: list[Array] = []
-        slopes: list[Array] = []
+        features, slopes = list[Array](), list[Array]()
         for level in LEVELS:
             joints = list(level.joints)
             own = quats[joints]
@@ -242,7 +232,7 @@ class PoseField:
         return features, slopes
 
     def _by_quats(self, slopes: list[Array], by_feature: Array) -> Array:
-        """Return (21, N, 4) from the derivatives by the features (21, N, l), which are in the order of the levels."""
+        """Return (21, N, 4) from the derivatives by the features (21, N, l), in the order of the levels."""
         xp = array_namespace(by_feature)
         parts: list[Array] = []
         last, from_below = NUM_BODY_JOINTS, None
