@@ -34,15 +34,14 @@ from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import BONES, Cameras, Keypoints2D, OwnPoint
 
 LOOSE_M = 0.06
-"""A point that its bone leaves by more in half of the frames is on another. Twice as far as for markers: without the
-point the bone's turn about itself is the prior's guess. Chosen by hand."""
+"""A point that leaves its bone by more in half of the frames is on another. Twice the distance for markers, because
+without the point the bone's turn about itself is the prior's guess. Chosen by hand."""
 PLACE_SIGMA_M = 0.05
-"""How far the first place may lie from the true one, per axis: as far as a turn of 45° moves a point on the skin of a
-limb. Chosen by hand."""
+"""Error of the first place, per axis: a turn of 45° moves a point on a limb's skin as far. Chosen by hand."""
 SAMPLE_FRAMES = 48
 """Frames from which places are fitted."""
 _STEPS = LMSettings(40, 1e-4)
-"""Of that fit."""
+"""Settings of that fit."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +59,7 @@ class OwnPoints(Layer):
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
-        """Return the own points of a person.
-
-        Args:
-            keypoints: of the person.
-            located: these.
-            sigma_px: standard deviation of a detection, broadcast against (C, F, K + N).
-        """
+        """Return the own points of a person; ``sigma_px`` is broadcast against (C, F, K + N)."""
         sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
         return cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px)
 
@@ -75,7 +68,7 @@ class OwnPoints(Layer):
         return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
 
     def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
-        """Return the problem with landmarks for the points that a solve of the keypoints lets be placed."""
+        """Return the problem with landmarks for the points that a solve of the keypoints can place."""
         placed, like = place_points(self, solved), solved.subject.betas
         if placed.points:
             placed = fit_places(_measure(problem, self, placed, like), solved, placed, settings)
@@ -87,11 +80,10 @@ class PlacedPoints(Layer):
     """N own points at places on their bones."""
 
     points: tuple[OwnPoint, ...]
-    """Those that are placed."""
     offsets: np.ndarray
     """(N, 3) metres from the bone's joint, in its rest frame."""
     found: tuple[Diagnostic, ...]
-    """Those that are not, and why."""
+    """Reasons for points that are not placed."""
 
     def landmarks(self, body: Body) -> Landmarks:
         """Return the points as landmarks of a body."""
@@ -103,7 +95,7 @@ class PlacedPoints(Layer):
     def after(
         self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
     ) -> tuple[SolvedFrames, SolvedLayer]:
-        """Report where the points are, and leave the landmarks of the keypoints, which a motion holds."""
+        """Report the places, and keep only the keypoints' landmarks, which a motion holds."""
         found, subject = (*self.found, *self._report(problem, solved)), solved.subject
         count = len(subject.landmarks) - len(self.points)
         subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
@@ -124,7 +116,7 @@ class PlacedPoints(Layer):
 
 
 def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
-    """Return where own points are on their bones by solved poses of the same frames."""
+    """Return the places of own points on their bones by solved poses of the same frames."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
     posed = forward_kinematics(body, *parts)
@@ -146,11 +138,9 @@ def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
 
 
 def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settings: SolveSettings) -> PlacedPoints:
-    """Return points at the places that fit their detections best, with shape and poses of a sample of frames.
+    """Fit the places to the detections, with shape and poses of a sample of frames.
 
-    Args:
-        full: with measurements of keypoints and placed points.
-        placed: where the points are by these.
+    ``full`` has measurements of keypoints and of the placed points.
     """
     count, subject = len(placed.points), solved.subject
     frames = sample_frames(full.measurements, SAMPLE_FRAMES)

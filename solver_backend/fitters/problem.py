@@ -22,14 +22,14 @@ from solver_backend.solver.levenberg_marquardt import LMResult
 from solver_backend.types import Motion
 
 REFERENCE_FPS = 60.0
-"""Windows of the settings are counted in frames of this rate: how fast people move does not depend on the camera."""
+"""Settings count windows in frames of this rate, because people move independently of the camera."""
 SAMPLE_FRAMES = 200
-"""Frames at most from which shape, bias and noise are learned between passes."""
+"""Largest number of frames from which shape, bias and noise are learned between passes."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """Measurements made ready for a solver."""
+    """Measurements prepared for a solver."""
 
     body: Body
     prior: AutoencodingPrior
@@ -39,17 +39,17 @@ class Problem:
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
-        """Return the problem with the prior on the body's joints, and the mixture of poses that ships with the code.
+        """Return the problem with the prior on the body's joints, and the shipped mixture of poses.
 
         Raises:
-            PriorInvalid: the prior does not fit itself or the body.
+            PriorInvalid: the prior contradicts itself or the body.
         """
         fitting = prior_on_body(prior, body.layout)
         return cls(body, fitting, measurements, (PoseMixtureTerm.of(fitting.joints),))
 
     @property
     def objective(self) -> FrameObjective:
-        """The objective of all frames, one by one: the data and the pose terms."""
+        """The objective of all single frames: the data and the pose terms."""
         return FrameObjective((self.measurements.term,), self.pose_terms)
 
     @property
@@ -69,7 +69,7 @@ class Problem:
         return np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
 
     def frames_of(self, window: int, least: int = 2) -> int:
-        """Return how many frames of this take last as long as ``window`` frames at 60 a second."""
+        """Return the number of frames of this take as long as ``window`` frames at 60 fps."""
         return max(least, round(window * self.fps / REFERENCE_FPS))
 
 
@@ -78,35 +78,31 @@ class Solution:
     """A solved take."""
 
     motion: Motion
-    """The poses and what is known of them."""
     status: str
-    """One sentence on how the last pass ended; the motion's provenance holds it too."""
+    """One sentence on how the last pass ended, also in the motion's provenance."""
 
 
 @dataclass(frozen=True)
 class Convergence:
-    """How the last robust scale of a solve ended, over the parts that were solved one after the other."""
+    """End of the last robust scale of a solve, over parts solved one after the other."""
 
     parts: int
     converged: int
-    """Those whose cost no longer changes."""
+    """Parts with a stable cost."""
     iterations: int
-    """The most linearisations that one of them took."""
+    """Largest number of linearisations of a part."""
 
     @classmethod
     def of(cls, result: LMResult[Any]) -> Convergence:
-        """Return how one minimisation ended."""
+        """Return the end of one minimisation."""
         return cls(1, int(result.converged), result.iterations)
 
     @classmethod
     def joined(cls, parts: Iterable[Convergence]) -> Convergence:
-        """Return how several ended."""
+        """Return the end of several."""
         found = list(parts)
-        return cls(
-            sum(part.parts for part in found),
-            sum(part.converged for part in found),
-            max(part.iterations for part in found),
-        )
+        totals = (sum(getattr(part, name) for part in found) for name in ("parts", "converged"))
+        return cls(*totals, max(part.iterations for part in found))
 
     @property
     def status(self) -> str:
@@ -119,24 +115,23 @@ class Convergence:
 
 @dataclass(frozen=True)
 class SolvedFrames:
-    """Poses of a take, and what the method knows of them."""
+    """Poses of a take, and what the method estimated with them."""
 
     subject: Subject
-    """The person, with the shape and bias of the last pass."""
+    """With the shape and bias of the last pass."""
     frames: PosedFrames
-    """F poses."""
     key_times: np.ndarray = field(default_factory=lambda: np.arange(0))
     """Frame numbers of the keyframes; they may fall between frames."""
     covariance: Array | None = None
-    """(F, 24, 6) covariance of each joint in square metres (see ``packed``), where the method knows it."""
+    """(F, 24, 6) covariance of each joint in square metres (see ``packed``), if the method estimates it."""
     contacts: np.ndarray | None = None
-    """(F, 2) bool: left and right foot stand, where the method knows it."""
+    """(F, 2) bool: left and right foot stand, if the method detects it."""
     fitted: PosedFrames | None = None
-    """The poses before parts of the body came to rest, which explain what was measured; None where none did."""
+    """Poses before parts of the body came to rest, which fit the measurements; None if no part did."""
     resting: np.ndarray | None = None
-    """(F, J) bool: nothing measured informs the joint, which is at rest; None: all are informed."""
+    """(F, J) bool: no measurement informs the joint, which is at rest; None if all are informed."""
     diagnostics: tuple[Diagnostic, ...] = ()
-    """What the motion is to report of these poses."""
+    """Diagnostics of these poses for the motion."""
 
 
 MethodResult = tuple[SolvedFrames, Convergence]

@@ -29,7 +29,7 @@ from solver_backend.solver.normal_equations import DenseBlocks, LazyNormalEquati
 
 
 def posed(prior: PosePrior, states: FrameStates) -> PosedFrames:
-    """Return the poses the states decode to."""
+    """Return the decoded poses of the states."""
     return PosedFrames(states.root, decoded(prior, states.z, states.residual), states.transl)
 
 
@@ -42,17 +42,17 @@ def fit_frames(
     settings: LMSettings,
     progress: Progress = silent,
 ) -> LMResult[FrameStates]:
-    """Fit each frame, through a falling schedule of robust scales, and return how the last one ended."""
+    """Fit each frame through decreasing robust scales, and return the result of the last one."""
     problem = _FrameProblem(subject, prior, objective, state_layout(prior).without(RESIDUAL))
     if problem.layout.turned and start.residual is None:
         start = replace(start, residual=zeros((start.z.shape[0], len(prior.joints), 3), start.z))
     stages = [(scale, settings) for scale in scales]
-    return minimise(problem, start, stages, select=_where, done=partial(progress, "Fitting frames"))
+    return minimise(problem, start, stages, select=_select, done=partial(progress, "Fitting frames"))
 
 
 @dataclass(frozen=True)
 class _FrameProblem:
-    """Frames on their own as problems of least squares, side by side."""
+    """Independent least-squares problems, one per frame."""
 
     subject: Subject
     prior: PosePrior
@@ -60,14 +60,15 @@ class _FrameProblem:
     layout: StateLayout
 
     def linearise(self, state: FrameStates, scale: float) -> tuple[Array, LazyNormalEquations]:
-        """Return the costs of the frames and their equations, which are formed when a step is asked for."""
+        """Return the costs of the frames and their equations, formed on demand."""
         prior, layout = self.prior, self.layout
         equations = frame_equations(self.subject, posed(prior, state), self.objective, scale, slice(None))
-        return equations.cost, LazyNormalEquations(
-            lambda: _reduced(
-                equations.hessian, equations.gradient, d_pose_d_key(layout, prior, state.z, state.residual)
-            )
-        )
+
+        def form() -> DenseBlocks:
+            by_state = d_pose_d_key(layout, prior, state.z, state.residual)
+            return _reduced(equations.hessian, equations.gradient, by_state)
+
+        return equations.cost, LazyNormalEquations(form)
 
     def retract(self, state: FrameStates, step: Array) -> FrameStates:
         """Return the states moved by a step."""
@@ -75,13 +76,7 @@ class _FrameProblem:
 
 
 def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> FrameStates:
-    """Return states of all frames: those between seen frames on the geodesics that join them, the ends repeated.
-
-    Args:
-        states: poses of the seen frames.
-        seen: (S,) their frame numbers, ascending.
-        num_frames: F.
-    """
+    """Return states of all frames: between seen frames (S,) on their geodesics, beyond the ends repeated."""
     frame = np.arange(num_frames)
     after = np.clip(np.searchsorted(seen, frame), 0, len(seen) - 1)
     before = np.where(seen[after] <= frame, after, np.maximum(after - 1, 0))
@@ -100,7 +95,7 @@ def bridged_states(states: FrameStates, seen: np.ndarray, num_frames: int) -> Fr
     return FrameStates(codes, root, transl, residual)
 
 
-def _where(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
+def _select(mask: Array, new: FrameStates, old: FrameStates) -> FrameStates:
     return new.where(mask, old)
 
 
@@ -113,54 +108,38 @@ def _reduced(hessian: Array, gradient: Array, d_pose_d_state: Array) -> DenseBlo
     return DenseBlocks(reduced + 1e-2 * eye, xp.matmul(C_T, gradient[..., None])[..., 0])
 
 
-_START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
-    {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)},
+Angles = tuple[float, float, float]
+
+
+def _legs(left_hip: float, right_hip: float, left_knee: float, right_knee: float) -> dict[str, Angles]:
+    names = ("left_hip", "right_hip", "left_knee", "right_knee")
+    return {name: (bend, 0, 0) for name, bend in zip(names, (left_hip, right_hip, left_knee, right_knee), strict=True)}
+
+
+_DOWN: dict[str, Angles] = {"left_shoulder": (0, 0, -1.2), "right_shoulder": (0, 0, 1.2)}
+_WALKING: dict[str, Angles] = {**_DOWN, "left_elbow": (0, -0.8, 0), "right_elbow": (0, 0.8, 0)}
+_START_POSES: tuple[dict[str, Angles], ...] = (
+    _DOWN,
     {"left_shoulder": (0, 0, 0.9), "right_shoulder": (0, 0, -0.9)},
     {"left_shoulder": (0, -1.3, -0.2), "right_shoulder": (0, 1.3, 0.2)},
-    {
-        "left_hip": (-1.5, 0, 0),
-        "right_hip": (-1.5, 0, 0),
-        "left_knee": (1.6, 0, 0),
-        "right_knee": (1.6, 0, 0),
-        "left_shoulder": (0, 0, -1.1),
-        "right_shoulder": (0, 0, 1.1),
-    },
-    {
-        "left_hip": (-0.7, 0, 0),
-        "right_hip": (0.3, 0, 0),
-        "left_knee": (0.4, 0, 0),
-        "right_knee": (0.6, 0, 0),
-        "left_shoulder": (0, 0, -1.2),
-        "right_shoulder": (0, 0, 1.2),
-        "left_elbow": (0, -0.8, 0),
-        "right_elbow": (0, 0.8, 0),
-    },
-    {
-        "left_hip": (0.3, 0, 0),
-        "right_hip": (-0.7, 0, 0),
-        "left_knee": (0.6, 0, 0),
-        "right_knee": (0.4, 0, 0),
-        "left_shoulder": (0, 0, -1.2),
-        "right_shoulder": (0, 0, 1.2),
-        "left_elbow": (0, -0.8, 0),
-        "right_elbow": (0, 0.8, 0),
-    },
+    {**_legs(-1.5, -1.5, 1.6, 1.6), "left_shoulder": (0, 0, -1.1), "right_shoulder": (0, 0, 1.1)},
+    {**_legs(-0.7, 0.3, 0.4, 0.6), **_WALKING},
+    {**_legs(0.3, -0.7, 0.6, 0.4), **_WALKING},
 )
-"""Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
-
+"""Axis-angles in radians of start poses: standing, arms up, arms forward, squatting, two steps; chosen by hand."""
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
-"""How far points may lie from a body whose shape is still unknown, beside their own error."""
+"""Error of points of a body with unknown shape, added to their own."""
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
-"""Robust scales and linearisations of a fit that starts from the lifter's pose, or from a start pose."""
+"""Robust scales and linearisations of a fit from the lifter's pose, or from a start pose."""
 TOLERANCE = 1e-2
-"""A start is good enough when no frame's cost falls by more than this share."""
+"""A start is good enough if no frame's cost falls by more than this share."""
 
 
 def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
-    """Return up to ``count`` frames spread over the take, in each part the one that shows most."""
+    """Return up to ``count`` frames spread over the take, the one with most points in each part."""
     points = measurements.located.sum(-1)
     parts = np.array_split(np.arange(len(points)), min(count, len(points)))
     best = np.array([part[np.argmax(points[part])] for part in parts if len(part)])
@@ -168,7 +147,7 @@ def sample_frames(measurements: Measurements, count: int) -> np.ndarray:
 
 
 def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> PositionTerm:
-    """Return the distance to the located points of these frames."""
+    """Return the distance term of the located points of these frames."""
     points, valid = measurements.points[frames], measurements.located[frames]
     variance = np.trace(measurements.covariance[frames], axis1=-2, axis2=-1) / 3
     weight = np.where(valid, 1.0 / (POSE_SIGMA_M**2 + np.nan_to_num(variance)), 0.0)
@@ -179,8 +158,8 @@ def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progre
     """Fit poses to the located points of these frames, from the lifter's pose or from the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
-    done = partial(_report, progress, len(blocks))
-    parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas, done)
+    report = partial(_report, progress, len(blocks))
+    parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas, report)
     return FrameStates.concatenate(parts)
 
 
@@ -199,7 +178,7 @@ def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameS
 
 
 def lifted_betas(subject: Subject, measurements: Measurements, frames: np.ndarray) -> Array:
-    """Return the (10,) shape that the lifter sees in these frames: their mean, or the subject's where it sees none."""
+    """Return the lifter's mean shape (10,) in these frames, or the subject's if it sees none."""
     lifted = _lifted(subject, points_term(measurements, frames, subject.betas))
     xp = array_namespace(lifted.betas)
     count = xp.sum(xp.astype(lifted.usable, lifted.betas.dtype))

@@ -10,7 +10,7 @@ from solver_backend.types.shapes import Float
 Features = Float[np.ndarray, "samples features"]
 
 
-def frechet_distance(generated: Features, real: Features) -> float:
+def frechet_distance(generated: Features, real: Float[np.ndarray, "others features"]) -> float:
     """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
 
     Both are (N, D) features of two or more samples. The trace of the root is that of the symmetric

@@ -158,7 +158,3 @@ def test_torch_gradients_are_finite_at_the_identity():
     v = torch.zeros(2, 3, dtype=torch.float64, requires_grad=True)
     rot.log_so3(rot.exp_so3(v)).sum().backward()
     np.testing.assert_allclose(v.grad.numpy(), np.ones((2, 3)), atol=1e-12)
-
-
-def test_all_names_exist():
-    assert all(hasattr(rot, name) for name in rot.__all__)
