@@ -1,4 +1,4 @@
-"""Block-tridiagonal systems, in which only neighbouring blocks meet, solved from both ends at once."""
+"""Solve block-tridiagonal systems, in which only neighbouring blocks are coupled, from both ends at once."""
 
 from __future__ import annotations
 
@@ -12,17 +12,17 @@ from solver_backend.geometry.arrays import Array, array_namespace, empty, identi
 from solver_backend.geometry.parallel import map_blocks
 
 BATCH = 16
-"""Blocks whose inner unknowns are eliminated at a time; changes time and memory, no result."""
+"""Blocks whose inner unknowns are eliminated together; affects time and memory only."""
 
 
 @dataclass(frozen=True)
 class BlockTridiagonal:
-    """N blocks of size n in a row: one solve costs O(N n³).
+    """N blocks of size n in a row: ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. One solve costs O(N n³).
 
-    ``H = [[D_0, U_0], [U_0ᵀ, D_1, U_1], ...]``. Only the first m unknowns of a block may meet the block before; the
-    inner ones, which meet those of their own and of the next block alone, are eliminated first, side by side. The outer
-    ones are then eliminated from both ends towards the middle (Golub and Van Loan 2013, section 4.5; from both
-    ends: Babuška 1972, "Numerical stability in problems of linear algebra"). Steps are as precise as the blocks.
+    Only the first m unknowns of a block couple with the block before. The inner ones, which couple with their own and
+    the next block, are eliminated first, in parallel. The outer ones are then eliminated from both ends towards the
+    middle (Golub and Van Loan 2013, section 4.5; from both ends: Babuška 1972, "Numerical stability in problems of
+    linear algebra"). Steps are as precise as the blocks.
     """
 
     diagonal: Array
@@ -35,14 +35,11 @@ class BlockTridiagonal:
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``.
 
-        Args:
-            damping: (1,) of all blocks, or (1, N) or (1, N - 1) of each; a last block that has none takes the one's
-                before it.
+        ``damping`` is (1,) for all blocks, or (1, N) or (1, N - 1) by block; a missing last one repeats the one before.
         """
         xp = array_namespace(self.g)
-        outer, inner = self._without_inner(
-            _by_block(damping if damping.ndim == 1 else damping[0], self.g), self.diagonal.dtype
-        )
+        damping = _by_block(damping if damping.ndim == 1 else damping[0], self.g)
+        outer, inner = self._without_inner(damping, self.diagonal.dtype)
         met = outer.diagonal.shape[1]
         g = self.g[:, :met] if inner is None else inner.carried(self.g[:, :met], self.g[:, met:])
         right = xp.astype(-g, self.diagonal.dtype)[..., None]
@@ -56,7 +53,7 @@ class BlockTridiagonal:
         return xp.reshape(steps, (1, -1))
 
     def promised(self, step: Array) -> Array:
-        """Return by how much (1,) the step lowers the cost, ``-½ gᵀ step``."""
+        """Return the predicted decrease (1,) of the cost, ``-½ gᵀ step``."""
         xp = array_namespace(self.g)
         return -0.5 * xp.sum(xp.reshape(self.g, (1, -1)) * step, axis=1)
 
@@ -65,13 +62,13 @@ class BlockTridiagonal:
         return newer if bool(mask[0]) else self
 
     def marginals(self) -> tuple[Array, Array]:
-        """Return the blocks of ``H⁻¹`` on and above the diagonal, (N, n, n) and (N - 1, n, m), and form no others.
+        """Return the blocks of ``H⁻¹`` on and above the diagonal only, (N, n, n) and (N - 1, n, m).
 
         Outwards from the middle: ``H⁻¹_ij = -X_i H⁻¹_jj`` and ``H⁻¹_ii = S_i⁻¹ - H⁻¹_ij X_iᵀ`` with the neighbour j
         that was eliminated later and ``X_i = S_i⁻¹ H_ij`` (Takahashi, Fagan and Chin 1973).
 
-        Diagonals are loaded by the share that rounding took part in: a matrix whose entries were rounded is
-        positive definite with ``n ε diag(H)`` more (Higham 2002, theorem 10.7), and no variance is negative.
+        Diagonals are loaded against rounding: a matrix with rounded entries is positive definite with ``n ε diag(H)``
+        more (Higham 2002, theorem 10.7), so that no variance is negative.
         """
         xp = array_namespace(self.g)
         rounding = self.g.shape[1] * float(xp.finfo(self.diagonal.dtype).eps)
@@ -98,7 +95,7 @@ class BlockTridiagonal:
         return full, xp.concat([off, beyond], axis=1)
 
     def _without_inner(self, damping: Array, precision: Any) -> tuple[_Outer, _Inner | None]:
-        """Return the system of the outer unknowns, the inner ones eliminated: ``D - Bᵀ A⁻¹ B`` and so on."""
+        """Return the system of the outer unknowns after elimination, ``D - Bᵀ A⁻¹ B`` and so on."""
         xp = array_namespace(self.g)
         count, size = self.g.shape
         met = self.upper.shape[-1] if count > 1 else size
@@ -124,7 +121,7 @@ class BlockTridiagonal:
 
 @dataclass(frozen=True)
 class _Inner:
-    """How inner unknowns A follow from the outer ones of their own block, met through B, and of the next, through C."""
+    """Inner unknowns A as functions of the outer ones of their own block, by B, and of the next, by C."""
 
     inverse: Array
     """(N, k, k) ``A⁻¹``."""
@@ -134,25 +131,22 @@ class _Inner:
     """(N - 1, k, m) ``A⁻¹ C``."""
 
     def carried(self, g: Array, g_inner: Array) -> Array:
-        """Return the (N, m) gradient of the outer unknowns with that of the inner ones, (N, k), eliminated."""
+        """Return the (N, m) gradient of the outer unknowns after elimination of the inner ones, (N, k)."""
         xp = array_namespace(g)
         g = g - _times(xp.matrix_transpose(self.own), g_inner)
         g[1:] -= _times(xp.matrix_transpose(self.further), g_inner[:-1])
         return g
 
     def steps(self, outer: Array, g_inner: Array) -> Array:
-        """Return the (N, k) steps of the inner unknowns, given the (N, m) ones of the outer ones."""
+        """Return the (N, k) steps of the inner unknowns for (N, m) steps of the outer ones."""
         steps = -_times(self.inverse, g_inner) - _times(self.own, outer)
         steps[:-1] -= _times(self.further, outer[1:])
         return steps
 
     def marginals(self, diagonal: Array, upper: Array, some: slice) -> tuple[Array, Array]:
-        """Return the covariances of all unknowns of some blocks, and those of their inner ones with the next block.
+        """Return covariances of all unknowns of some blocks, and of their inner ones with the next block.
 
-        Args:
-            diagonal: (N, m, m) covariances of the outer unknowns of each block.
-            upper: (N - 1, m, m) those with the next block.
-            some: which blocks.
+        ``diagonal`` and ``upper`` are the outer unknowns' covariances within a block and with the next.
         """
         xp = array_namespace(diagonal)
         X, Y, across = self.own[some], self.further[some], upper[some]
@@ -168,7 +162,7 @@ class _Inner:
 
 
 def _batches(count: int) -> list[slice]:
-    """Return ranges of blocks that are worked on side by side."""
+    """Return ranges of blocks that are processed in parallel."""
     return [slice(i, min(i + BATCH, count)) for i in range(0, count, BATCH)]
 
 
@@ -180,7 +174,7 @@ def _times(matrices: Array, vectors: Array) -> Array:
 
 @dataclass(frozen=True)
 class _Outer:
-    """The outer unknowns: N blocks that meet with all of theirs."""
+    """The outer unknowns: N fully coupled blocks."""
 
     diagonal: Array
     """(N, m, m)."""
@@ -188,12 +182,7 @@ class _Outer:
     """(N - 1, m, m)."""
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
-        """Return the blocks eliminated from both ends towards the middle.
-
-        Args:
-            right: N right-hand sides (m, k).
-            carry: take the right-hand sides along from block to block.
-        """
+        """Eliminate the blocks from both ends; ``carry`` the N right-hand sides (m, k) from block to block."""
         xp = array_namespace(self.diagonal)
         count, middle = self.diagonal.shape[0], self.diagonal.shape[0] // 2
         orders = range(middle), range(count - 1, middle, -1)
@@ -214,8 +203,7 @@ class _Outer:
     ) -> tuple[dict[int, Array], dict[int, Array]]:
         """Return ``S_i⁻¹ H_ij`` and ``S_i⁻¹ r_i`` of the blocks in this order, j the next of each."""
         xp = array_namespace(self.diagonal)
-        coupled: dict[int, Array] = {}
-        found: dict[int, Array] = {}
+        coupled, found = dict[int, Array](), dict[int, Array]()
         met = self.diagonal.shape[1]
         for i in order:
             block, r, before = self.diagonal[i], right[i], i - order.step
@@ -240,7 +228,7 @@ class _Sweeps:
     solved: list[Array]
     """``S_i⁻¹ r_i``."""
     outwards: tuple[list[tuple[int, int]], list[tuple[int, int]]]
-    """Pairs (i, j) in the order in which the unknowns are found after those of the middle, to either end."""
+    """Pairs (i, j) in the order of back substitution, from the middle to either end."""
 
 
 def _by_block(damping: Array, g: Array) -> Array:
