@@ -1,4 +1,4 @@
-"""A 2D pose detector with the errors of a real one: bias, drift, jitter, self-occlusion, outliers, exchanged limbs."""
+"""Simulate a 2D pose detector: bias, drift, jitter, self-occlusion, outliers, exchanged limbs."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from solver_backend.synthesis.faults import DetectorFaults, autoregressive, burs
 from solver_backend.types import SMPL_JOINTS, Cameras, JointSet
 
 _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
-"""Of a bias that turns with the person: constant, cos and sin of the angle and of its double; variance 1 everywhere."""
+"""Amplitudes of a bias that turns with the person: constant, cos and sin of the angle and its double; variance 1."""
 
 
 @dataclass(frozen=True)
 class DetectorOutput:
-    """What the detector returns, and what it did wrong."""
+    """Detections, and their faults."""
 
     xy: np.ndarray
     """(C, F, K, 2) px, NaN where missing."""
@@ -34,16 +34,16 @@ class DetectorOutput:
 
 @dataclass(frozen=True)
 class Sight:
-    """What there is to see of K keypoints from C cameras."""
+    """True view of K keypoints from C cameras."""
 
     px: np.ndarray
     """(C, F, K, 2) true pixels."""
     px_per_mm: np.ndarray
-    """(C, F, K) pixels a millimetre spans at the point."""
+    """(C, F, K) pixels per millimetre at the point."""
     seen_from: np.ndarray
     """(C, F) radians, the camera's direction about the body's upright axis, 0 in front."""
     occluded: np.ndarray
-    """(C, F, K) bool, from ``self_occluded``."""
+    """(C, F, K) bool."""
     image_size: np.ndarray
     """(C, 2)."""
 
@@ -51,15 +51,7 @@ class Sight:
 def detect_keypoints(
     sight: Sight, joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> DetectorOutput:
-    """Return detections of true pixels.
-
-    Args:
-        sight: what there is to see.
-        joint_set: names of the K keypoints.
-        fps: frames per second.
-        faults: of the detector.
-        rng: seeded source of randomness.
-    """
+    """Return detections of the K keypoints of a joint set."""
     px, occluded = sight.px, sight.occluded
     shape = px.shape[:-1]
     uneven = np.exp(faults.unevenness * rng.normal(size=(shape[0], 1, shape[2], 1)) - faults.unevenness**2)
@@ -84,15 +76,11 @@ def detect_keypoints(
 
 
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
-    """Return (C, F, K, 2) of unit variance: one smooth random function of the direction for each keypoint and axis.
-
-    Cameras that see the person from the same side are wrong alike.
-    """
+    """Return (C, F, K, 2) of unit variance: one smooth random function of the direction for each keypoint and axis."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
     angle = seen_from[..., None]
-    basis = np.concatenate(
-        [np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle)], axis=-1
-    )
+    waves_of = (np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle))
+    basis = np.concatenate(waves_of, axis=-1)
     return np.tensordot(basis, waves, axes=1)
 
 
@@ -106,7 +94,7 @@ def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Ge
 def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return confidences that carry part of the truth: measured rank correlation with the error, -0.29."""
+    """Return confidences that partly reflect the error: measured rank correlation -0.29."""
     inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
     return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 
@@ -114,7 +102,7 @@ def _confidence(
 def _swaps(
     shape: tuple[int, ...], joint_set: JointSet, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C, F, K) where limbs are exchanged, and (N, 4) the exchanges; they never touch within a view and limb."""
+    """Return (C, F, K) bool, exchanged limbs, and (N, 4) exchanges, which never touch within a view and limb."""
     mask, swaps = np.zeros(shape, dtype=bool), []
     for limb, columns in enumerate(exchanged_columns(joint_set).values()):
         for view in range(shape[0]):
@@ -130,14 +118,14 @@ def _swaps(
 
 
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
-    """Return the columns that are exchanged together, those of both sides of each pair of limbs."""
+    """Return the columns that are exchanged together, both sides of each pair of limbs."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
-    """Return the cameras turned a little, so that a point at ``centre`` seems moved by ``error_mm`` per axis.
+    """Return the cameras turned a little, so that a point at ``centre`` appears moved by ``error_mm`` per axis.
 
-    What a shift of the whole room explains is taken out: a world frame is only as good as its cameras.
+    The common shift of the whole room is removed, as a world frame is only as good as its cameras.
     """
     right, down = cameras.R[:, 0], cameras.R[:, 1]
     shift = 1e-3 * error_mm * rng.normal(size=(len(cameras), 2))
@@ -151,7 +139,7 @@ def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np
 
 
 def delayed(track: np.ndarray, frames: float) -> np.ndarray:
-    """Return an (F, ...) track as a camera sees it that runs late by some frames (linear between, held at the ends)."""
+    """Return an (F, ...) track as seen by a camera with a delay in frames (linear between, held at the ends)."""
     at = np.clip(np.arange(len(track)) - frames, 0, len(track) - 1)
     first = np.minimum(np.floor(at).astype(int), len(track) - 2)
     share = (at - first).reshape(-1, *([1] * (track.ndim - 1)))
@@ -159,37 +147,36 @@ def delayed(track: np.ndarray, frames: float) -> np.ndarray:
 
 
 def px_per_mm(cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, K) pixels that a millimetre spans at (F, K, 3) points."""
+    """Return (C, F, K) pixels per millimetre at (F, K, 3) points."""
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     return cameras.K[:, 0, 0, None, None] / (1000.0 * np.maximum(depth, 0.1))
 
 
 _CLEARANCE_M = 0.035
-"""A sight line ends this far before the point, which may lie on the skin or a little below."""
+"""A sight line ends this far before its point, which is on the skin or slightly below."""
+_NECK = ("neck", "head", "spine3", "left_collar", "right_collar")
+_FOOT = ("ankle", "foot")
 _AROUND: dict[str, tuple[str, ...]] = {
-    "neck": ("neck", "head", "spine3", "left_collar", "right_collar"),
-    "upper_neck": ("neck", "head", "spine3", "left_collar", "right_collar"),
+    **dict.fromkeys(("neck", "upper_neck"), _NECK),
     "thorax": ("neck", "spine3", "spine2", "left_collar", "right_collar"),
     "spine": ("spine1", "spine2", "spine3"),
     "mid_hip": ("pelvis", "spine1", "spine2", "left_hip", "right_hip"),
     "hip": ("pelvis", "spine1", "hip"),
     "knee": ("hip", "knee"),
     "ankle": ("knee", "ankle", "foot"),
-    "big_toe": ("ankle", "foot"),
-    "small_toe": ("ankle", "foot"),
-    "heel": ("ankle", "foot"),
+    **dict.fromkeys(("big_toe", "small_toe", "heel"), _FOOT),
     "shoulder": ("collar", "shoulder", "spine3"),
     "elbow": ("shoulder", "elbow"),
     "wrist": ("elbow", "wrist", "hand"),
 }
-"""Parts, by the joint that moves them, whose flesh a keypoint lies in; they do not hide it. Without side: its own."""
+"""Parts, by the joint that moves them, with a keypoint in their flesh, which do not hide it. Without side: its own."""
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) where a face that looks to the origin crosses the sight line before the target.
+    """Return the pairs (face, target) where a face towards the origin crosses the sight line before the target.
 
-    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive; there its inverse
-    depth is their blend of the corners' (perspective-correct interpolation).
+    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive; its inverse depth is
+    their mix of the corners' (perspective-correct interpolation).
 
     Args:
         skin: (V, 3) vertices in the camera's frame.
@@ -216,7 +203,7 @@ def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> t
 
 
 def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
-    """Return (K, T) bool: the face belongs to a part that the keypoint lies in."""
+    """Return (K, T) bool: the face belongs to a part with the keypoint in it."""
     part = body.weights[body.faces].sum(axis=1).argmax(axis=-1)
     own = np.zeros((len(keypoints), len(part)), dtype=bool)
     for k, name in enumerate(keypoints):

@@ -1,4 +1,4 @@
-"""Rigs of cameras: rings, corners of a room, the cameras of a capture, and presets of real devices."""
+"""Camera arrays: rings, corners of a room, the cameras of a capture, and presets of real devices."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from solver_backend.synthesis.studio.checked_values import CheckedValues, Studio
 from solver_backend.types import Cameras
 
 _AHEAD_M = 3.0
-"""From the cameras' middle to where they look if their axes do not meet, metres; chosen by hand."""
+"""Distance from the cameras' middle to their target if their axes do not meet, metres; chosen by hand."""
 _TRUST = 1e-3
-"""Weight of that place against the axes of one camera; chosen by hand."""
+"""Weight of that target against the axis of one camera; chosen by hand."""
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:
-    """Return the (3,) point that the cameras look at, metres: the nearest to all optical axes.
+    """Return the (3,) target of the cameras, metres, the point nearest to all optical axes.
 
     With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``, and a little the distance to 3 m ahead
-    of the cameras' middle, which alone shows where parallel axes and a single camera look.
+    of the cameras' middle, which decides for parallel axes and single cameras.
     """
     axes, centres = cameras.R[:, 2], cameras.centres
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
@@ -36,14 +36,14 @@ def aim_point(cameras: Cameras) -> np.ndarray:
 
 
 def scaled(cameras: Cameras, by: float) -> Cameras:
-    """Return the cameras with pictures of other sizes, 16 pixels at least a side; their edges see what they saw."""
+    """Return the cameras with scaled pictures of at least 16 pixels per side and the same field of view."""
     if by == 1.0:
         return cameras
     size = np.maximum(16, np.round(by * cameras.image_size)).astype(cameras.image_size.dtype)
     ratio = size / cameras.image_size
     K = cameras.K.copy()
     K[:, :2] *= ratio[:, :, None]
-    # Pixel (0, 0) is the middle of the first one: edges lie half a pixel before it.
+    # Pixel (0, 0) is the middle of the first one: edges are half a pixel before it.
     K[:, :2, 2] += 0.5 * ratio - 0.5
     return Cameras(cameras.names, K, cameras.distortion, cameras.R, cameras.t, size, cameras.models)
 
@@ -51,33 +51,33 @@ def scaled(cameras: Cameras, by: float) -> Cameras:
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
 STANDS = ("world", "aim")
-"""Where the person is before cameras that stand fixed: where the motion has them, or where the cameras look."""
+"""Place of the person before fixed cameras: as in the motion, or at the cameras' target."""
 _KNOWN = (
-    "name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m", "size",
-    "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand",
-    "leave_out", "widest",
-)  # fmt: skip
+    *("name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
+    *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),
+    "widest",
+)
 _TARGET_M = (0.0, 0.0, 0.95)
-"""What cameras look at, metres: about a standing person's pelvis."""
+"""Target of cameras, metres: about a standing person's pelvis."""
 
 
 @dataclass(frozen=True)
 class CameraRing:
-    """Cameras with names, before they are set up around a person."""
+    """Named cameras, before they are placed around a person."""
 
     name: str
-    """Name of the camera array, part of a shot's name."""
+    """Part of a shot's name."""
     cameras: Cameras
-    """Where they stand about the origin; the middle of the person's way is put there."""
+    """Around the origin, where the middle of the person's way is put."""
     range_m: tuple[float, float]
-    """Nearest and farthest depth that its sensors measure."""
+    """Smallest and largest depth that its sensors measure."""
     fixed: bool
-    """The cameras stand where they stand in the world, and do not move to the person."""
+    """The cameras keep their place in the world."""
     stand: np.ndarray | None = None
-    """(2,) metres: before fixed cameras the middle of the person's way is put there; None leaves it where it is."""
+    """(2,) metres, the middle of the person's way before fixed cameras; None leaves it unchanged."""
 
     def around(self, place: np.ndarray) -> Cameras:
-        """Return the cameras moved along the floor so that the person at (3,) ``place`` is in their middle."""
+        """Return the cameras moved along the floor, with the person at (3,) ``place`` in their middle."""
         if self.fixed:
             return self.cameras
         move = np.array([place[0], place[1], 0.0])
@@ -88,16 +88,12 @@ class CameraRing:
 
 @cache
 def camera_array_presets() -> dict[str, dict[str, Any]]:
-    """Return the presets by name, from the data file that ships."""
+    """Return the shipped presets by name."""
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
 def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
     """Return an array from its description: the name of a preset, or an object.
-
-    Args:
-        description: as read from JSON.
-        folder: what relative paths are relative to.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is impossible.
@@ -109,29 +105,24 @@ def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
     if "preset" in values:
         name, presets = values.raw("preset"), camera_array_presets()
         if not isinstance(name, str) or name not in presets:
-            raise StudioInvalid(
-                f"There is no camera array '{name}'.",
-                where="camera array: preset",
-                hint=f"Known are {', '.join(sorted(presets))}.",
-            )
+            hint = f"Known are {', '.join(sorted(presets))}."
+            raise StudioInvalid(f"There is no camera array '{name}'.", where="camera array: preset", hint=hint)
         rest = {key: value for key, value in given.items() if key != "preset"}
         values = CheckedValues({"name": name, **presets[name], **rest}, f"camera array {name}", _KNOWN)
     layout = values.choice("layout", "ring", LAYOUTS)
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
     if not 0 <= low < high:
-        raise StudioInvalid(
-            "range_m is empty; a nearest and a farther depth are expected.", where=f"camera array {name}"
-        )
+        message = "range_m is empty; a nearest and a farther depth are expected."
+        raise StudioInvalid(message, where=f"camera array {name}")
     cameras = _LAYOUTS[layout](values, folder)
     fixed = layout in ("capture", "cameras")
     if fixed:
         cameras = scaled(cameras, values.number("scale", 1.0, 0.05, 4.0))
     fewer = len(cameras) - values.whole("leave_out", 0, 0, 64)
     if fewer < 1:
-        raise StudioInvalid(
-            f"leave_out leaves none of {len(cameras)} cameras.", where=f"camera array {name}: leave_out"
-        )
+        message = f"leave_out leaves none of {len(cameras)} cameras."
+        raise StudioInvalid(message, where=f"camera array {name}: leave_out")
     cameras = cameras.subset(list(range(fewer)))
     widest = int(cameras.image_size[:, 0].max())
     cameras = scaled(cameras, min(1.0, values.whole("widest", widest, 16, 8192) / widest))
@@ -158,7 +149,7 @@ def _corners(values: CheckedValues, folder: Path) -> Cameras:
 
 
 def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
-    """Return like cameras at (C, 3) centres that look at one point."""
+    """Return equal cameras at (C, 3) centres with one target."""
     target = values.numbers("target_m", 3) if "target_m" in values else np.array(_TARGET_M)
     scale = values.number("scale", 1.0, 0.05, 4.0)
     width, height = (max(16, round(scale * side)) for side in values.size("size", (640, 480)))
@@ -180,10 +171,8 @@ def _aimed(values: CheckedValues, centres: np.ndarray) -> Cameras:
     right /= np.linalg.norm(right, axis=1, keepdims=True)
     R = np.stack([right, np.cross(forward, right), forward], axis=1)
     names = tuple(f"cam{i + 1:02d}" for i in range(count))
-    return Cameras(
-        names, np.tile(K, (count, 1, 1)), np.tile(distortion, (count, 1)), R, -np.einsum("cij,cj->ci", R, centres),
-        np.tile([width, height], (count, 1)),
-    )  # fmt: skip
+    t, size = -np.einsum("cij,cj->ci", R, centres), np.tile([width, height], (count, 1))
+    return Cameras(names, np.tile(K, (count, 1, 1)), np.tile(distortion, (count, 1)), R, t, size)
 
 
 def _of_capture(values: CheckedValues, folder: Path) -> Cameras:
@@ -192,9 +181,8 @@ def _of_capture(values: CheckedValues, folder: Path) -> Cameras:
     path = folder / values.text("capture", "")
     cameras = load_capture(path).cameras
     if cameras is None:
-        raise CalibrationMissing(
-            "The capture has no cameras to film with.", where=str(path), hint="Name a capture of several views."
-        )
+        message, hint = "The capture has no cameras to film with.", "Name a capture of several views."
+        raise CalibrationMissing(message, where=str(path), hint=hint)
     return cameras
 
 
@@ -210,20 +198,18 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
             flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
             coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
         except (TypeError, ValueError, OverflowError) as error:
-            raise StudioInvalid(
-                f"A camera holds something that is not a number ({error}).", where=camera.where
-            ) from error
+            message = f"A camera holds something that is not a number ({error})."
+            raise StudioInvalid(message, where=camera.where) from error
         if [v.size for v in flat.values()] != [9, 9, 3]:
             raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)
         lens = np.zeros(8)
         lens[: len(coefficients)] = coefficients
         size = camera.size("image_size", (0, 0))
-        read.append({**flat, "lens": lens, "size": size, "name": camera.text("name", f"cam{i + 1:02d}")})
-    return Cameras(
-        tuple(c["name"] for c in read), np.stack([c["K"].reshape(3, 3) for c in read]),
-        np.stack([c["lens"] for c in read]), np.stack([c["R"].reshape(3, 3) for c in read]),
-        np.stack([c["t"] for c in read]), np.array([c["size"] for c in read]),
-    )  # fmt: skip
+        matrices = {key: flat[key].reshape(3, 3) for key in ("K", "R")}
+        name = camera.text("name", f"cam{i + 1:02d}")
+        read.append({**matrices, "t": flat["t"], "lens": lens, "size": size, "name": name})
+    K, lenses, R, t, sizes = (np.array([camera[key] for camera in read]) for key in ("K", "lens", "R", "t", "size"))
+    return Cameras(tuple(camera["name"] for camera in read), K, lenses, R, t, sizes)
 
 
 _LAYOUTS = {"ring": _ring, "corners": _corners, "capture": _of_capture, "cameras": _written_out}
