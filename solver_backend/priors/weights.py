@@ -57,10 +57,8 @@ class PriorWeights:
 def write_weights(path: Path, weights: PriorWeights) -> str:
     """Write a weight file, whole or not at all, and return the hash of its arrays."""
     digest = arrays_hash(weights.arrays)
-    header = {
-        "format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS, "sha256": digest,
-        **weights.metadata,
-    }  # fmt: skip
+    header = {"format": FORMAT, "version": VERSION, "prior": weights.prior, "body_joints": BODY_JOINTS}
+    header |= {"sha256": digest, **weights.metadata}
     with atomic_output(path, overwrite=True) as temporary, temporary.open("wb") as stream:
         np.savez_compressed(stream, header=np.array(json.dumps(header)), **weights.arrays)
     return digest

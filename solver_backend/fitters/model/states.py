@@ -153,7 +153,7 @@ class Keyframes(Rows):
     def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
         """Return the keys with those of a range taken from ``new``."""
         xp = array_namespace(self.z)
-        pairs = zip(self.arrays, new.arrays, strict=True)
+        pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
         return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
 
     def retract(self, step: Array, layout: StateLayout) -> Keyframes:

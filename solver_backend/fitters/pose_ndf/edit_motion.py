@@ -84,10 +84,8 @@ def interpolated_motion(
     """
     frames = frames_of(motion, body)
     if not (0 <= first < motion.num_frames and 0 <= last < motion.num_frames) or first == last:
-        raise JobInvalid(
-            f"Frames {first} and {last} are not two frames of the motion.", where="frames",
-            hint=f"It has the frames 0 to {motion.num_frames - 1}.",
-        )  # fmt: skip
+        message = f"Frames {first} and {last} are not two frames of the motion."
+        raise JobInvalid(message, where="frames", hint=f"It has the frames 0 to {motion.num_frames - 1}.")
     if count < 1:
         raise JobInvalid(f"{count} frames were asked for; at least 1 is expected.", where="count")
     ends = [first, last]
@@ -98,10 +96,9 @@ def interpolated_motion(
     transl = (1 - share)[:, None] * frames.transl[first] + share[:, None] * frames.transl[last]
     edit = {"verb": "interpolate", "frames": ends, "count": count}
     made, fingers = _new_motion(motion, body, prior, PosedFrames(root, local, transl), edit), finger_turns_of(motion)
-    return (
-        made if fingers is None
-        else with_finger_turns(made, body, log_so3(_on_the_way(exp_so3(fingers[ends]), share)))
-    )  # fmt: skip
+    if fingers is None:
+        return made
+    return with_finger_turns(made, body, log_so3(_on_the_way(exp_so3(fingers[ends]), share)))
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
@@ -116,10 +113,8 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
     betas, layout = np.zeros(10), body.layout.recorded
     lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
     transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
-    rest = Motion(
-        betas, np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), np.zeros((1, 3)), SAMPLED_FPS, body.id,
-        np.zeros((1, layout.num_joints, 3)), layout,
-    )  # fmt: skip
+    zero, turns, joints = np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), layout.num_joints
+    rest = Motion(betas, zero, turns, zero.copy(), SAMPLED_FPS, body.id, np.zeros((1, joints, 3)), layout)
     edit = {"verb": "sample", "count": count, "seed": seed}
     return _new_motion(rest, body, prior, PosedFrames(root, local, transl), edit)
 
@@ -145,10 +140,9 @@ def fitted_motion(
     cameras, keypoints = capture.require_views()
     frames = frames_of(motion, body)
     if motion.num_frames != keypoints.xy.shape[1]:
-        raise MotionInvalid(
-            f"The motion has {motion.num_frames} frames, the capture {keypoints.xy.shape[1]}.", where=capture.name,
-            hint="Start at a motion that was solved from this capture.",
-        )  # fmt: skip
+        message = f"The motion has {motion.num_frames} frames, the capture {keypoints.xy.shape[1]}."
+        hint = "Start at a motion that was solved from this capture."
+        raise MotionInvalid(message, where=capture.name, hint=hint)
     joints, betas = keypoints.joint_set, motion.betas.astype(np.float64)
     person = Subject(body, keypoint_landmarks(body, joints), betas, np.zeros((joints.num_keypoints, 3)))
     term = ReprojectionTerm.of(cameras, keypoints, np.full(joints.num_keypoints, noise_px), np.zeros(1))

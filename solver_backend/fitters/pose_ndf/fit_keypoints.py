@@ -152,12 +152,10 @@ def fit_keypoints(
         PoseInvalid: start poses that are NaN or off SO(3).
     """
     state, result = (start, subject.betas), None
+    stopping = LMSettings(max_iterations=settings.iterations, tolerance=1e-5)
     for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
         objective = KeypointObjective(subject, prior, term, settings, scale)
-        result = levenberg_marquardt(
-            state, objective.linearise, objective.retract,
-            LMSettings(max_iterations=settings.iterations, tolerance=1e-5),
-        )  # fmt: skip
+        result = levenberg_marquardt(state, objective.linearise, objective.retract, stopping)
         state = result.state
     assert result is not None
     return KeypointFit(*state, cost=float(result.cost[0]), status=result.status)
@@ -276,15 +274,12 @@ def solve_sequence(
         progress: called after every chunk.
     """
     count = start.transl.shape[0]
-    parts: list[PosedFrames] = []
+    parts, stopping = list[PosedFrames](), LMSettings(max_iterations=iterations, tolerance=1e-5)
     total, before = 0.0, sequence.before
     for first in range(0, count, CHUNK_FRAMES):
         frames = slice(first, min(first + CHUNK_FRAMES, count))
         part = replace(sequence, observed=sequence.observed[frames], seen=sequence.seen[frames], before=before)
-        found = levenberg_marquardt(
-            start.select(frames), part.linearise, part.retract,
-            LMSettings(max_iterations=iterations, tolerance=1e-5),
-        )  # fmt: skip
+        found = levenberg_marquardt(start.select(frames), part.linearise, part.retract, stopping)
         parts.append(found.state)
         total = total + found.cost
         before = pose(sequence.subject, found.state.select(slice(-1, None))).points[0]

@@ -90,10 +90,8 @@ def demo_capture(
     xy, confidence = detect(px, cameras.image_size, fps, faults, np.random.default_rng(seed))
     body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
     body_pose[:, : motion.body_pose[0].size] = motion.body_pose.reshape(num_frames, -1)
-    truth = {
-        "betas": DEMO_BETAS, "global_orient": motion.global_orient, "body_pose": body_pose, "transl": motion.transl,
-        "joints": posed.skeleton.joints, "keypoints3d": posed.points,
-    }  # fmt: skip
+    truth = {"betas": DEMO_BETAS, "global_orient": motion.global_orient, "body_pose": body_pose}
+    truth |= {"transl": motion.transl, "joints": posed.skeleton.joints, "keypoints3d": posed.points}
     return Capture(
         name="demo",
         cameras=cameras,
@@ -164,10 +162,8 @@ def record_markers(
     places = (*marker_layout(layout), _UNKNOWN[1])
     placement = 1e-3 * faults.placement_mm * rng.normal(size=(len(places), 3))
     placement[-1] += (0.0, 0.0, -0.04)
-    posed = pose_landmarks(
-        body, marker_landmarks(body, places), BETAS, exp_so3(motion.global_orient), exp_so3(motion.body_pose),
-        motion.transl, offsets=placement,
-    )  # fmt: skip
+    landmarks, turns = marker_landmarks(body, places), (exp_so3(motion.global_orient), exp_so3(motion.body_pose))
+    posed = pose_landmarks(body, landmarks, BETAS, *turns, motion.transl, offsets=placement)
     shape, correlation = (len(places), num_frames, 3), float(np.exp(-1 / (fps * faults.skin_s)))
     sliding = 1e-3 * faults.skin_mm * autoregressive(shape, correlation, rng).swapaxes(0, 1)
     measured = 1e-3 * faults.measurement_mm * rng.normal(size=(num_frames, len(places), 3))

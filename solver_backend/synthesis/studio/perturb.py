@@ -32,11 +32,9 @@ def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Cap
         np.where(there[..., None], truth.xy[chosen], np.nan), there.astype(np.float64), chosen, spec.fps
     )
     markers = MarkerCloud(stage.markers, spec.fps, stage.labels) if stage.labels else None
-    known = {
-        "betas": motion.betas, "global_orient": motion.global_orient, "body_pose": motion.body_pose,
-        "transl": motion.transl, "joints": motion.joints, "keypoints3d": truth.keypoints3d[chosen],
-        "R": stage.cameras.R, "t": stage.cameras.t, "visibility": truth.visibility[chosen],
-    }  # fmt: skip
+    known = {name: getattr(motion, name) for name in ("betas", "global_orient", "body_pose", "transl", "joints")}
+    known |= {"keypoints3d": truth.keypoints3d[chosen], "R": stage.cameras.R, "t": stage.cameras.t}
+    known |= {"visibility": truth.visibility[chosen]}
     if stage.labels:
         known |= {"markers": stage.markers}
     return Capture(

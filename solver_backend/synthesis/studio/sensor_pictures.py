@@ -261,7 +261,7 @@ SECTOR_DEG = 30
 """Angles of poses are counted in sectors of this size, from 0 to 180 degrees."""
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _TRUNK = ("neck", "pelvis")
-_LIMBS = {
+_LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
     "elbow bent": (("shoulder", "elbow"), ("elbow", "wrist")),
     "knee bent": (("hip", "knee"), ("knee", "ankle")),
     "thigh before trunk": (_TRUNK, ("hip", "knee")),

@@ -231,11 +231,10 @@ def calibration_text(cameras: Cameras) -> str:
         # Pose2Sim hands four or five coefficients to OpenCV; the rational model's others are written where they are.
         lens = cameras.distortion[view]
         count = 8 if lens[5:].any() else 5 if lens[4] else 4
-        fields = {
-            "name": name, "size": cameras.image_size[view].astype(float).tolist(), "matrix": cameras.K[view].tolist(),
-            "distortions": lens[:count].tolist(), "rotation": log_so3(cameras.R[view]).tolist(),
-            "translation": cameras.t[view].tolist(), "fisheye": cameras.models[view] == "fisheye",
-        }  # fmt: skip
+        fields = {"name": name, "size": cameras.image_size[view].astype(float).tolist()}
+        fields |= {"matrix": cameras.K[view].tolist(), "distortions": lens[:count].tolist()}
+        fields |= {"rotation": log_so3(cameras.R[view]).tolist(), "translation": cameras.t[view].tolist()}
+        fields |= {"fisheye": cameras.models[view] == "fisheye"}
         lines.append(f'["{name}"]')
         lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
         lines.append("")
