@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -35,7 +36,7 @@ def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool 
 def capture_html(capture: Capture) -> str:
     """Return the page of a capture."""
     rows = np.unique(np.linspace(0, capture.num_frames - 1, min(capture.num_frames, MOST_FRAMES)).astype(int))
-    views = _SharedViews.of(capture, rows)
+    views = _shared_views(capture, rows)
     found = by_gravity(capture_diagnostics(capture))
     headline = tiles(_tiles(capture, views, len(list(warnings_in(found)))))
     body = [
@@ -48,29 +49,23 @@ def capture_html(capture: Capture) -> str:
     return page_of(f"Capture {text(capture.name + whose)}", text(_subtitle(capture)), headline + "".join(body))
 
 
-class _SharedViews:
-    """What the views show together in some frames."""
-
-    def __init__(self, points: np.ndarray, seen: np.ndarray, agrees: np.ndarray, off_px: np.ndarray) -> None:
-        self.points, self.seen, self.agrees, self.off_px = points, seen, agrees, off_px
-
-    @classmethod
-    def of(cls, capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-        if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
-            return None
-        keypoints = capture.keypoints.at(rows)
-        found = triangulate(capture.cameras, keypoints.xy, keypoints.confidence)
-        points = np.asarray(found.points)
-        seen = (keypoints.confidence > 0) & np.isfinite(points).all(-1)
-        px = _projected(capture, points)
-        off = np.where(seen, np.linalg.norm(px - keypoints.xy, axis=-1), np.nan)
-        return cls(points, seen, seen & np.asarray(found.inliers), off)
+class _SharedViews(NamedTuple):
+    points: np.ndarray
+    seen: np.ndarray
+    agrees: np.ndarray
+    off_px: np.ndarray
 
 
-def _projected(capture: Capture, points: np.ndarray) -> np.ndarray:
-    c = capture.cameras
-    assert c is not None
-    return project(c, points)
+def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
+    """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many pixels."""
+    if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
+        return None
+    keypoints = capture.keypoints.at(rows)
+    found = triangulate(capture.cameras, keypoints.xy, keypoints.confidence)
+    points = np.asarray(found.points)
+    seen = (keypoints.confidence > 0) & np.isfinite(points).all(-1)
+    off = np.linalg.norm(project(capture.cameras, points) - keypoints.xy, axis=-1)
+    return _SharedViews(points, seen, seen & np.asarray(found.inliers), np.where(seen, off, np.nan))
 
 
 def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[Tile]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -108,9 +108,8 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
         return
     side, arm = named[0][0], any(limb_of(place, load_layouts()) == "arm" for place in named)
     if arm or not {side + place for place in ("ANK", "HEE", "TOE")} <= set(named):
-        yield diagnostic(
-            "limb_side_found", basis="label", side="left" if side == "L" else "right", limb="arm" if arm else "leg"
-        )
+        words = {"side": "left" if side == "L" else "right", "limb": "arm" if arm else "leg"}
+        yield diagnostic("limb_side_found", basis="label", **words)
 
 
 def useless(is_useless: bool) -> Severity:
@@ -249,10 +248,9 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
     """Return (C, F, K, 2) where the views have the body's keypoints; detections where the motion holds none."""
     assert capture.cameras is not None and capture.keypoints is not None
-    c = capture.cameras
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
-    return project(c, motion.keypoints3d)
+    return project(capture.cameras, motion.keypoints3d)
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
@@ -344,11 +342,13 @@ def without_explained(
         if sum(last - first + 1 for first, last in item.where.frames) >= MOST_FRAMES * num_frames
         for camera in item.where.cameras
     }
-    others = _others(capture, explained)
+    cameras = None if capture is None or not explained else capture.cameras
+    others = None if cameras is None else [c for c, name in enumerate(cameras.names) if name not in explained]
     for item in found:
         role, named = roles.get(item.code), [name for name in item.where.cameras if name not in explained]
-        if role == "compares all" and others is not None:
-            yield from _focal_lengths(capture, others)
+        if role == "compares all" and others is not None and cameras is not None:
+            if capture is not None and capture.keypoints is not None and len(others) > 1:
+                yield from report_focal_lengths(cameras.subset(others), capture.keypoints.views(others))
         elif role == "compares":
             if named and (others is None or len(others) >= LEAST_OTHERS):
                 known = item.values.get("shifts")
@@ -356,19 +356,6 @@ def without_explained(
                 yield replace(item, where=replace(item.where, cameras=tuple(named)), values={"shifts": shifts})
         elif role != "doubts" or len(named) == len(item.where.cameras):
             yield item
-
-
-def _others(capture: Capture | None, explained: set[str]) -> list[int] | None:
-    """Return the cameras that nothing explains, None where none is explained."""
-    if capture is None or capture.cameras is None or not explained:
-        return None
-    return [c for c, name in enumerate(capture.cameras.names) if name not in explained]
-
-
-def _focal_lengths(capture: Capture | None, chosen: list[int]) -> tuple[Diagnostic, ...]:
-    if capture is None or capture.cameras is None or capture.keypoints is None or len(chosen) < 2:
-        return ()
-    return report_focal_lengths(capture.cameras.subset(chosen), capture.keypoints.views(chosen))
 
 
 UNSURE_SHARE = 0.02
@@ -451,65 +438,24 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
         yield diagnostic("keypoints_often_outliers", shares=shares)
 
 
-@dataclass(frozen=True)
-class SolvedTake:
-    """A capture with its solve."""
-
-    capture: Capture
-    motion: Motion
-    residuals: KeypointResiduals | None
-    """None if no camera saw anything."""
-
-
-class Check(NamedTuple):
-    """One row of the table of checks."""
-
-    name: str
-    needs: Callable[[SolvedTake], bool]
-    """Whether the take has the data."""
-    find: Callable[[SolvedTake], Iterable[Diagnostic]]
-
-
-def _always(take: SolvedTake) -> bool:
-    return True
-
-
-def _of_views(take: SolvedTake) -> bool:
-    return take.residuals is not None
-
-
-def _of_views_or_centres(take: SolvedTake) -> bool:
-    # Recordings of markers are level.
-    return take.residuals is not None or centres_of(take.motion)
-
-
-def _hips_still(take: SolvedTake) -> bool:
-    return hips_never_move(take.capture, take.motion)
-
-
-def _hips_travel(take: SolvedTake) -> bool:
-    return not hips_never_move(take.capture, take.motion)
-
-
-CHECKS: tuple[Check, ...] = (
-    Check("numbers of the motion", _always, lambda take: check_motion(take.motion)),
-    Check("flagged frames", _always, lambda take: _flagged(take.motion, take.capture.is_one_view)),
-    Check("stature", _always, lambda take: _stature(take.motion)),
-    Check("residual", _of_views, lambda take: _residual(take.capture, take.motion, _known(take))),
-    Check("views", _of_views, lambda take: _views(take.capture, take.motion, _known(take))),
-    Check("tilt", _of_views_or_centres, lambda take: _tilt(take.motion)),
-    Check("markers", _always, lambda take: marker_plausibility(take.motion)),
-    Check("hips", _hips_still, lambda take: [diagnostic("hips_never_move")]),
-    Check("feet and floor", _hips_travel, lambda take: _feet(take.motion)),
-    Check("cameras", _of_views, lambda take: _cameras(take.capture, _known(take))),
-    Check("keypoints", _of_views, lambda take: _keypoints(take.capture, _known(take))),
-)
-"""Every check of a result, in the order of its diagnostics."""
-
-
-def _known(take: SolvedTake) -> KeypointResiduals:
-    assert take.residuals is not None
-    return take.residuals
+def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
+    """Yield the diagnostics of every check of a result; ``residuals`` is None if no camera saw anything."""
+    yield from check_motion(motion)
+    yield from _flagged(motion, capture.is_one_view)
+    yield from _stature(motion)
+    if residuals is not None:
+        yield from _residual(capture, motion, residuals)
+        yield from _views(capture, motion, residuals)
+    if residuals is not None or centres_of(motion):  # recordings of markers are level
+        yield from _tilt(motion)
+    yield from marker_plausibility(motion)
+    if hips_never_move(capture, motion):
+        yield diagnostic("hips_never_move")
+    else:
+        yield from _feet(motion)
+    if residuals is not None:
+        yield from _cameras(capture, residuals)
+        yield from _keypoints(capture, residuals)
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
@@ -523,9 +469,6 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
         MotionInvalid: the motion does not belong to the capture.
     """
     capture = capture.named
-    take = SolvedTake(capture, motion, residuals or residuals_of(capture, motion))
-    found = [*capture_diagnostics(capture), *recorded_diagnostics(motion)]
-    for check in CHECKS:
-        if check.needs(take):
-            found += check.find(take)
+    residuals = residuals or residuals_of(capture, motion)
+    found = [*capture_diagnostics(capture), *recorded_diagnostics(motion), *run_checks(capture, motion, residuals)]
     return by_gravity(without_explained(found, motion.num_frames, capture))

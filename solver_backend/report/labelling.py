@@ -19,13 +19,12 @@ def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
     there = np.isfinite(take.confidence)
     labels = take.labels[there]
     named = (labels >= 0) & (labels < GHOST)
+    unknown = labels < 0
     headline = tiles(
         [
             Tile("named", number(100 * float(named.mean())), "%", f"{len(set(labels[named].tolist()))} markers"),
             Tile("not the person's", number(100 * float((labels == GHOST).mean())), "%"),
-            Tile(
-                "unknown", number(100 * float((labels < 0).mean())), "%", level="look" if (labels < 0).any() else "good"
-            ),
+            Tile("unknown", number(100 * float(unknown.mean())), "%", level="look" if unknown.any() else "good"),
             Tile("stretches", str(len(take.tracklets)), "", f"{take.tracklets.num_chains} after joining"),
         ]
     )
@@ -55,9 +54,8 @@ def _by_marker(take: LabelledTake) -> str:
         return ""
     table = np.array(values)
     strength = np.clip((100 - table) / 40, 0, 1)
-    return section(
-        "Markers", heat_table(table, rows, ["seen", "confidence"], strength=strength, unit="%"), "", "markers"
-    )
+    shown = heat_table(table, rows, ["seen", "confidence"], strength=strength, unit="%")
+    return section("Markers", shown, "", "markers")
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:

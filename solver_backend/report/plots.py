@@ -218,31 +218,32 @@ def plan(cameras: Cameras | None, way: np.ndarray) -> str:
         x, y = (np.asarray(point)[:2] - middle) * scale
         return round(float(SIZE / 2 + x), 1), round(float(SIZE / 2 - y), 1)
 
-    parts = _grid(middle, span, at)
+    parts, step = _grid(middle - span / 2, middle + span / 2, at)
+    parts.append(f'<text class="x" x="{SIZE - 40}" y="{SIZE - 8}">grid {step:g} m</text>')
     if cameras is not None:
         parts += [_draw_wedge(cameras, c, 0.16 * span, at) for c in range(len(cameras))]
-    step = max(1, len(way) // 800)
-    path = "M" + "L".join("{} {}".format(*at(p)) for p in way[::step])
+    path = "M" + "L".join("{} {}".format(*at(p)) for p in way[:: max(1, len(way) // 800)])
     (x0, y0), (x1, y1) = at(way[0]), at(way[-1])
     parts.append(f'<path class="line a" d="{path}"/><circle class="start" cx="{x0}" cy="{y0}" r="4.5"/>')
     parts.append(f'<circle class="end" cx="{x1}" cy="{y1}" r="4.5"/>')
     return figure("plan", SIZE, SIZE, parts)
 
 
-def _grid(middle: np.ndarray, span: float, at: Place) -> list[str]:
+def _line(kind: str, a: Sequence[float], b: Sequence[float], style: str = "") -> str:
+    return f'<line class="{kind}" x1="{a[0]}" y1="{a[1]}" x2="{b[0]}" y2="{b[1]}"{style}/>'
+
+
+def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
+    """Return the lines of the floor between two corners (2,), those through the origin stronger, and their distance."""
+    span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []
     for axis in range(2):
-        low, high = middle[axis] - span / 2, middle[axis] + span / 2
-        for value in np.arange(np.ceil(low / step) * step, high + 1e-9, step):
-            ends = [middle - span / 2, middle + span / 2]
-            a, b = ends[0].copy(), ends[1].copy()
+        for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
+            a, b = np.append(low, 0.0), np.append(high, 0.0)
             a[axis] = b[axis] = value
-            (x1, y1), (x2, y2) = at(a), at(b)
-            kind = "axis" if abs(value) < 1e-9 else "grid"
-            parts.append(f'<line class="{kind}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"/>')
-    parts.append(f'<text class="x" x="{SIZE - 40}" y="{SIZE - 8}">grid {step:g} m</text>')
-    return parts
+            parts.append(_line("axis" if abs(value) < 1e-9 else "grid", at(a), at(b)))
+    return parts, step
 
 
 def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
@@ -287,7 +288,8 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
     low, high = floor[:, :2].min(0) - 0.3, floor[:, :2].max(0) + 0.3
     corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
     view = _SpaceProjection(np.concatenate([floor, corners]))
-    parts = _floor(view, low, high)
+    parts, step = _grid(low, high, lambda point: tuple(view(point).tolist()))
+    parts.append(f'<text class="x" x="{SPACE_WIDTH - 50}" y="{view.height - 8}">floor grid {step:g} m</text>')
     if cameras is not None:
         size = 0.08 * float(np.linalg.norm(high - low))
         parts += [_draw_pyramid(view, cameras, c, size) for c in range(len(cameras))]
@@ -317,22 +319,7 @@ class _SpaceProjection:
         return np.round(np.array([SPACE_WIDTH / 2, self.height / 2]) + flat * [1, -1], 1)
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        (x1, y1), (x2, y2) = self(np.stack([a, b])).tolist()
-        return f'<line class="{kind}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"{style}/>'
-
-
-def _floor(view: _SpaceProjection, low: np.ndarray, high: np.ndarray) -> list[str]:
-    """Return the lines of z = 0 a metre apart, those through the origin stronger."""
-    span = float((high - low).max())
-    step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
-    parts = []
-    for axis in range(2):
-        for value in np.arange(np.ceil(low[axis] / step) * step, high[axis] + 1e-9, step):
-            a, b = np.append(low, 0.0), np.append(high, 0.0)
-            a[axis] = b[axis] = value
-            parts.append(view.line("axis" if abs(value) < 1e-9 else "grid", a, b))
-    parts.append(f'<text class="x" x="{SPACE_WIDTH - 50}" y="{view.height - 8}">floor grid {step:g} m</text>')
-    return parts
+        return _line(kind, *self(np.stack([a, b])).tolist(), style)
 
 
 def _draw_pyramid(view: _SpaceProjection, cameras: Cameras, c: int, size: float) -> str:

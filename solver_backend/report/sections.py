@@ -20,8 +20,7 @@ from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
-    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; '
-    '<b class="unseen">■</b> bridged: '
+    '<p class="key"><b class="unsure">■</b> {far} or hardly known &nbsp; <b class="unseen">■</b> bridged: '
     "{bridged} &nbsp; │ ticks below: keyframes of the solver</p>"
 )
 
@@ -122,11 +121,11 @@ def missing_section(capture: Capture, motion: Motion) -> str:
 
 def residual_sections(motion: Motion, residuals: KeypointResiduals | None) -> str:
     """Plot the residual over time, of detections and of markers, with flagged frames and keyframes."""
+    shown = ""
     if residuals is not None:
-        curves, points = (residuals.by_frame(0.5), residuals.by_frame(0.9)), "detections"
-        shown = _residual_section(motion, curves, "px", points, "the solved body and the detections of all cameras")
-    else:
-        shown = ""
+        curves = residuals.by_frame(0.5), residuals.by_frame(0.9)
+        ends = "the solved body and the detections of all cameras"
+        shown = _residual_section(motion, curves, "px", "detections", ends)
     error = motion.marker_residual_mm
     if error is not None:
         curves = quantile(error, 0.5, axis=1), quantile(error, 0.9, axis=1)
@@ -228,15 +227,12 @@ def scene_section(capture: Capture, motion: Motion) -> str:
         ("path of the pelvis", f"{way:.2f} m over the floor"),
     ]
     if capture.cameras is not None:
-        height = ", ".join(
-            f"{name} {z:.2f} m" for name, z in zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
-        )
-        rows.append(("height of the cameras", height))
+        named = zip(capture.cameras.names, capture.cameras.centres[:, 2], strict=True)
+        rows.append(("height of the cameras", ", ".join(f"{name} {z:.2f} m" for name, z in named)))
     wedges = "" if capture.cameras is None else "; wedges are the cameras' views"
     lead = f"From above, world Y up. Green is the start of the pelvis' path, red its end{wedges}."
-    return section(
-        "Scene", f'<div class="pair">{plan(capture.cameras, motion.joints[:, 0, :2])}{facts(rows)}</div>', lead, "scene"
-    )
+    drawing = plan(capture.cameras, motion.joints[:, 0, :2])
+    return section("Scene", f'<div class="pair">{drawing}{facts(rows)}</div>', lead, "scene")
 
 
 def provenance_section(capture: Capture, motion: Motion) -> str:
@@ -309,14 +305,12 @@ def props_section(motion: Motion) -> str:
         seen = 100 * (np.asarray(prop.seen) >= 3).mean()
         who = f"{len(prop.labels)} markers ({', '.join(prop.labels)})"
         facts = f"{who}; three or more are seen in {seen:.0f} % of the frames"
-        place = time_plot(
-            [PlotCurve(1000 * prop.sigma[:, 0], "origin", "a")], motion.fps, "mm", from_zero=True, size=(WIDTH, 120)
+        curves = (
+            (PlotCurve(1000 * prop.sigma[:, 0], "origin", "a"), "mm"),
+            (PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b"), "°"),
         )
-        turn = time_plot(
-            [PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b")], motion.fps, "°", from_zero=True,
-            size=(WIDTH, 120),
-        )  # fmt: skip
-        parts.append(f"<h3>{text(prop.name)}</h3><p>{text(facts)}</p>{place}{turn}")
+        plots = [time_plot([curve], motion.fps, unit, from_zero=True, size=(WIDTH, 120)) for curve, unit in curves]
+        parts.append(f"<h3>{text(prop.name)}</h3><p>{text(facts)}</p>{''.join(plots)}")
     return section("Props", "".join(parts), lead, "props") if parts else ""
 
 
@@ -336,10 +330,9 @@ def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
     where = np.minimum(np.arange(frames) * windows // max(frames, 1), windows - 1)
     lines = [PlotCurve(fit.epipolar_px[c, where], name, "ab"[c] if c < 2 else "quiet") for c, name in enumerate(names)]
     plot = time_plot(lines, capture.fps, "px", from_zero=True)
-    world = facts([
-        ("stature by the calibration's scale", f"{number(fit.stature_m, 2)} m"),
-        ("the person's up against the world's", f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"),
-    ])  # fmt: skip
+    tilt = f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"
+    stature = f"{number(fit.stature_m, 2)} m"
+    world = facts([("stature by the calibration's scale", stature), ("the person's up against the world's", tilt)])
     lead = (
         f"How well the cameras fit this take: {text(fit.verdict)}. <i>At best</i> is after the poses "
         "were adjusted to the take: a camera far above it was moved. A rim far above the middle points at a lens of "

@@ -61,11 +61,9 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
         MotionInvalid: the motion has other frames, views or keypoints than the capture.
     """
     if motion.num_frames != capture.num_frames:
-        raise MotionInvalid(
-            f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}.",
-            where=capture.name,
-            hint="Report on the capture that the motion was solved from.",
-        )
+        what = f"The motion has {motion.num_frames} frames, the capture {capture.num_frames}."
+        hint = "Report on the capture that the motion was solved from."
+        raise MotionInvalid(what, where=capture.name, hint=hint)
     if capture.cameras is None or capture.keypoints is None:
         return None
     shape = capture.keypoints.confidence.shape
@@ -75,10 +73,8 @@ def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
             return None
         error = reprojection_px(capture.cameras, motion.keypoints3d, capture.keypoints)
     if error.shape != shape:
-        raise MotionInvalid(
-            f"The motion has residuals of shape {error.shape}, the capture detections of shape {shape}.",
-            where=capture.name,
-        )
+        what = f"The motion has residuals of shape {error.shape}, the capture detections of shape {shape}."
+        raise MotionInvalid(what, where=capture.name)
     error = np.where(capture.keypoints.confidence > 0, error, np.nan).astype(np.float64)
     return KeypointResiduals(error, _limit_px(motion, error))
 
