@@ -91,15 +91,13 @@ class BodyLayout:
     def __post_init__(self) -> None:
         count = len(self.joints)
         if not count == len(self.parents) == len(self.groups) or len(set(self.joints)) < count:
-            raise BodyInvalid(
-                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups do not make a layout.",
-                where=self.name, hint="Every joint has a name of its own, a parent and a group.",
-            )  # fmt: skip
-        if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
-            raise BodyInvalid(
-                f"Parents {self.parents} are not a tree; one root (-1) and parents before their children are expected.",
-                where=self.name,
+            what = (
+                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups do not make a layout."
             )
+            raise BodyInvalid(what, where=self.name, hint="Every joint has a name of its own, a parent and a group.")
+        if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
+            what = "one root (-1) and parents before their children are expected"
+            raise BodyInvalid(f"Parents {self.parents} are not a tree; {what}.", where=self.name)
 
     @property
     def num_joints(self) -> int:
@@ -185,22 +183,19 @@ class BodyLayout:
             MotionInvalid: joints or tree differ.
         """
         if (self.joints, self.parents) != (other.joints, other.parents):
-            raise MotionInvalid(
-                f"The motion is of the layout {self.name} ({self.num_joints} joints); {other.name} "
-                f"({other.num_joints} joints) is expected.", where=where, hint="Use the body that it was solved with.",
-            )  # fmt: skip
+            found = f"The motion is of the layout {self.name} ({self.num_joints} joints)"
+            what = f"{found}; {other.name} ({other.num_joints} joints) is expected."
+            raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:
         """Return the layout of a body that lacks these joints and what hangs on them."""
-        lost = {j for j, joint in enumerate(self.joints) if joint in joints}
-        for j, parent in enumerate(self.parents):
-            lost |= {j} if parent in lost else set()
-        kept = [j for j in range(self.num_joints) if j not in lost]
-        return replace(
-            self, name=name, joints=tuple(self.joints[j] for j in kept), groups=tuple(self.groups[j] for j in kept),
-            parents=tuple(kept.index(self.parents[j]) if self.parents[j] >= 0 else -1 for j in kept), recorded_as=None,
-            limits={joint: limit for joint, limit in self.limits.items() if self.joints.index(joint) not in lost},
-        )  # fmt: skip
+        kept: list[int] = []
+        for j, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
+            kept += [j] if joint not in joints and (parent < 0 or parent in kept) else []
+        names, groups = (tuple(texts[j] for j in kept) for texts in (self.joints, self.groups))
+        parents = tuple(kept.index(self.parents[j]) if self.parents[j] >= 0 else -1 for j in kept)
+        limits = {joint: limit for joint, limit in self.limits.items() if joint in names}
+        return replace(self, name=name, joints=names, groups=groups, parents=parents, recorded_as=None, limits=limits)
 
 
 def _other_side(name: str) -> str:
@@ -233,25 +228,26 @@ def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
 _STAND_INS = {"left_hand": "left_middle1", "right_hand": "right_middle1"}
 """Joints of SMPL-H and SMPL-X that stand for SMPL's hands: the roots of the middle fingers."""
 
+_GROUPS = {**dict.fromkeys(("hip", "knee", "ankle", "foot"), "leg"), "hand": "hand"}
+_GROUPS |= dict.fromkeys(("collar", "shoulder", "elbow", "wrist"), "arm")
+
+
 _SMPL_JOINTS = (
-    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
-    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
-    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-    "left_hand", "right_hand",
-)  # fmt: skip
-SMPL = BodyLayout(
-    "SMPL",
-    _SMPL_JOINTS,
-    (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21),
-    (
-        "trunk", "left_leg", "right_leg", "trunk", "left_leg", "right_leg", "trunk", "left_leg",
-        "right_leg", "trunk", "left_leg", "right_leg", "trunk", "left_arm", "right_arm", "trunk",
-        "left_arm", "right_arm", "left_arm", "right_arm", "left_arm", "right_arm",
-        "left_hand", "right_hand",
-    ),
-    resting=("left_hand", "right_hand"),
-    limits=limits_of(_SMPL_JOINTS[1:-2]),
-)  # fmt: skip
+    "pelvis left_hip right_hip spine1 left_knee right_knee spine2 left_ankle right_ankle spine3 left_foot right_foot "
+    "neck left_collar right_collar head left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist "
+    "left_hand right_hand"
+)
+
+
+def _smpl() -> BodyLayout:
+    joints = tuple(_SMPL_JOINTS.split())
+    parents = (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21)
+    sides = [joint.rpartition("_") for joint in joints]
+    groups = tuple(f"{side}_{_GROUPS[part]}" if side else "trunk" for side, _, part in sides)
+    return BodyLayout("SMPL", joints, parents, groups, ("left_hand", "right_hand"), limits=limits_of(joints[1:-2]))
+
+
+SMPL = _smpl()
 """SMPL's joints in SMPL's order (Loper et al. 2015)."""
 SMPL_H = _with_fingers("SMPL-H", ())
 """SMPL with fingers (Romero et al. 2017)."""

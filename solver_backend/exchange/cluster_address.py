@@ -1,4 +1,4 @@
-"""Which Dask schedulers are connected to: those of this machine, and others only through TLS.
+"""Connect to Dask schedulers of this machine, and to others only through TLS.
 
 Whoever reaches a scheduler runs programs on its workers, and a scheduler can send programs to whoever connects.
 """

@@ -1,7 +1,4 @@
-"""Detectors that have a name; each is a worker in ``videos/detect/child/pose_workers``.
-
-Command lines, the panel and their texts follow this table.
-"""
+"""Detectors that have a name; each is a worker in ``videos/detect/child/pose_workers``."""
 
 from __future__ import annotations
 

@@ -53,10 +53,8 @@ def with_finger_joints(
     if not needs_hands_file(layout):
         return _without_face(layout, skinning)
     if layout.joints != SMPL.joints or hands is None or str(hands["body_id"]) != body_id:
-        raise BodyInvalid(
-            f"The body {body_id} has no finger joints.", where=body_id,
-            hint="Use the body that ships, or an SMPL-H or SMPL-X file.",
-        )  # fmt: skip
+        what = f"The body {body_id} has no finger joints."
+        raise BodyInvalid(what, where=body_id, hint="Use the body that ships, or an SMPL-H or SMPL-X file.")
     count, chosen = len(skinning.weights), hands["vertices"].astype(np.int64)
     if len(chosen) and chosen.max() >= count:
         raise BodyInvalid("The hands name vertices that the body does not have.", where=body_id)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from enum import StrEnum
 from typing import Self
 
@@ -31,6 +32,9 @@ _HALPE_BODY = (
     *_COCO, "head_top", "neck", "mid_hip", "left_big_toe", "right_big_toe", "left_small_toe", "right_small_toe",
     "left_heel", "right_heel",
 )  # fmt: skip
+
+
+_SIDE = re.compile(r"^(left|right)(?=_)|(?<=^mouth_)(left|right)$")
 
 
 class JointSet(StrEnum):
@@ -121,18 +125,9 @@ class JointSet(StrEnum):
 
     def mirrored(self, count: int = 0) -> tuple[int, ...]:
         """Return for each column the column of the same point on the other side; columns behind the set's stay."""
-        names = self.keypoints
-
-        def swap(name: str) -> str:
-            if name.startswith("left_"):
-                return "right_" + name[5:]
-            if name.startswith("right_"):
-                return "left_" + name[6:]
-            if name.startswith("mouth_"):
-                return "mouth_right" if name.endswith("left") else "mouth_left"
-            return name
-
-        return (*(names.index(swap(name)) for name in names), *range(len(names), count))
+        other = {"left": "right", "right": "left"}
+        swapped = [_SIDE.sub(lambda found: other[found[0]], name) for name in self.keypoints]
+        return (*map(self.keypoints.index, swapped), *range(len(swapped), count))
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:

@@ -1,7 +1,4 @@
-"""The formats that markers are written in; ``io/markers/write.py`` has a writer for each.
-
-Command lines, panels, menus and their texts follow this table.
-"""
+"""The formats that markers are written in; ``io/markers/write.py`` has a writer for each."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the numbers of motions and recordings can be, one check for the solver's types and the add-on's.
-
-These are bounds of the possible, not of the usual: what lies beyond is refused wherever it comes from.
-"""
+"""Bounds of what the numbers of motions and recordings can be, checked by the solver's and the add-on's types."""
 
 from __future__ import annotations
 

@@ -42,17 +42,12 @@ class Prop:
 
     def __post_init__(self) -> None:
         frames, count = len(self.rotvec), len(self.labels)
-        shapes = {
-            "points": (count, 3), "rotvec": (frames, 3), "transl": (frames, 3), "sigma": (frames, 2), "seen": (frames,),
-        }  # fmt: skip
-        for name, shape in shapes.items():
+        shapes = {"points": (count, 3), "rotvec": (frames, 3), "transl": (frames, 3), "sigma": (frames, 2)}
+        for name, shape in {**shapes, "seen": (frames,)}.items():
             value = np.asarray(getattr(self, name))
             if value.shape != shape or not np.isfinite(value).all():
-                raise MotionInvalid(
-                    f"{name} of the prop '{self.name}' has shape {value.shape} or values that are not finite; {shape} "
-                    "is expected.",
-                    where="motion",
-                )
+                found = f"{name} of the prop '{self.name}' has shape {value.shape} or values that are not finite"
+                raise MotionInvalid(f"{found}; {shape} is expected.", where="motion")
         for name, most in {"points": FARTHEST_M, "transl": FARTHEST_M, "rotvec": LARGEST_TURN, "seen": 255}.items():
             require_within(f"{name} of the prop '{self.name}'", getattr(self, name), most, MotionInvalid, "motion")
         if (np.asarray(self.seen) < 0).any():
@@ -98,9 +93,8 @@ def require_length(props: Sequence[Prop], frames: int) -> None:
     """
     for prop in props:
         if len(prop.rotvec) != frames:
-            raise MotionInvalid(
-                f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected.", where="motion"
-            )
+            what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected."
+            raise MotionInvalid(what, where="motion")
 
 
 def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
@@ -130,23 +124,14 @@ def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
     missing = [key for key in PROPS if key not in fields]
     if missing:
         raise MotionInvalid(f"The file holds props without {', '.join(missing)}.", where=str(fields.path))
-    shapes = {
-        "prop_of": (len(labels),), "prop_points": (len(labels), 3), "prop_rotvec": (len(names), frames, 3),
-        "prop_transl": (len(names), frames, 3), "prop_sigma": (len(names), frames, 2),
-        "prop_seen": (len(names), frames),
-    }  # fmt: skip
-    found = {key: fields.shaped(key, shape, MotionInvalid) for key, shape in shapes.items()}
-    return tuple(_prop(name, p, labels, found) for p, name in enumerate(names))
-
-
-def _prop(name: str, p: int, labels: tuple[str, ...], found: dict[str, np.ndarray]) -> Prop:
-    own = np.flatnonzero(found["prop_of"] == p)
-    return Prop(
-        name=name,
-        labels=tuple(labels[i] for i in own),
-        points=found["prop_points"][own],
-        rotvec=found["prop_rotvec"][p],
-        transl=found["prop_transl"][p],
-        sigma=found["prop_sigma"][p],
-        seen=found["prop_seen"][p],
-    )
+    of = fields.shaped("prop_of", (len(labels),), MotionInvalid)
+    points = fields.shaped("prop_points", (len(labels), 3), MotionInvalid)
+    by_frame = (len(names), frames)
+    shapes = {"rotvec": (*by_frame, 3), "transl": (*by_frame, 3), "sigma": (*by_frame, 2), "seen": by_frame}
+    tracks = {key: fields.shaped(f"prop_{key}", shape, MotionInvalid) for key, shape in shapes.items()}
+    props = []
+    for p, name in enumerate(names):
+        own = np.flatnonzero(of == p)
+        of_prop = {key: track[p] for key, track in tracks.items()}
+        props.append(Prop(name, tuple(labels[i] for i in own), points[own], **of_prop))
+    return tuple(props)

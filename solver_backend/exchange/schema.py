@@ -51,10 +51,8 @@ class Fields:
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
-            raise FileDamaged(
-                f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected.",
-                where=str(self.path),
-            )
+            what = f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected."
+            raise FileDamaged(what, where=str(self.path))
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
@@ -150,11 +148,8 @@ class Fields:
 
     def _require_version(self, found: float, version: int, reader: str) -> None:
         if not found <= version:
-            raise FileDamaged(
-                f"The file is of version {found:g}; this {reader} reads up to {version}.",
-                where=str(self.path),
-                hint=f"Update the {reader}.",
-            )
+            what = f"The file is of version {found:g}; this {reader} reads up to {version}."
+            raise FileDamaged(what, where=str(self.path), hint=f"Update the {reader}.")
 
 
 def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:

@@ -57,10 +57,8 @@ class SkeletonMotion:
             wrong = (np.linalg.det(self.turns) < 0).any(0)
         if wrong.any():
             joint = int(np.argmax(wrong))
-            raise MotionInvalid(
-                f"The turns of the joint '{self.names[joint]}' are not rotations (|R Rᵀ - I| = {off[joint]:.3g}).",
-                where=self.name, hint="Export it without scale and shear.",
-            )  # fmt: skip
+            what = f"The turns of the joint '{self.names[joint]}' are not rotations (|R Rᵀ - I| = {off[joint]:.3g})."
+            raise MotionInvalid(what, where=self.name, hint="Export it without scale and shear.")
 
     @property
     def num_frames(self) -> int:

@@ -1,8 +1,4 @@
-"""The few rotation formulas that a bake and files need, on NumPy arrays; quaternions are wxyz.
-
-The solver's own, ``geometry/rotations.py``, works on arrays of any namespace and knows derivatives; a test holds the
-two together.
-"""
+"""Rotation formulas of bakes and files on NumPy arrays, quaternions wxyz; a test compares ``geometry/rotations.py``."""
 
 from __future__ import annotations
 

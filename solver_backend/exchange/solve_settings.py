@@ -1,7 +1,4 @@
-"""The settings of a solve, each declared once.
-
-The solver, the job file, the command line, the panels and ``docs/reference/settings.md`` are made from these rows.
-"""
+"""The settings of a solve; solver, job file, command line, panels and reference page derive from these rows."""
 
 from __future__ import annotations
 

@@ -1,7 +1,4 @@
-"""What the result events of verbs hold that another program acts on: written by the solver, read by the add-on.
-
-``events`` checks them where they arrive; a result may hold more keys than these.
-"""
+"""Result events of verbs that another program acts on; ``events`` checks them where they arrive."""
 
 from __future__ import annotations
 

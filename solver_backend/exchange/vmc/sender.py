@@ -56,10 +56,9 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
     if found is None or scheme not in schemes or not 0 < port < 65536:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
-        raise CommandLineInvalid(
-            "This is not a VMC address." if schemes == (VMC,) else "This is not an address of a sender.",
-            where=text[:80], hint=f"Write {forms} with a port of 1 to 65535; {SCHEME} alone is {VmcAddress()}.",
-        )  # fmt: skip
+        what = "This is not a VMC address." if schemes == (VMC,) else "This is not an address of a sender."
+        hint = f"Write {forms} with a port of 1 to 65535; {SCHEME} alone is {VmcAddress()}."
+        raise CommandLineInvalid(what, where=text[:80], hint=hint)
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)
 
 
