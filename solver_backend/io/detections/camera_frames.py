@@ -1,4 +1,4 @@
-"""The people that a detector found in one camera's pictures, whatever files hold them."""
+"""Detected people in the frames of one camera, from any kind of file."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class CameraFrames:
     keypoints: tuple[str, ...] = ()
     """Names of the K keypoints if the files state them."""
     hands: Callable[[int], Hands] | None = None
-    """Hands of the people of the frame in this row, None if they are among the people's columns or there are none."""
+    """Hands of the people of the frame in this row, None if the people's columns include them or there are none."""
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:

@@ -31,9 +31,9 @@ from solver_backend.types import (
 
 _TRUTH = "truth_"
 _EVERYBODYS = ("xy", "confidence", "own")
-"""Fields of keypoints that are stored of every person."""
+"""Fields of keypoints that are stored for every person."""
 ROUNDING = 1e-5
-"""Share of its largest variance by which a covariance in single precision may be negative."""
+"""Negative part of a covariance in single precision at most, relative to its largest variance."""
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """
@@ -47,19 +47,13 @@ _STORED = (*_FIELDS.split(), *_OF_ONE_CAMERA, *_OF_DETECTOR)
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture; parts it lacks are left out of the file.
-
-    Footage below the file's folder is stored relative to it, so the folder can be moved as a whole.
+    """Write a capture. Footage below the file's folder is stored relative to it, so that the folder can be moved.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
     """
-    arrays: dict[str, np.ndarray] = {
-        "format": np.array(FORMAT),
-        "version": np.array(VERSION),
-        "name": np.array(capture.name),
-        "sources": _strings(capture.sources),
-    }
+    arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
+    arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
     if capture.cameras is not None:
@@ -93,14 +87,10 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
-    """Return the fields of one person's keypoints; own points are (C, F, N, 3) x, y and confidence."""
+    """Return the fields of one person's keypoints, with own points (C, F, N, 3) as x, y and confidence."""
     named = keypoints.named
-    arrays = {
-        "fps": np.array(float(named.fps)),
-        "xy": named.xy.astype(np.float32),
-        "confidence": named.confidence.astype(np.float32),
-        "joint_set": np.array(named.joint_set.value),
-    }
+    arrays = {"fps": np.array(float(named.fps)), "joint_set": np.array(named.joint_set.value)}
+    arrays |= {"xy": named.xy.astype(np.float32), "confidence": named.confidence.astype(np.float32)}
     if named.hands is not None:
         arrays["hands"] = named.hands.astype(np.float32)
     if keypoints.own:
@@ -116,8 +106,7 @@ def read_capture(path: Path | str) -> Capture:
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        CalibrationInvalid, CalibrationMismatch, CaptureInvalid, KeypointCountMismatch, NonFiniteData: its values are
-            impossible, or it has no frames or views.
+        MocapError: its values are impossible, or it has no frames or views.
     """
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
@@ -139,7 +128,7 @@ def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
 
 
 def _truth(fields: Fields, path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of the truth; NaN is what is not known."""
+    """Return the arrays of the truth, NaN where unknown."""
     found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
     for name, value in found.items():
         if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
@@ -194,7 +183,7 @@ def _own_points(fields: Fields) -> tuple[OwnPoint, ...]:
 
 
 def _with_own(keypoints: Keypoints2D, points: tuple[OwnPoint, ...], values: np.ndarray) -> Keypoints2D:
-    """Return keypoints with N own points behind them, of (C, F, N, 3) x, y in pixels and confidence."""
+    """Return keypoints followed by N own points, from (C, F, N, 3) x, y in pixels and confidence."""
     xy = np.concatenate([keypoints.xy, values[..., :2]], axis=2)
     confidence = np.concatenate([keypoints.confidence, values[..., 2]], axis=2)
     return replace(keypoints, xy=xy, confidence=confidence, own=points)
@@ -230,15 +219,9 @@ def _marker_arrays(markers: MarkerCloud) -> dict[str, np.ndarray]:
 def _cameras(fields: Fields) -> Cameras:
     names = fields.texts("camera_names")
     count = len(names)
-    return Cameras(
-        names=names,
-        K=fields.numbers("K", (count, 3, 3)),
-        distortion=fields.numbers("distortion", (count, None)),
-        R=fields.numbers("R", (count, 3, 3)),
-        t=fields.numbers("t", (count, 3)),
-        image_size=fields.numbers("image_size", (count, 2)),
-        models=fields.texts("distortion_model") or (DEFAULT_MODEL,),
-    )
+    shapes = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}
+    arrays = {name: fields.numbers(name, (count, *shape)) for name, shape in shapes.items()}
+    return Cameras(names=names, models=fields.texts("distortion_model") or (DEFAULT_MODEL,), **arrays)
 
 
 def _models(cameras: Cameras) -> np.ndarray:

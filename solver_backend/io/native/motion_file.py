@@ -1,4 +1,4 @@
-"""Our motion file as a motion in the solver's types, every array required to be as the solver writes it."""
+"""Our motion and subject files in the solver's types. Every array must have the shape that the solver writes."""
 
 from __future__ import annotations
 
@@ -19,22 +19,13 @@ from solver_backend.types import NUM_BETAS, MarkerSubject, Motion
 
 _TYPES: dict[str, tuple[type, ...]] = dict.fromkeys(("edits", "resolved", "exchanged", "sigma_px"), (list,))
 _TYPES |= {"settings": (dict,), "person": (str,), "solver": (str,), "solve_s": (int, float)}
-"""Of the entries that the product reads back; whatever else is there is only shown."""
-_ITEMS: dict[str, tuple[type, ...]] = {
-    "edits": (dict,),
-    "resolved": (dict,),
-    "exchanged": (list,),
-    "sigma_px": (int, float),
-}
-"""Of the items of those that are lists."""
+_ITEMS: dict[str, tuple[type, ...]] = {"edits": (dict,), "resolved": (dict,), "exchanged": (list,)}
+_ITEMS["sigma_px"] = (int, float)
+"""Types of the entries that the product reads back, and of the items of lists. Other entries are only shown."""
 
 
 def read_provenance(fields: Fields) -> dict[str, Any]:
-    """Return the provenance of a file, empty where it has none.
-
-    Raises:
-        FileDamaged: it is no JSON object, or an entry is of another type.
-    """
+    """Return the provenance of a file, or raise FileDamaged if it is no JSON object or an entry has another type."""
     where = str(fields.path)
     try:
         value = json.loads(fields.text("provenance", "{}"))
@@ -56,15 +47,11 @@ _SHARED = """
     reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
 """
 _SAME = tuple(_SHARED.split())
-"""What a motion and its file call by one name."""
+"""Fields with the same name in a motion and its file."""
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion, under another name than the file's if asked; optional parts it lacks are left out.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
+    """Write a motion, under another name than the file's if given; see ``atomic_output`` for errors."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     record = MotionFile(
         name=Path(path).stem if name is None else name,
@@ -83,7 +70,7 @@ def read_motion(path: Path | str) -> Motion:
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        MotionInvalid: its values are not finite, or its layout is none.
+        MotionInvalid: its values are not finite, or its layout is invalid.
     """
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
@@ -104,7 +91,7 @@ def read_motion(path: Path | str) -> Motion:
 
 
 def _require_arrays(fields: Fields) -> None:
-    """Make sure that every array is there that the solver writes, and of the shape it has then."""
+    """Check presence and shape of every array that the solver writes."""
     layout = layout_of(fields)
     width = AMASS_POSE_WIDTH if layout == SMPL else 3 * layout.num_joints
     frames = len(fields.numbers("poses", (None, width)))
@@ -122,23 +109,15 @@ _STORED = tuple(_FIELDS.split())
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
-    """Write a subject.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
-    arrays = {
-        "format": np.array(SUBJECT_FORMAT),
-        "version": np.array(SUBJECT_VERSION),
-        "body": np.array(subject.body),
-        "betas": np.asarray(subject.betas, np.float64),
-        "marker_labels": np.array(subject.labels, np.str_),
-        "marker_places": np.array(subject.places, np.str_),
-        "offsets": np.asarray(subject.offsets, np.float64),
-        "marker_sigma": np.asarray(subject.sigma_m, np.float64),
-        "skin_distance": np.asarray(subject.skin_m, np.float64),
-        "provenance": np.array(json.dumps(subject.provenance, sort_keys=True)),
-    }
+    """Write a subject, see ``atomic_output`` for errors."""
+    texts = {"format": SUBJECT_FORMAT, "version": SUBJECT_VERSION, "body": subject.body}
+    texts["provenance"] = json.dumps(subject.provenance, sort_keys=True)
+    lists = {"marker_labels": subject.labels, "marker_places": subject.places}
+    numbers = {"betas": subject.betas, "offsets": subject.offsets}
+    numbers |= {"marker_sigma": subject.sigma_m, "skin_distance": subject.skin_m}
+    arrays = {name: np.array(value) for name, value in texts.items()}
+    arrays |= {name: np.array(value, np.str_) for name, value in lists.items()}
+    arrays |= {name: np.asarray(value, np.float64) for name, value in numbers.items()}
     return write_npz(path, arrays, overwrite=overwrite)
 
 

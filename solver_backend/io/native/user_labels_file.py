@@ -1,9 +1,8 @@
-"""Labels that a user assigned to points, as a file: the solver never overrides them."""
+"""A file of labels that a user assigned to points, which the solver never overrides."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,15 +15,15 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return the marker's name by (column, frame) of a file's ``points``; the name is empty where it is no marker.
+    """Return the marker's name by (column, frame) of a file's ``points``, empty for no marker.
 
     Each item holds ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
 
     Raises:
-        FileMissing, FileDamaged: it cannot be read, or is no such file, or names a point that is not there.
-        MarkersUnknown: a marker is none of the superset's.
+        FileMissing, FileDamaged: it cannot be read, is no such file, or has an unknown point.
+        MarkersUnknown: a marker is not in the superset.
     """
-    values: Any = read_json(path)
+    values = read_json(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
         raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     items = values.get("points")
