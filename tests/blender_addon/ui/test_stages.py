@@ -130,7 +130,7 @@ def test_a_warning_has_a_button_where_its_remedy_is_one(mocap, solved, scene, mo
     found = (
         diagnostic("contradicts", cameras=["cam_02"], frames=[(3, 9)]),
         diagnostic("feet_above_floor", size=6.0),
-        diagnostic("joints_doubted", size=30.0, off=20.0),
+        diagnostic("joints_doubted", size=30.0, off=20.0, shape=4.0),
     )
     names = [item.name for item in mocap.capture.cameras]
     found = (replace(found[0], where=replace(found[0].where, cameras=(names[1],))), *found[1:])
