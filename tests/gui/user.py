@@ -32,7 +32,7 @@ STAGES = {
     "SOLVE CAPTURE": ("mocap.solve()",),
     "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
     "EDIT": (
-        "show_take", "delete_take", "thin_take", "push_down", "mark_take", "pin_pose", "resolve_range",
+        "show_take", "delete_take", "thin_take", "edit_on_layer", "push_down", "mark_take", "pin_pose", "resolve_range",
         "show_confidence", "open_report", "mocap.look", "feet_to_floor", "lock_feet", "mark_gaps", "switch_limbs",
         "floor_offset",
     ),
