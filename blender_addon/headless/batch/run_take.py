@@ -144,7 +144,8 @@ def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRe
     record = {**record, "inputs": wanted[0].key}
     if known is None or known.get("inputs") != record["inputs"]:
         return record
-    kept: Any = {key: known[key] for key in ("steps", "attempts", "solve", "people") if key in known}
+    earlier: Any = known
+    kept: Any = {key: earlier[key] for key in ("steps", "attempts", "solve", "people") if key in earlier}
     record.update(kept)
     return record
 
