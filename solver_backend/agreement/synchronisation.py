@@ -280,9 +280,9 @@ def _beats_no_delay(cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, de
         gains = list[np.ndarray]()
         for i, j in compared_pairs(len(cameras)):
             if view in (i, j):
-                mixed = [in_step[c] if c == view else late[c] for c in (i, j)]
+                one, other = (in_step[c] if c == view else late[c] for c in (i, j))
                 then = disagreements(cameras, (i, j), late[i], late[j], FINE, by_row=True)
-                gains.append(disagreements(cameras, (i, j), *mixed, FINE, by_row=True) - then)
+                gains.append(disagreements(cameras, (i, j), one, other, FINE, by_row=True) - then)
         moved = np.abs(delay[view] - median) >= TESTED_FRAMES  # a drift begins with none
         blocks = np.array_split(np.where(moved, np.stack(gains), np.nan), BLOCKS, axis=1)
         blocks = [block[np.isfinite(block)] for block in blocks]
