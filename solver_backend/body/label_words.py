@@ -107,8 +107,8 @@ _LEVELS = {
     "T": r"THORA[CK][A-Z]*|TORACI[A-Z]*|BRUSTWIRBEL[A-Z]*",
     "L": r"LUMBA[A-Z]*|LOMBAIRE|LENDENWIRBEL[A-Z]*",
 }
-_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth", "eleventh",
-             "twelfth")  # fmt: skip
+_NUMBERS = "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth"
+_ORDINALS = _NUMBERS.split()
 _IN_WORDS = tuple(
     (letter, re.compile(pattern, re.IGNORECASE))
     for letter, word in _LEVELS.items()

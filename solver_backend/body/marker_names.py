@@ -130,10 +130,8 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
     keys = frozenset(key for name in names for key in keys_of(name))
     letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # the first of equals
     families = tuple(family for family in file.families.values() if family.fits(keys))
-    return LabelContext(
-        file, affixes, letters, file.words.sides.glued(names, letters), families, _axes_of(keys),
-        _counted_through(names),
-    )  # fmt: skip
+    glued, numbered = file.words.sides.glued(names, letters), _counted_through(names)
+    return LabelContext(file, affixes, letters, glued, families, _axes_of(keys), numbered)
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
@@ -178,13 +176,8 @@ def _counted_through(names: Iterable[str]) -> frozenset[str]:
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:
     """Return the names of origins and axes that stand together: four names that differ in their last letter."""
     stems = {key[:-1] for key in keys if key.endswith("O")}
-    return frozenset(
-        stem + letter
-        for stem in stems
-        for axes in _AXES
-        if all(stem + axis in keys for axis in axes)
-        for letter in axes
-    )
+    found = [(stem, axes) for stem in stems for axes in _AXES if keys.issuperset(stem + axis for axis in axes)]
+    return frozenset(stem + axis for stem, axes in found for axis in axes)
 
 
 # Vicon writes *0, *1, ...; Motive 'Unlabeled 1189', 'Unlabeled:2012' or 'Unlabeled_7'; Cortex U_1; Qualisys unnames;
@@ -327,8 +320,9 @@ def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType
     names = name_markers(labels, own)
     bare = {label: names.affixes.bare(label) for label in (*names.unknown, *names.doubled)}
     parts = _parts(bare)
-    pairs = [(a, b) for a, place in names.known.items() for b, other in names.known.items()
-             if place[0] == "L" and other == "R" + place[1:]]  # fmt: skip
+    label_of = {place: label for label, place in reversed(names.known.items()) if place[0] in "LR"}
+    lefts = [(label, place) for label, place in names.known.items() if place[0] == "L"]
+    pairs = [(label, label_of[other]) for label, place in lefts if (other := "R" + place[1:]) in label_of]
     sided = {limb_of(place, load_layouts()) for place in names.known.values()}
     parts = {label: part for label, part in parts.items() if limb_of("L" + part, load_layouts()) not in sided - {""}}
     if len(parts) < LEAST_LABELS or not pairs:

@@ -35,6 +35,10 @@ _LEAD = (
 )
 
 
+Floor = float | None
+"""Height of the floor about the pelvis, metres; None where it is not drawn."""
+
+
 @dataclass(frozen=True)
 class _SideProjection:
     """A parallel projection: from metres about the pelvis to a column of the drawing."""
@@ -113,10 +117,8 @@ def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dic
     about = [motion.joints[frame] - motion.joints[frame, root] for frame in frames]
     assert motion.joint_covariance is not None
     covariances = [unpacked(motion.joint_covariance[frame].astype(np.float64)) for frame in frames]
-    corners = [
-        _corners(points, covariance, axes)
-        for points, covariance, both in zip(about, covariances, sides, strict=True) for axes in both
-    ]  # fmt: skip
+    shown = zip(about, covariances, sides, strict=True)
+    corners = [_corners(points, covariance, axes) for points, covariance, both in shown for axes in both]
     low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
     scale = float(min((width - 2 * MARGIN) / (high - low)[0], (ROW - 2 * MARGIN) / (high - low)[1]))
     parts = []
@@ -147,9 +149,8 @@ def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tu
 
 
 def _person(
-    view: _SideProjection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str],
-    floor: float | None,
-) -> list[str]:  # fmt: skip
+    view: _SideProjection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str], floor: Floor
+) -> list[str]:
     names, parts = motion.body_layout.joints, []
     if floor is not None:
         y = float(view(np.array([0.0, 0.0, floor]))[1])
@@ -203,14 +204,10 @@ def hands_section(motion: Motion) -> str:
         seen = 1.0 * ~motion.resting[:, columns].all(axis=-1)
     bends = _bends_deg(motion.joints[:, wrists], motion.joints[:, columns])
     table = _table(motion, columns, seen, bends)
-    curls = [
-        (f"{side} {finger}", np.clip(bends[:, s, f].sum(-1) / _FIST_DEG, 0.0, 1.0))
-        for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)
-    ]  # fmt: skip
-    unseen = [
-        f"the {side} hand in {100 * (1 - seen[:, s].max(axis=1).mean()):.0f} %" for s, side in enumerate(SIDES)
-        if (seen[:, s].max(axis=1) == 0).any()
-    ]  # fmt: skip
+    curl = np.clip(bends.sum(-1) / _FIST_DEG, 0.0, 1.0)
+    curls = [(f"{side} {finger}", curl[:, s, f]) for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)]
+    hidden = 100 * (1 - seen.max(axis=2).mean(axis=0))
+    unseen = [f"the {side} hand in {share:.0f} %" for side, share in zip(SIDES, hidden, strict=True) if share > 0]
     lead = "Fingers that nothing informs rest relaxed and are flagged; joints' deviations are the solver's own."
     if unseen:
         lead += f" Nobody sees {' and '.join(unseen)} of the frames."
@@ -262,13 +259,13 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
     words = {
         "seen_percent": ("frames in which it is measured", "{} %"),
         "reprojection_median_px": ("median distance from the detections", "{} px"),
-        "residual_median_mm": ("median distance from the markers", "{} mm"), "status": ("solve", "{}"),
-    }  # fmt: skip
+        "residual_median_mm": ("median distance from the markers", "{} mm"),
+        "status": ("solve", "{}"),
+    }
     for side in SIDES:
         own = record.get(side, {})
-        rows += [
-            (f"{side}: {words[key][0]}", words[key][1].format(value)) for key, value in own.items() if key in words
-        ]
+        known = {key: value for key, value in own.items() if key in words}
+        rows += [(f"{side}: {words[key][0]}", words[key][1].format(value)) for key, value in known.items()]
     gloves = motion.provenance.get("gloves", ())
     rows += [("gloves", f"{item.get('file')} from {item.get('offset_s')} s") for item in gloves]
     return rows
@@ -315,9 +312,8 @@ def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndar
         way = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
         faint = "" if seen[finger] else ' style="opacity:0.35"'
         parts.append(f'<path class="line bone {style}" d="M{way}"{faint}/>')
-        parts += [
-            f'<circle class="point" cx="{a:.1f}" cy="{b:.1f}" r="1.6"{faint}/>' for a, b in zip(x, y, strict=True)
-        ]
+        dots = zip(x, y, strict=True)
+        parts += [f'<circle class="point" cx="{a:.1f}" cy="{b:.1f}" r="1.6"{faint}/>' for a, b in dots]
     return parts
 
 
@@ -360,9 +356,8 @@ class SurfaceView:
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
         corners, facing = corners[facing > 0], facing[facing > 0]
-        shares = (
-            np.array([(i, j, SAMPLES - i - j) for i in range(SAMPLES + 1) for j in range(SAMPLES + 1 - i)]) / SAMPLES
-        )
+        steps = [(i, j, SAMPLES - i - j) for i in range(SAMPLES + 1) for j in range(SAMPLES + 1 - i)]
+        shares = np.array(steps) / SAMPLES
         points = np.einsum("sk,tkx->tsx", shares, corners).reshape(-1, 3)
         low = points[:, :2].min(0) - MARGIN_M
         size = np.ceil((points[:, :2].max(0) + MARGIN_M - low) / CELL_M).astype(int)
@@ -392,16 +387,13 @@ def rest_pose_section(motion: Motion) -> str:
     body = load_body()
     if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
         return ""
-    found, expected = (
-        rest_markers(body, motion, offsets) for offsets in (motion.offsets, np.zeros_like(motion.offsets))
-    )
+    unmoved = np.zeros_like(motion.offsets)
+    found, expected = (rest_markers(body, motion, offsets) for offsets in (motion.offsets, unmoved))
     error = motion.marker_residual_mm
     usual = np.full(len(found), np.nan) if error is None else quantile(error, 0.5, axis=0)
     vertices = body.v_template + body.shapedirs @ motion.betas
-    views = (
-        SurfaceView.of("From the front", 1.0, vertices, body.faces),
-        SurfaceView.of("From behind", -1.0, vertices, body.faces),
-    )
+    sides = (("From the front", 1.0), ("From behind", -1.0))
+    views = [SurfaceView.of(title, side, vertices, body.faces) for title, side in sides]
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
         "The person's body with every marker where the solve learned that it sits; a line leads to it from where its "
