@@ -1,4 +1,4 @@
-"""A motion against known truth, beside the yardstick of triangulation and filtering where views were recorded."""
+"""Compare a motion with known truth, and with triangulation and filtering where views were recorded."""
 
 from __future__ import annotations
 
@@ -27,16 +27,12 @@ from solver_backend.types import Cameras, Capture, Keypoints2D, Motion
 
 
 def triangulate_and_filter(cameras: Cameras, keypoints: Keypoints2D, cutoff_hz: float = 6.0) -> np.ndarray:
-    """Return (F, K, 3) filtered points in metres; NaN only for a keypoint that is never seen by two views.
+    """Return (F, K, 3) filtered points in metres; NaN only for keypoints never seen by two views.
 
-    Args:
-        cameras: C calibrated cameras.
-        keypoints: detections of the same views.
-        cutoff_hz: cut-off of the fourth-order filter, applied forwards and backwards.
+    The fourth-order filter with this cut-off is applied forwards and backwards.
     """
-    return butterworth(
-        bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points), keypoints.fps, cutoff_hz
-    )
+    points = bridged(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
+    return butterworth(points, keypoints.fps, cutoff_hz)
 
 
 def bridged(points: np.ndarray) -> np.ndarray:
@@ -87,15 +83,15 @@ def _run(section: tuple[np.ndarray, np.ndarray], signal: np.ndarray) -> np.ndarr
 
 
 CODED_FRAMES = 2 * LATENT_DIM + 2
-"""Frames below which FID and DIV are left out: two halves, each with more poses than a code has numbers."""
+"""Fewest frames for FID and DIV: two halves, each with more poses than a code has numbers."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a motion, and of the yardstick on the same capture; None for what the capture or the motion lacks."""
+    """Errors of a motion, and of the yardstick on the same capture; None for what capture or motion lack."""
 
     joints_mpjpe_mm: float
-    """Mean error of the joints that motion and truth share, SMPL's 24 as a rule."""
+    """Mean error of the joints that motion and truth share, usually SMPL's 24."""
     joints_rmse_mm: float
     """Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28)."""
     joints_pck1_percent: float
@@ -118,31 +114,31 @@ class Evaluation:
     """DIV of the motion's poses, by VPoser's codes (eq. 4.31)."""
     codes_div_true: float | None = None
     self_intersection_percent: float | None = None
-    """Share of frames in which limbs, head or trunk pass through one another by more than 3 cm, by capsules."""
+    """Share of frames with limbs, head or trunk more than 3 cm inside one another, by capsules."""
     self_intersection_true_percent: float | None = None
     """The same share of the true joints."""
     baseline_mpjpe_mm: float | None = None
-    """Triangulation + 6 Hz Butterworth: mean error of the observed keypoints (it knows no others)."""
+    """Triangulation + 6 Hz Butterworth: mean error of the observed keypoints."""
     baseline_accel_m_s2: float | None = None
     """Triangulation + 6 Hz Butterworth: mean acceleration error of the observed keypoints."""
 
     @property
     def mpjpe_ratio(self) -> float | None:
-        """The worse of the motion's errors of joints and keypoints over the yardstick's."""
+        """Larger of the motion's errors of joints and keypoints over the yardstick's."""
         return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
     def accel_ratio(self) -> float | None:
-        """The worse of the motion's acceleration errors over the yardstick's."""
+        """Larger of the motion's acceleration errors over the yardstick's."""
         return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
 
     def figures(self) -> dict[str, float]:
-        """Return every figure that is known, by name."""
+        """Return every known figure by name."""
         known = {**asdict(self), "mpjpe_ratio": self.mpjpe_ratio, "accel_ratio": self.accel_ratio}
         return {name: round(value, 4) for name, value in known.items() if value is not None}
 
     def lines(self) -> list[str]:
-        """Return the figures as sentences for a person."""
+        """Return the figures as text lines."""
         rows = [
             ("joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
             ("observed keypoints", self.keypoints_mpjpe_mm, self.keypoints_accel_m_s2),
@@ -175,10 +171,10 @@ class Evaluation:
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a motion with the truth of a synthetic capture: solved from views or markers, or edited afterwards.
+    """Compare a motion, solved or edited, with the truth of a synthetic capture.
 
     Raises:
-        MotionInvalid: the capture knows no joints, or the motion has other frames or joints.
+        MotionInvalid: the capture has no truth, or the motion has other frames or joints.
     """
     capture = capture.named
     if "joints" not in capture.truth:
@@ -211,7 +207,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
 
 
 def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
-    """Return how often the body passes through itself, where motion and truth have SMPL's 24 joints."""
+    """Return the share of self-intersecting frames if motion and truth have SMPL's 24 joints."""
     if names != SMPL.joints:
         return {}
     body, shares = load_body(), ("self_intersection_percent", "self_intersection_true_percent")
@@ -228,7 +224,7 @@ def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
-    """Return FID and DIV; nothing for a few frames, or where VPoser is not installed: the extension leaves it out."""
+    """Return FID and DIV; nothing for a few frames, or without VPoser, which the extension does not contain."""
     if len(found) < CODED_FRAMES:
         return {}
     try:
@@ -255,7 +251,7 @@ def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
 
 
 def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the error of the markers where the motion has those of the capture, label by label."""
+    """Return the error of the markers if the motion has the capture's, label by label."""
     truth, recorded = capture.truth.get("markers"), capture.markers
     same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
     if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):

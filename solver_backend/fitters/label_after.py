@@ -23,21 +23,18 @@ from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
 UNSURE_SHARE = 0.05
-"""Of the points that stay without a name; where more do, the take is to be looked at."""
+"""Share of unnamed points from which the take needs a review."""
 LEAST_SEEN = 10
-"""Frames in which the labelled take shows a marker."""
+"""Fewest frames of a marker in the labelled take."""
 
 
 def labelled_like(
     capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
 ) -> tuple[Capture, LikeTake]:
-    """Return a capture whose points have the names of another's markers, and how.
-
-    Args:
-        network: the one that ships if None.
+    """Name a capture's points after another take's markers; ``network`` None is the shipped one.
 
     Raises:
-        NoDetections: one of both has no markers, or no frame shows enough of them.
+        NoDetections: one of both has no markers, or no frame has enough of them.
         MarkersUnknown: the other take names too few.
     """
     if capture.markers is None or like.markers is None:
@@ -68,7 +65,7 @@ def labelled_like(
 
 
 def worn(cloud: MarkerCloud) -> MarkerCloud:
-    """Return the markers of a labelled take that somebody wears and named: no computed points, none hardly seen."""
+    """Return the named markers of a labelled take, without computed points and rarely seen ones."""
     labels = cloud.labels or ()
     virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
@@ -80,7 +77,7 @@ def worn(cloud: MarkerCloud) -> MarkerCloud:
 def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
-    """Return (F, N) what the network names the points, in the reference's labels; None where it cannot."""
+    """Return (F, N) the network's names of the points, in the reference's labels; None without a network."""
     try:
         network = network or load_network()
         column = _columns(reference, network)
@@ -93,9 +90,9 @@ def _proposed(
 
 
 def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
-    """Return the reference's column by each marker that the network names, -1 where it has none.
+    """Return the reference's column of each marker that the network names, -1 without one.
 
-    Where the labels name few places, the network names the reference's points, too.
+    If the labels name few places, the network names the reference's points too.
     """
     labels = reference.labels or ()
     known = name_markers(labels).known
@@ -120,10 +117,7 @@ def labelled_as_person(
     *,
     kept: Collection[str] = (),
 ) -> Capture:
-    """Return a capture that the network labelled, under the labels of the person, and what that named.
-
-    Args:
-        kept: names that the user or the file gave, which stay.
+    """Return a capture labelled by the network with a person's labels; ``kept`` names stay.
 
     Raises:
         SubjectInvalid: the person is of another body or wears other markers.
@@ -138,11 +132,8 @@ def labelled_as_person(
     if len(problems) < len(capture.problems):
         seen = np.isfinite(named.cloud.positions).all(-1).sum(0)
         nameless = float(seen[[is_unnamed(label) for label in named.cloud.labels or ()]].sum() / seen.sum())
-        doubts += (
-            [diagnostic("points_not_named", extent="solve", percent=100.0 * nameless)]
-            if nameless >= UNSURE_SHARE
-            else []
-        )
+        if nameless >= UNSURE_SHARE:
+            doubts.append(diagnostic("points_not_named", extent="solve", percent=100.0 * nameless))
     return replace(capture, markers=named.cloud, notes=(*capture.notes, *notes), problems=(*problems, *doubts))
 
 
@@ -152,11 +143,7 @@ def person_of_nameless(
     settings: SolveSettings = SolveSettings(),
     progress: Progress = silent,
 ) -> MarkerSubject:
-    """Return the person with the markers outside the network's places that its labelled takes show on bones.
-
-    Args:
-        captures: takes whose points had no names, as the network left them.
-    """
+    """Return the person with markers outside the network's places that network-labelled takes show on bones."""
     clouds = [capture.markers for capture in captures if capture.markers is not None]
     if not clouds:
         return person

@@ -32,11 +32,7 @@ def prepare(
     person: MarkerSubject | None = None,
     start: Motion | None = None,
 ) -> Problem:
-    """Return a capture made ready for a solver: its views, or its markers where it has no keypoints.
-
-    Raises:
-        TooFewViews, NoDetections, MarkersUnknown, SubjectInvalid, TakeTooShort, BackendMissing: as in ``solve``.
-    """
+    """Prepare a capture for a solver: its views, or its markers if it has no keypoints; errors are as in ``solve``."""
     markers = capture.markers if capture.keypoints is None else None
     if markers is None:
         capture.require_views()
@@ -121,7 +117,7 @@ def _prepare_markers(
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
-    """Return the person who is known, else the average one without bias, of the shape that the settings know."""
+    """Return the known person, else the average one without bias, with the settings' shape if given."""
     if known := problem.measurements.known_person:
         return known
     subject = Subject.average(problem.body, problem.measurements.landmarks, make_origin(settings.backend))
@@ -129,7 +125,7 @@ def first_subject(problem: Problem, settings: SolveSettings) -> Subject:
 
 
 def make_origin(backend: str) -> Array:
-    """Return an array of the backend's kind that constants take after."""
+    """Return an array of the backend's kind, for new arrays to follow."""
     if backend == "numpy":
         return np.zeros(1)
     try:
