@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -31,7 +30,7 @@ from solver_backend.types import Capture
 def solve_single_frames(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Fit every seen frame on its own; unseen frames are bridged between their neighbours."""
+    """Fit every seen frame on its own, and interpolate unseen frames."""
     seen = np.flatnonzero(problem.measurements.seen)
     states = fit_to_points(problem, subject, seen)
     scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
@@ -44,7 +43,7 @@ def solve_single_frames(
 def solve_sliding_windows(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Slide a window of n free keys over the take: the published scheme, with Gauss-Newton steps; n = 2 is its own."""
+    """Slide a window of n free keys over the take: the published scheme (n = 2) with Gauss-Newton steps."""
     layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
     keys = initial_keys(problem, subject, layout)
     scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
@@ -55,43 +54,32 @@ def solve_sliding_windows(
     return SolvedFrames(subject, frames, layout.key_times), found.convergence
 
 
-class Recipe(Protocol):
-    """Finds the poses of a take."""
-
-    def __call__(
-        self, problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches, /
-    ) -> MethodResult:
-        """Return the poses, and how the search for them ended.
-
-        Args:
-            each: solves the stretches of a long take, where the recipe cuts it into some.
-        """
-        ...
+Recipe = Callable[[Problem, Subject, SolveSettings, Progress, Stretches], MethodResult]
+"""Finds the poses of a take; the last argument solves the stretches of a long take."""
 
 
 @dataclass(frozen=True)
 class Method:
-    """A way to solve a take, as the settings name it."""
+    """A way to solve a take, named by the settings."""
 
     name: str
     recipe: Recipe
     finds_shape: bool = False
-    """The recipe finds the shape itself; otherwise it is learned before."""
+    """The recipe estimates the shape itself; otherwise it is learned before."""
     per_frame: bool = False
-    """Every frame is solved on its own, so that a take may be as short as one."""
+    """Every frame is solved on its own, so that one frame is enough."""
     solves_one_view: bool = False
-    """It solves a take of one camera."""
     starts_at: bool = False
-    """It holds to a motion that it starts at, where the views show nothing."""
+    """It follows a start motion where the views show nothing."""
     has_curves: bool = False
-    """The curves between its keyframes are those that are asked for; others smooth across windows."""
+    """Its curves between keyframes are selectable; others smooth across windows."""
     fits_network: bool = False
-    """It fits what the labelling network has for a recording of markers, which needs no labels."""
+    """It fits the labelling network's landmarks of a marker recording, which needs no labels."""
     prior: Callable[[], AutoencodingPrior] | None = None
-    """Loads the decoder that the recipe brings along; None: it is the problem's."""
+    """Loads the recipe's own decoder; None for the problem's."""
 
     def prior_of(self, problem: Problem) -> AutoencodingPrior:
-        """Return the decoder that makes the poses."""
+        """Return the decoder of the poses."""
         return problem.prior if self.prior is None else self.prior()
 
 
@@ -100,7 +88,7 @@ RECIPES: dict[str, Recipe] = {
     "one camera": solve_one_view,
     "known person": solve_known_person,
 }
-"""Of a whole take, by ``PointSource.recipe``."""
+"""Recipes of a whole take, by ``PointSource.recipe``."""
 
 
 def _solve_take(
@@ -146,61 +134,46 @@ METHODS = {
 def require_one_view(settings: SolveSettings, where: str) -> None:
     """Raise ``JobInvalid`` unless the method solves a take of one camera; ``where`` names the take."""
     if not METHODS[settings.method].solves_one_view:
-        able = _named(method.name for method in METHODS.values() if method.solves_one_view)
-        raise JobInvalid(
-            f"The method '{settings.method}' needs two cameras.",
-            where=where,
-            hint=f"One camera is solved by the method {able}.",
-        )
+        hint = f"One camera is solved by the method {_able('solves_one_view')}."
+        raise JobInvalid(f"The method '{settings.method}' needs two cameras.", where=where, hint=hint)
 
 
 def require_network(settings: SolveSettings, where: str) -> None:
-    """Raise ``JobInvalid`` unless the method fits a network's landmarks, and no layout is of labels."""
+    """Raise ``JobInvalid`` unless the method fits a network's landmarks, without a marker layout."""
     if not METHODS[settings.method].fits_network or settings.layout:
-        able = [method.name for method in METHODS.values() if method.fits_network]
-        raise JobInvalid(
-            f"The landmarks '{settings.landmarks}' are for the method {_named(able)} without a marker layout.",
-            where=where,
-            hint=f"Use --method {able[0]}, or leave --landmarks out.",
-        )
+        able = _able("fits_network")
+        message = f"The landmarks '{settings.landmarks}' are for the method {able} without a marker layout."
+        hint = f"Use --method {able.split()[0][1:-1]}, or leave --landmarks out."
+        raise JobInvalid(message, where=where, hint=hint)
 
 
 def require_curves(settings: SolveSettings, where: str) -> None:
-    """Raise ``JobInvalid`` where curves are asked for that the method does not have."""
+    """Raise ``JobInvalid`` if the settings ask for curves that the method lacks."""
     if settings.other_curves and not METHODS[settings.method].has_curves:
-        able = _named(method.name for method in METHODS.values() if method.has_curves)
         names = " and ".join(settings.other_curves)
-        raise JobInvalid(
-            f"The method '{settings.method}' has no setting {names}.",
-            where=where,
-            hint=f"Choose the method {able}, or leave {names} out.",
-        )
+        hint = f"Choose the method {_able('has_curves')}, or leave {names} out."
+        raise JobInvalid(f"The method '{settings.method}' has no setting {names}.", where=where, hint=hint)
 
 
 def require_start(settings: SolveSettings, capture: Capture) -> None:
-    """Raise ``JobInvalid`` unless the method holds to a motion that it starts at, and several cameras saw the take."""
-    where = capture.name
+    """Raise ``JobInvalid`` unless the method can start at a motion, and several cameras saw the take."""
     if capture.keypoints is None or capture.is_one_view:
         raise JobInvalid(
             "A motion to start at is for takes of several cameras.",
-            where=where,
+            where=capture.name,
             hint="Leave --start out, or read the capture with the camera that was added.",
         )
     if not METHODS[settings.method].starts_at:
-        able = _named(method.name for method in METHODS.values() if method.starts_at)
-        raise JobInvalid(
-            f"The method '{settings.method}' does not start at a motion.",
-            where=where,
-            hint=f"Choose the method {able}, or leave --start out.",
-        )
+        hint = f"Choose the method {_able('starts_at')}, or leave --start out."
+        raise JobInvalid(f"The method '{settings.method}' does not start at a motion.", where=capture.name, hint=hint)
 
 
 def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
-    """Return a warning that names the settings which neither the method nor a layer reads."""
+    """Return a warning with the settings that neither the method nor a layer reads."""
     read = {name for layer in layers for name in layer.SETTINGS}
     idle = [name for name in settings.without_effect if name not in read]
     return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
 
 
-def _named(names: Iterable[str]) -> str:
-    return " or ".join(f"'{name}'" for name in names)
+def _able(trait: str) -> str:
+    return " or ".join(f"'{method.name}'" for method in METHODS.values() if getattr(method, trait))

@@ -189,23 +189,27 @@ def run_passes(
 
 
 def start_take(
-    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches, progress: Progress
+    problem: Problem,
+    subject: Subject,
+    settings: SolveSettings,
+    schedule: Schedule,
+    each: Stretches,
+    progress: Progress,
+    *,
+    window: int | None = None,
+    frames: np.ndarray | None = None,
 ) -> Bundle:
-    """Return the bundle before its first pass, whose schedule is given."""
-    window = problem.frames_of(settings.refine_window)
+    """Return the bundle before its first pass, whose schedule is given.
+
+    Args:
+        window: frames of a window; None for the settings'.
+        frames: numbers of the evaluated frames; None for all.
+    """
+    window = problem.frames_of(settings.refine_window) if window is None else window
     layout = KeyframeLayout.even(problem.num_frames, window)
     keys = initial_keys(problem, subject, layout, progress)
-    return Bundle.start(
-        problem,
-        subject,
-        settings,
-        layout,
-        window,
-        keys,
-        schedule,
-        partial(solve_in_single, each=each),
-        keys_of_frames(problem, subject, layout, keys),
-    )
+    solve, restart = partial(solve_in_single, each=each), keys_of_frames(problem, subject, layout, keys)
+    return Bundle.start(problem, subject, settings, layout, window, keys, schedule, solve, restart, frames)
 
 
 def space_keys(bundle: Bundle) -> Bundle:

@@ -8,18 +8,16 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.keyframes.initial_keys import closer_window, initial_keys, keys_of_frames, paces
-from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, solve_in_single
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.keyframes.initial_keys import closer_window, paces
+from solver_backend.fitters.keyframes.optimise import Schedule, Stretches
 from solver_backend.fitters.model.states import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import REFERENCE_FPS, MethodResult, Problem
 from solver_backend.fitters.recipes.bundle import (
     FIXED_CODES,
     STAGE,
-    Bundle,
     Pass,
     Step,
     find_standing_feet,
@@ -44,7 +42,7 @@ def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
+    # The bias waits for residual rotations; before, it would absorb what poses cannot follow, and stay.
     shape, shape_and_bias = partial(refit_shape, offsets=False), partial(refit_shape, offsets=True)
     return (
         Pass(near, ON_THE_MANIFOLD),
@@ -65,7 +63,7 @@ def solve_views(
 def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
     """Return the passes: codes alone, then joints off the manifold with standing feet held.
 
-    Neither shape nor bias nor noise is learned between them: one camera would take every wrong depth for one of these.
+    Shape, bias and noise are not learned: with one camera they would absorb every wrong depth.
     """
     scale, steps = settings.robust_scale, settings.iterations
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
@@ -90,29 +88,28 @@ def solve_one_view(
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
-"""Mean acceleration of markers up to which the settings' window holds, and the least share of it, which runners reach:
-markers are off by less than what keypoints need wider windows for. At 7 m/s knees bend by 3.2 degrees RMS from
-OpenSim's with 0.4 times the window, 5.7 with all of it."""
+"""Mean acceleration of markers up to which the settings' window holds, and the smallest share of it, which runners
+reach: markers need narrower windows than keypoints. At 7 m/s knees differ from OpenSim's by 3.2 degrees RMS with 0.4
+times the window, by 5.7 with all of it."""
 NEAR_M = 0.01
-"""A body between two frames of a rough motion is off by ``a h² / 8``; where that is less for all but the fastest
-twentieth of the markers, no pass has to come near."""
+"""Largest error ``a h² / 8`` of a body between two frames of a rough motion, for all but the fastest twentieth of the
+markers, from which no first pass is needed."""
 LOOSENESS = 2.0
-"""So many times as far as beside free codes joints may turn: codes that follow take a part of every turn. Chosen by
-hand."""
+"""Factor on the joints' looseness with fixed codes, as free codes take a part of every turn. Chosen by hand."""
 
 
 @dataclass(frozen=True)
 class KnownPersonPlan:
-    """Which passes are made, and on what."""
+    """Passes and windows of a take."""
 
     window: int
     passes: tuple[Pass, ...]
-    """On the prior's manifold, where the take does not start near enough, and off it."""
+    """On the prior's manifold, unless the start is near enough, and off it."""
     after: tuple[Step, ...]
     stride: int
-    """Every so many frames are looked at between the passes."""
+    """Passes use every n-th frame."""
     covariance_stride: int
-    """Covariances of every so many frames are formed."""
+    """Covariances of every n-th frame are formed."""
 
     @classmethod
     def of(cls, problem: Problem, settings: SolveSettings) -> KnownPersonPlan:
@@ -125,7 +122,7 @@ class KnownPersonPlan:
         apart = max(1, round(0.5 * settings.refine_window * rate / REFERENCE_FPS))
         mean, fastest = paces(measured.points[::stride], rate, apart)
         window = closer_window(usual, mean, CALM_M_S2, CLOSEST)
-        # Markers are exact: five frames or so between two keys determine as much as all of them, and three nearly so.
+        # Markers are exact: about five frames between two keys determine as much as all of them, three almost.
         near = Schedule((2 * scale,), min(3, steps), max(1, round(0.3 * window)), 3e-2, hessian_frames=3)
         last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
         starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
@@ -143,19 +140,8 @@ def solve_known_person(
 ) -> MethodResult:
     """Solve all keys of a person whose shape and landmarks are known."""
     plan = KnownPersonPlan.of(problem, settings)
-    layout = KeyframeLayout.even(problem.num_frames, plan.window)
-    keys = initial_keys(problem, subject, layout)
-    bundle = Bundle.start(
-        problem,
-        subject,
-        settings,
-        layout,
-        plan.window,
-        keys,
-        plan.passes[0].schedule,
-        partial(solve_in_single, each=each),
-        keys_of_frames(problem, subject, layout, keys),
-        np.arange(0, problem.num_frames, plan.stride),
-    )
+    frames = np.arange(0, problem.num_frames, plan.stride)
+    schedule = plan.passes[0].schedule
+    bundle = start_take(problem, subject, settings, schedule, each, silent, window=plan.window, frames=frames)
     bundle = run_passes(bundle, plan.passes, progress, STAGE, plan.after)
     return solved_take(bundle, progress, plan.covariance_stride)
