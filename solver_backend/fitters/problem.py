@@ -101,8 +101,8 @@ class Convergence:
     def joined(cls, parts: Iterable[Convergence]) -> Convergence:
         """Return the end of several."""
         found = list(parts)
-        totals = (sum(getattr(part, name) for part in found) for name in ("parts", "converged"))
-        return cls(*totals, max(part.iterations for part in found))
+        parts, converged = (sum(getattr(part, name) for part in found) for name in ("parts", "converged"))
+        return cls(parts, converged, max(part.iterations for part in found))
 
     @property
     def status(self) -> str:
