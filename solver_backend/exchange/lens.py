@@ -1,6 +1,6 @@
 """Lens models by name, and the distortion of one camera with its inverse on NumPy arrays.
 
-A new lens model is a file like ``lens_fisheye`` and a row of ``LENS_MODELS``. ``cameras/distortion.py`` applies these
+A new lens model is a file like ``lens_fisheye`` and a row of ``LENS_MODELS``. ``cameras/projection.py`` applies these
 models to all cameras of an array.
 """
 

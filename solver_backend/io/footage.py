@@ -276,9 +276,9 @@ _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
 _SIGNED, _UNSIGNED = {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}
 _FORMATS = {21: _SIGNED, 22: _UNSIGNED, 23: {4: ">f"}, 24: {8: ">d"}}
+"""Number formats by their type and length (QuickTime File Format, well-known types)."""
 _FORMATS |= {kind: {size: _SIGNED[size]} for kind, size in ((65, 1), (66, 2), (67, 4), (74, 8))}
 _FORMATS |= {kind: {size: _UNSIGNED[size]} for kind, size in ((75, 1), (76, 2), (77, 4), (78, 8))}
-"""Number formats by their type and length (QuickTime File Format, well-known types)."""
 PLAUSIBLE_MM = (8.0, 1000.0)
 """Range of focal lengths, from fisheye to telescope."""
 
