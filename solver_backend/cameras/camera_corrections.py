@@ -20,11 +20,20 @@ TURNS = (0, 1, 2, 3)
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
-SHAPES = {"squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3"}
-SHAPES |= {"half as wide": "squeezed to half width", "twice as wide": "of half the rows"}
-SHAPES |= {"square": "squeezed into a square", "boxed": "in a square with bars"}
-SHAPES |= {shape: shape for shape in ("cut to 16:9", "cut to 4:3", "cut to a square")}
-SHAPES |= {f"middle {share}": f"cut to {share} about their middle" for share in ("3/4", "2/3", "half")}
+SHAPES = {
+    "squeezed": "squeezed to 3/4 of their width",
+    "widened": "widened to 4/3",
+    "half as wide": "squeezed to half width",
+    "twice as wide": "of half the rows",
+    "square": "squeezed into a square",
+    "boxed": "in a square with bars",
+    "cut to 16:9": "cut to 16:9",
+    "cut to 4:3": "cut to 4:3",
+    "cut to a square": "cut to a square",
+    "middle 3/4": "cut to 3/4 about their middle",
+    "middle 2/3": "cut to 2/3 about their middle",
+    "middle half": "cut to half about their middle",
+}
 """Shapes of recorded pictures relative to calibrated ones, and their report: anamorphic lenses and pixels that are no
 squares, fields of interlaced video, square inputs of detectors, modes of a camera with a part of its sensor."""
 _MIDDLES = {"middle 3/4": 3 / 4, "middle 2/3": 2 / 3, "middle half": 1 / 2}

@@ -144,8 +144,14 @@ def _by_containing_names(recorded: Sequence[str], calibrated: Sequence[str]) -> 
     return None if found is None else [found.index(i) for i in range(len(recorded))]
 
 
-_WAYS = tuple((read, _name_keys) for read in (_name_keys, _camera_parts, _distinct_parts))
-_WAYS += ((_camera_parts, _camera_parts), (_name_keys, _own_parts), (_distinct_parts, _own_parts))
+_WAYS = (
+    (_name_keys, _name_keys),
+    (_camera_parts, _name_keys),
+    (_distinct_parts, _name_keys),
+    (_camera_parts, _camera_parts),
+    (_name_keys, _own_parts),
+    (_distinct_parts, _own_parts),
+)
 """Parts of recorded and calibrated names that are compared, the strictest first."""
 
 

@@ -41,17 +41,18 @@ _FILES = (
 """Endings of marker files, their kind, and the way out."""
 _PICKLES = "Python pickles, which run code when they are read"
 _MATRICES = ("OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER.")
-_MMPOSE = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
-_MATLAB = "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."
-_PARQUET = "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."
 _DETECTIONS = (
-    ("*.pkl", _PICKLES, _MMPOSE),
+    (
+        "*.pkl",
+        _PICKLES,
+        "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir.",
+    ),
     ("*.pickle", _PICKLES, "Export JSON or CSV from their program."),
-    ("*.mat", "MATLAB files", _MATLAB),
+    ("*.mat", "MATLAB files", "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."),
     ("*_pose.yml", *_MATRICES),
     ("*_pose.yaml", *_MATRICES),
     ("*_pose.xml", *_MATRICES),
-    ("*.parquet", "Parquet tables", _PARQUET),
+    ("*.parquet", "Parquet tables", "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."),
 )
 """Patterns of the names of detections, their kind, and the way out."""
 _PACKED = tuple(

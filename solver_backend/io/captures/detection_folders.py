@@ -35,8 +35,6 @@ from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
 """Frames per second if nothing states them, which is reported as a problem, chosen by hand."""
-_RATE_DIFFERS = 0.02
-"""Relative difference from which the rate of the videos contradicts the configured rate."""
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
@@ -157,7 +155,7 @@ def _frame_rate(
         problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))
     video = float(np.median(rates)) if rates else None
     known = config.fps if given is None else None
-    if known is not None and video is not None and abs(video - known) > _RATE_DIFFERS * known:
+    if known is not None and video is not None and abs(video - known) > 0.02 * known:
         problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
     configured = diagnostic("frame_rate_read", source="file", rate=config.fps or 0.0, file=CONFIG)
     of_videos = diagnostic("frame_rate_read", source="videos", rate=video or 0.0)

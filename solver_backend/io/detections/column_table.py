@@ -149,9 +149,11 @@ def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
 
 
 # A row per point.
-_POINTS = ("keypoint", "bodypart", "body_part", "joint", "landmark", "keypoint_name", "joint_name", "landmark_name")
-_POINTS += ("part", "node", "point", "name", "keypoint_id", "keypoint_index", "joint_id", "joint_index", "landmark_id")
-_POINTS += ("landmark_index",)
+_POINT_NAMES = """
+    keypoint bodypart body_part joint landmark keypoint_name joint_name landmark_name part node point name
+    keypoint_id keypoint_index joint_id joint_index landmark_id landmark_index
+"""
+_POINTS = tuple(_POINT_NAMES.split())
 _PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance", "subject", "id")
 _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")

@@ -59,8 +59,16 @@ _KINDS = (
 """Asked in this order. A folder holds files of one kind."""
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold a folder per camera, the latest stage of its pipeline first."""
-DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "preds", "annotations")
-DETECTION_FOLDERS += ("keypoints", "detections", "labels")
+DETECTION_FOLDERS = (
+    *POSE_FOLDERS,
+    "annots",
+    "predictions",
+    "preds",
+    "annotations",
+    "keypoints",
+    "detections",
+    "labels",
+)
 """With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""

@@ -54,44 +54,46 @@ _JUMP_POSE = (
 _MAKEHUMAN_POSE = tuple(
     (side + joint, (0.0, 0.0, 0.0)) for side in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle")
 )
-_CMU = """
-    Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase RightToeBase Neck
-    LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm Left{hand} Right{hand}
+_TABLE = """
+    segments: Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase
+    RightToeBase Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftFingerBase
+    RightFingerBase
+
+    mb2: Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase
+    RightToeBase Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftHand RightHand
+
+    expmap: root lfemur rfemur lowerback ltibia rtibia upperback lfoot rfoot thorax ltoes rtoes lowerneck lclavicle
+    rclavicle head lhumerus rhumerus lradius rradius lhand rhand
+
+    max: Hips LeftHip RightHip lowerback LeftKnee RightKnee Chest LeftAnkle RightAnkle Chest2 LeftToe RightToe
+    lowerneck LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow lhand rhand
+
+    rigify: DEF-hips DEF-thigh.L DEF-thigh.R DEF-spine.001 DEF-shin.L DEF-shin.R DEF-spine.002 DEF-foot.L DEF-foot.R
+    DEF-spine.003 DEF-toe.L DEF-toe.R DEF-neck DEF-shoulder.L DEF-shoulder.R DEF-head DEF-upper_arm.L
+    DEF-upper_arm.R DEF-forearm.L DEF-forearm.R DEF-hand.L DEF-hand.R
+
+    daz: hip lThigh rThigh abdomen lShin rShin abdomen lFoot rFoot chest lFoot rFoot neck lCollar rCollar head
+    lShldr rShldr lForeArm rForeArm lHand rHand
+
+    jump: root left_hip right_hip chest left_knee right_knee chest left_ankle right_ankle chest left_ankle
+    right_ankle neck chest chest neck left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist
+
+    makehuman: Hips LeftHip RightHip Chest LeftKnee RightKnee CS_BVH LeftAnkle RightAnkle CS_BVH LeftAnkle
+    RightAnkle Neck LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist
 """
-_EXPMAP = """
-    root lfemur rfemur lowerback ltibia rtibia upperback lfoot rfoot thorax ltoes rtoes lowerneck lclavicle rclavicle
-    head lhumerus rhumerus lradius rradius lhand rhand
-"""
-_MAX = """
-    Hips LeftHip RightHip lowerback LeftKnee RightKnee Chest LeftAnkle RightAnkle Chest2 LeftToe RightToe lowerneck
-    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow lhand rhand
-"""
-_RIGIFY = """
-    DEF-hips DEF-thigh.L DEF-thigh.R DEF-spine.001 DEF-shin.L DEF-shin.R DEF-spine.002 DEF-foot.L DEF-foot.R
-    DEF-spine.003 DEF-toe.L DEF-toe.R DEF-neck DEF-shoulder.L DEF-shoulder.R DEF-head DEF-upper_arm.L DEF-upper_arm.R
-    DEF-forearm.L DEF-forearm.R DEF-hand.L DEF-hand.R
-"""
-_DAZ = """
-    hip lThigh rThigh abdomen lShin rShin abdomen lFoot rFoot chest lFoot rFoot neck lCollar rCollar head lShldr rShldr
-    lForeArm rForeArm lHand rHand
-"""
-_JUMP = """
-    root left_hip right_hip chest left_knee right_knee chest left_ankle right_ankle chest left_ankle right_ankle neck
-    chest chest neck left_shoulder right_shoulder left_elbow right_elbow left_wrist right_wrist
-"""
-_MAKEHUMAN = """
-    Hips LeftHip RightHip Chest LeftKnee RightKnee CS_BVH LeftAnkle RightAnkle CS_BVH LeftAnkle RightAnkle Neck
-    LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist
-"""
+_JOINTS = {
+    family: tuple(joints.split()) for family, _, joints in (row.strip().partition(":") for row in _TABLE.split("\n\n"))
+}
+"""Recorded joints of SMPL's joints 0..21 by family."""
 MAPS: tuple[SkeletonMap, ...] = (
-    SkeletonMap("segments", tuple(_CMU.format(hand="FingerBase").split()), _ZERO_POSE),
-    SkeletonMap("mb2", tuple(_CMU.format(hand="Hand").split())),
-    SkeletonMap("expmap", tuple(_EXPMAP.split())),
-    SkeletonMap("max", tuple(_MAX.split()), _MAX_POSE),
-    SkeletonMap("rigify", tuple(_RIGIFY.split())),
-    SkeletonMap("daz", tuple(_DAZ.split()), halfway=((3, 0, 6),)),
-    SkeletonMap("jump", tuple(_JUMP.split()), _JUMP_POSE, halfway=((6, 0, 9), (3, 0, 6))),
-    SkeletonMap("makehuman", tuple(_MAKEHUMAN.split()), _MAKEHUMAN_POSE, halfway=((6, 3, 9),)),
+    SkeletonMap("segments", _JOINTS["segments"], _ZERO_POSE),
+    SkeletonMap("mb2", _JOINTS["mb2"]),
+    SkeletonMap("expmap", _JOINTS["expmap"]),
+    SkeletonMap("max", _JOINTS["max"], _MAX_POSE),
+    SkeletonMap("rigify", _JOINTS["rigify"]),
+    SkeletonMap("daz", _JOINTS["daz"], halfway=((3, 0, 6),)),
+    SkeletonMap("jump", _JOINTS["jump"], _JUMP_POSE, halfway=((6, 0, 9), (3, 0, 6))),
+    SkeletonMap("makehuman", _JOINTS["makehuman"], _MAKEHUMAN_POSE, halfway=((6, 3, 9),)),
 )
 """Families of recordings, asked in this order."""
 _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
