@@ -46,7 +46,7 @@ def test_noise_of_markers_brings_keys_no_closer() -> None:
 def test_fast_takes_have_closer_keys_and_a_calm_one_starts_near() -> None:
     body, take = load_body(), record_markers(120, 60.0, seed=3).cloud
     measured = measure_markers(known_markers_of(take), body, np.zeros(1))
-    measured = replace(measured, subject=Subject.average(body, measured.landmarks, np.zeros(1)), rough=ROUGH)
+    measured = replace(measured, known_person=Subject.average(body, measured.landmarks, np.zeros(1)), rough=ROUGH)
 
     def plan(fps: float, rough: RoughMotion | None = ROUGH) -> KnownPersonPlan:
         """Of the same take, recorded in slow or in fast motion: accelerations grow with the square."""
