@@ -140,14 +140,14 @@ class LandmarkBuilder:
             BodyInvalid: a ray misses the mesh; a name has no rule, and the body no such joint.
         """
         mixes = [self._landmark(name) for name in names]
-        *points, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
+        rest, shapedirs, weights, posedirs = (np.stack(parts) for parts in zip(*self._points, strict=True))
         if self._correctives:
-            return Landmarks.of_points(names, *points, posedirs=posedirs)
+            return Landmarks.of_points(names, rest, shapedirs, weights, posedirs=posedirs)
         mix = np.zeros((len(names), len(self._points)))
         for row, shares in enumerate(mixes):
             for point, share in shares.items():
                 mix[row, point] += share
-        return Landmarks.of_points(names, *points, mix)
+        return Landmarks.of_points(names, rest, shapedirs, weights, mix)
 
     def _landmark(self, name: str) -> dict[int, float]:
         side, rule = self._rules.get(name) or ("", AtJoints({name: 1.0}))  # else a joint that the body has itself

@@ -108,8 +108,8 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
         return
     side, arm = named[0][0], any(limb_of(place, load_layouts()) == "arm" for place in named)
     if arm or not {side + place for place in ("ANK", "HEE", "TOE")} <= set(named):
-        words = {"side": "left" if side == "L" else "right", "limb": "arm" if arm else "leg"}
-        yield diagnostic("limb_side_found", basis="label", **words)
+        side, limb = "left" if side == "L" else "right", "arm" if arm else "leg"
+        yield diagnostic("limb_side_found", basis="label", side=side, limb=limb)
 
 
 def useless(is_useless: bool) -> Severity:

@@ -319,7 +319,8 @@ class _SpaceProjection:
         return np.round(np.array([SPACE_WIDTH / 2, self.height / 2]) + flat * [1, -1], 1)
 
     def line(self, kind: str, a: np.ndarray, b: np.ndarray, style: str = "") -> str:
-        return _line(kind, *self(np.stack([a, b])).tolist(), style)
+        start, end = self(np.stack([a, b])).tolist()
+        return _line(kind, start, end, style)
 
 
 def _draw_pyramid(view: _SpaceProjection, cameras: Cameras, c: int, size: float) -> str:
