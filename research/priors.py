@@ -165,6 +165,11 @@ class GaussianMixture(PosePrior):
     name = "gmm"
 
     @property
+    def mean(self) -> np.ndarray:
+        """(63,) mean rotation vectors, rad."""
+        return (self._weights[:, None] * self._means).sum(axis=0)
+
+    @property
     def latent_dim(self) -> int:
         """63."""
         return GMM_DIM

@@ -101,8 +101,8 @@ class Convergence:
     def joined(cls, parts: Iterable[Convergence]) -> Convergence:
         """Return the end of several."""
         found = list(parts)
-        parts, converged = (sum(getattr(part, name) for part in found) for name in ("parts", "converged"))
-        return cls(parts, converged, max(part.iterations for part in found))
+        converged = sum(part.converged for part in found)
+        return cls(sum(part.parts for part in found), converged, max(part.iterations for part in found))
 
     @property
     def status(self) -> str:

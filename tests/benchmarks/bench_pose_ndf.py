@@ -193,7 +193,7 @@ def _latent_way(vae, start: np.ndarray, end: np.ndarray, share: np.ndarray) -> n
 
 def _keypoints(prior, vaes, takes) -> list[Metric]:
     mixture = load_gmm()
-    rest = mixture.decode((mixture.shares[:, None] * mixture.means).sum(axis=0)[None])[0]
+    rest = mixture.decode(mixture.mean[None])[0]
     seen = [sighting(take.select(slice(0, None, 6)), rest, seed) for seed, take in enumerate(takes)]
     settings = KEYPOINT_SETTINGS
     rows = {

@@ -10,14 +10,11 @@ from solver_backend.priors.base import PosePrior
 class ToyPrior(PosePrior):
     """``R_j = exp(A_j z)``."""
 
+    name = "toy"
     residual_sigma = np.full((21, 3), 0.1)
 
     def __init__(self, seed: int = 3) -> None:
         self.A = 0.4 * np.random.default_rng(seed).normal(size=(21, 3, 32))
-
-    @property
-    def name(self) -> str:
-        return "toy"
 
     @property
     def latent_dim(self) -> int:

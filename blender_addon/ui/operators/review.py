@@ -151,6 +151,7 @@ _FOREIGN = Need(
     lambda context: not context.scene.mocap.capture.file,
 )
 _SLIDE = number("Longest Slide", "Largest slide to correct in mm, as longer ones are intentional", 100.0, 1, 500)
+"""Longest movement of a planted foot that is corrected, mm."""
 
 
 @operator("Lock Feet", _FOREIGN, TAKE, EDITABLE, slide_mm=_SLIDE)

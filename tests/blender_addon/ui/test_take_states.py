@@ -225,7 +225,9 @@ class Sequence:
         animation: Any = self.armature.animation_data
         animation.action = None
         self.armature.pose.bones[CHEST].keyframe_insert("rotation_quaternion", frame=1)
-        self.state.users.add(animation.action.name)
+        action = animation.action
+        assert action is not None
+        self.state.users.add(action.name)
         self.state.own = True
 
     def duplicate(self) -> None:
