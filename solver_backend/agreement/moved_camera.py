@@ -88,23 +88,27 @@ def _turned(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray) -> tu
 def _fit(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> tuple[np.ndarray, np.ndarray]:
     """Return the pose of least reprojection error with Cauchy weights, by Gauss-Newton."""
     for _ in range(_ROUNDS):
-        camera = X @ R.T + t
-        z = np.maximum(camera[:, 2], 1e-3 * max(float(np.median(np.abs(camera[:, 2]))), 1e-9))
-        x, y = camera[:, 0] / z, camera[:, 1] / z
-        off = np.stack([x - rays[:, 0], y - rays[:, 1]], axis=-1) / size
-        weight = 1 / (1 + (off**2).sum(-1) / _ROBUST**2)
-        zero, inverse = np.zeros_like(x), 1 / z
-        by_t = np.stack([np.stack([inverse, zero, -x * inverse], -1), np.stack([zero, inverse, -y * inverse], -1)], 1)
-        by_turn = by_t @ -_skew(camera - t)
-        J = np.concatenate([by_turn, by_t], axis=-1) / size
-        A = np.einsum("n,nia,nib->ab", weight, J, J)
-        step = -np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(6), np.einsum("n,nia,ni->a", weight, J, off))
-        angle = np.linalg.norm(step[:3])
-        step = step * min(1.0, 0.5 / max(angle, 1e-12))
+        step = _gauss_newton_step(R, t, X, rays, size)
         R, t = exp_so3(step[:3]) @ R, t + step[3:]
         if np.abs(step).max() < 1e-9:
             break
     return R, t
+
+
+def _gauss_newton_step(R: np.ndarray, t: np.ndarray, X: np.ndarray, rays: np.ndarray, size: float) -> np.ndarray:
+    """Return (6,): a rotation in rad, at most 0.5, and a translation in metres."""
+    camera = X @ R.T + t
+    z = np.maximum(camera[:, 2], 1e-3 * max(float(np.median(np.abs(camera[:, 2]))), 1e-9))
+    x, y = camera[:, 0] / z, camera[:, 1] / z
+    off = np.stack([x - rays[:, 0], y - rays[:, 1]], axis=-1) / size
+    weight = 1 / (1 + (off**2).sum(-1) / _ROBUST**2)
+    zero, inverse = np.zeros_like(x), 1 / z
+    by_t = np.stack([np.stack([inverse, zero, -x * inverse], -1), np.stack([zero, inverse, -y * inverse], -1)], 1)
+    by_turn = by_t @ -_skew(camera - t)
+    J = np.concatenate([by_turn, by_t], axis=-1) / size
+    A = np.einsum("n,nia,nib->ab", weight, J, J)
+    step = -np.linalg.solve(A + 1e-9 * np.trace(A) * np.eye(6), np.einsum("n,nia,ni->a", weight, J, off))
+    return step * min(1.0, 0.5 / max(np.linalg.norm(step[:3]), 1e-12))
 
 
 def _skew(v: np.ndarray) -> np.ndarray:
