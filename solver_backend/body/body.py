@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -93,7 +94,7 @@ def _load_body(path: Path) -> Body:
     return body_from_arrays(arrays, where=str(path), default_id=path.stem)
 
 
-def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: str) -> Body:
+def body_from_arrays(arrays: Mapping[str, Any], *, where: str, default_id: str) -> Body:
     """Check SMPL-named arrays and build a body.
 
     Raises:

@@ -234,7 +234,10 @@ def calibration_text(cameras: Cameras) -> str:
         fields = {"name": name, "size": cameras.image_size[view].astype(float).tolist()}
         fields |= {"matrix": cameras.K[view].tolist(), "distortions": lens[:count].tolist()}
         fields |= {"rotation": log_so3(cameras.R[view]).tolist(), "translation": cameras.t[view].tolist()}
-        fields |= {"fisheye": cameras.models[view] == "fisheye"}
+        model = cameras.models[view]
+        fields |= {"fisheye": model == "fisheye"}
+        if model not in ("opencv", "fisheye"):
+            fields |= {"distortion_model": model}
         lines.append(f'["{name}"]')
         lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
         lines.append("")
