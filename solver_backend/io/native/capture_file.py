@@ -89,8 +89,8 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
     """Return the fields of one person's keypoints, with own points (C, F, N, 3) as x, y and confidence."""
     named = keypoints.named
-    arrays = {"fps": np.array(float(named.fps)), "joint_set": np.array(named.joint_set.value)}
-    arrays |= {"xy": named.xy.astype(np.float32), "confidence": named.confidence.astype(np.float32)}
+    arrays = {"fps": np.array(float(named.fps)), "xy": named.xy.astype(np.float32)}
+    arrays |= {"confidence": named.confidence.astype(np.float32), "joint_set": np.array(named.joint_set.value)}
     if named.hands is not None:
         arrays["hands"] = named.hands.astype(np.float32)
     if keypoints.own:
