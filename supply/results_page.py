@@ -30,7 +30,7 @@ class ChartOfBars:
 
 CHARTS = (
     ChartOfBars(
-        "views", "Mean joint error by number of cameras, noise as measured on a real detector", "bundle", "mm",
+        "views", "Mean joint error by number of cameras, simulated, two takes", "bundle", "mm",
         ("this program", "BundleMoCap++", "frame by frame"),
         tuple(
             (f"{n} cameras", tuple(f"views_{n}_{method}_mpjpe_mm" for method in ("ours", "published", "muvs")))
@@ -38,11 +38,11 @@ CHARTS = (
         ),
     ),
     ChartOfBars(
-        "noise_aware", "Error of markers under three kinds of noise (RMSE)", "noise_aware", "mm", METHODS,
+        "noise_aware", "Error of simulated markers under three kinds of noise (RMSE)", "noise_aware", "mm", METHODS,
         tuple((f"{n} noise", tuple(f"{n}_m_{m}_rmse_mm" for m in METHODS)) for n in ("data", "inference", "both")),
     ),
     ChartOfBars(
-        "completion", "Error of joints filled in by a pose prior, 60 frames", "pose_ndf", "cm",
+        "completion", "Error of joints filled in by a pose prior, recorded motion, 60 frames", "pose_ndf", "cm",
         ("Pose-NDF", "VPoser", "RVPoser", "rest pose"),
         tuple(
             (limb.replace("_", " "), tuple(f"complete_60_{limb}_{prior}_cm" for prior in PRIORS))
@@ -62,31 +62,58 @@ CHARTS = (
 
 TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "From several views": (
-        ("Joints, unseen people, noise as measured on a real detector, four views", "bundle", "mpjpe_mm", "mm"),
+        ("Joints, unseen people, detector noise, four views, three takes", "bundle", "mpjpe_mm", "mm"),
         ("Three views, two takes", "bundle", "views_3_ours_mpjpe_mm", "mm"),
         ("Two views, two takes", "bundle", "views_2_ours_mpjpe_mm", "mm"),
-        ("Four views, against BundleMoCap++ as published", "bundle", "mpjpe_ratio", "times its error"),
-        ("Solve time against BundleMoCap++ as published", "bundle", "seconds_ratio", "times its time"),
-        ("Keypoints, bodies unlike ours, exact detections", "floor", "exact_points_mm", "mm"),
-        ("The same, noise as measured on a real detector", "floor", "noisy_points_mm", "mm"),
+        (
+            "Four views, three takes, against our implementation of BundleMoCap++",
+            "bundle",
+            "mpjpe_ratio",
+            "times its error",
+        ),
+        (
+            "Solve time against our implementation of BundleMoCap++",
+            "bundle",
+            "seconds_ratio",
+            "times its time",
+        ),
+        ("Keypoints, bodies outside our shape space, exact detections", "floor", "exact_points_mm", "mm"),
+        ("The same, detector noise", "floor", "noisy_points_mm", "mm"),
         ("Limbs lost in twenty fast takes", "floor", "frames_with_a_lost_limb", "frames"),
-        ("Two people together, against each alone, worst of ten pairs", "people", "against_alone", "times the error"),
+        (
+            "Two people together against each alone, worst of ten pairs",
+            "people",
+            "against_alone",
+            "times the error",
+        ),
         ("Clocks of four cameras started by hand, median error", "sync", "median_error", "frames"),
     ),
     "From optical markers": (
-        ("Hidden markers (CMU), error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),
+        ("Hidden markers, CMU, error against rigid filling", "markers", "cmu_41_mean_share", "times its error"),
+        ("The same, running", "markers", "running_53_mean_share", "times its error"),
         ("The same, Plug-in Gait", "markers", "plug-in_gait_39_mean_share", "times its error"),
+        ("The same, simulated markers", "markers", "synthetic_42_mean_share", "times its error"),
         ("True joints inside the 50 % ellipsoids", "markers", "held50", "%"),
         ("True joints inside the 95 % ellipsoids", "markers", "held95", "%"),
-        ("Known person, 42 markers, on one core", "marker_speed", "known_person_a_core", "frames per second"),
+        (
+            "Known person, 42 markers, on one core",
+            "marker_speed",
+            "known_person_a_core",
+            "frames per second",
+        ),
         ("UI-PRMD, 474 takes: failed", "markers_ui_prmd", "failed_takes", "takes"),
     ),
     "Hands": (
-        ("Fingertips, palms of 40 px in four views, measured noise (RMS)", "hands", "fingertips_rms_mm", "mm"),
+        (
+            "Fingertips, palms of 40 px in four views, measured noise (RMS)",
+            "hands",
+            "fingertips_rms_mm",
+            "mm",
+        ),
         ("Bends of knuckles and middle joints, the same (RMS)", "hands", "flexion_rms_deg", "°"),
         ("True finger joints inside the 95 % ellipsoids", "hands", "in_ellipsoids_percent", "%"),
-        ("Bends from 26 markers a hand, recorded (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
-        ("Bends from 10 markers a hand, recorded (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
+        ("Bends from 26 markers per hand (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
+        ("Bends from 10 markers per hand (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
         ("Body and hands against the body alone", "hands", "times_the_body_alone", "times its time"),
         ("Find both hands in a picture, CPU time", "hand_detection", "two_hands_ms", "ms"),
         ("Balancing videos: the right hand in two views or more", "hand_detection", "right_found_percent", "%"),
@@ -100,26 +127,36 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     ),
 }
 """Section, then rows: what, benchmark, figure, unit."""
+REAL = {
+    "cmu_41_mean_share", "running_53_mean_share", "plug-in_gait_39_mean_share", "failed_takes",
+    "hand26_flexion_rms_deg", "hand10_flexion_rms_deg", "two_hands_ms", "right_found_percent",
+}  # fmt: skip
+"""Figures of real recordings. The others are simulated, or measure speed alone."""
+SPEED = {"marker_speed", "bake", "body", "register", "retarget", "solve_in_blender"}
+"""Benchmarks whose data do not matter."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/baseline.json (dev.py bench --update records it). -->
 
 # Results
 
-Every figure is made by the command beside it and kept in `tests/benchmarks/baseline.json`; `python3 dev.py bench NAME`
-measures it again and compares. {machine}.
-[What accuracy means](explanation/accuracy.md) explains the measures and what limits them; the
-[research log](research-log/README.md) has all tables."""
+Each figure has its command and is kept in `tests/benchmarks/baseline.json`. `python3 dev.py bench NAME` measures it
+again and compares. {machine}.
+
+**Most figures are simulated.** *Simulated* means recorded motion on generated bodies before simulated cameras or
+sensors. The detector noise was measured on one real recording, 100 frames of OpenPose detections. *Real* means
+recorded markers or videos. Baselines are our own implementations. [What accuracy means](explanation/accuracy.md)
+explains the measures, and the [research log](research-log/README.md) has all tables."""
 
 
 def results_page() -> str:
     """Return docs/results.md."""
     parts = [_HEAD.format(machine=f"Machine of the solver's figures: {_baseline()['bundle']['machine']}")]
     for title, rows in TABLES.items():
-        parts += ["", f"## {title}", "", "| what | result | command | measured on |", "|---|---|---|---|"]
-        parts += [
-            f"| {what} | {_show(bench, key)} {unit} | `dev.py bench {bench}` | {_baseline()[bench]['recorded']} |"
-            for what, bench, key, unit in rows
-        ]
+        parts += ["", f"## {title}", "", "| what | data | result | command | measured on |", "|---|---|---|---|---|"]
+        for what, bench, key, unit in rows:
+            data = "real" if key in REAL else "–" if bench in SPEED else "simulated"
+            made = f"`dev.py bench {bench}` | {_baseline()[bench]['recorded']}"
+            parts.append(f"| {what} | {data} | {_show(bench, key)} {unit} | {made} |")
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]
