@@ -108,7 +108,7 @@ _LEVELS = {
     "L": r"LUMBA[A-Z]*|LOMBAIRE|LENDENWIRBEL[A-Z]*",
 }
 _NUMBERS = "first second third fourth fifth sixth seventh eighth ninth tenth eleventh twelfth"
-_ORDINALS: list[str] = _NUMBERS.split()
+_ORDINALS = [str(word) for word in _NUMBERS.split()]
 _IN_WORDS = tuple(
     (letter, re.compile(pattern, re.IGNORECASE))
     for letter, word in _LEVELS.items()
