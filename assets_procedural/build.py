@@ -1,4 +1,4 @@
-"""From the committed numbers to the body file."""
+"""Build the body file from the committed numbers."""
 
 from __future__ import annotations
 
@@ -38,23 +38,27 @@ _T = TypeVar("_T")
 
 @dataclass(frozen=True)
 class BuiltBody:
-    """The body file, and what its hands are made from."""
+    """The arrays of the body file, and the input of its hands."""
 
     arrays: dict[str, np.ndarray]
-    """Of the body file, by key."""
+    """Arrays of the body file by key."""
     knots: Knots
-    """Of its digits. The pelvis is the origin."""
+    """Knots of its digits. The pelvis is the origin."""
 
 
 def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:
     """Return the arrays of the body file. The pelvis is the origin for every shape.
 
-    ``fitted`` is the mesh of the skin where it exists already. Without it one of ``num_vertices`` vertices is made.
+    SMPL's keys are ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Our keys are:
 
-    Keys of SMPL: ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Ours: ``body_id``; ``uv``
-    (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);
-    the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10); ``blank_vertices`` (N,)
-    and ``blank_offsets`` (N, 3) metres, which take the face away.
+    - ``body_id``, ``uv`` (V, 2), ``mirror`` (V,)
+    - ``vt`` (T, 2) and ``ft`` (F, 3) with seams, ``face_material`` (F,) and ``material_names``
+    - ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10), the joints that the regressor was fitted to
+    - ``blank_vertices`` (N,) and ``blank_offsets`` (N, 3) metres, which remove the face
+
+    Args:
+        num_vertices: vertices of a new mesh of the skin.
+        fitted: an existing mesh of the skin.
     """
     statistics, fitted_joints = load_statistics(), load_joints()
     skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))

@@ -1,4 +1,4 @@
-"""Where the solver is, and the environment in which a child process finds it."""
+"""Locate the solver and build the environment of its process."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from .errors import SolverMissing
 PACKAGE = "solver_backend"
 _BUNDLED = "backend"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
-"""Bytes that must be free for byte code to be kept: several times what the solver's takes; chosen by hand."""
+"""Free disk space in bytes required for byte code, several times the solver's. Chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
 
 
 def backend_folder() -> Path:
-    """Return the folder that holds the solver's package: inside the installed extension, or of the source tree.
+    """Return the folder with the solver's package, in the installed extension or the source tree.
 
     Raises:
-        SolverMissing: neither holds it.
+        SolverMissing: neither has it.
     """
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
@@ -30,10 +30,10 @@ def backend_folder() -> Path:
 
 
 def backend_command(python: Path | None = None) -> list[str]:
-    """Return how the solver is started; its arguments follow.
+    """Return the command that starts the solver, without its arguments.
 
     Args:
-        python: interpreter to use; None for Blender's own.
+        python: interpreter to use. None means Blender's own.
 
     Raises:
         SolverMissing: there is no such interpreter.
@@ -51,13 +51,13 @@ def backend_command(python: Path | None = None) -> list[str]:
 def environment_for_child(python: Path | None = None, inherited: Mapping[str, str] | None = None) -> dict[str, str]:
     """Return the environment of a solver started by ``backend_command``.
 
-    ``PYTHONPATH`` holds the solver alone. All other settings of Python are dropped, as Blender itself does, and the
-    working folder is not searched for modules. No byte code is kept on a disk that is nearly full: Python 3.11 would
-    keep a truncated file, which breaks every later start.
+    ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
+    imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
+    truncated file that breaks every later start.
 
     Args:
-        python: interpreter that will run; None for Blender's own, which gets nothing from the user's site packages.
-        inherited: environment to start from; None for this process's.
+        python: interpreter to use. None means Blender's own, without the user's site packages.
+        inherited: environment to start from. None means that of this process.
 
     Raises:
         SolverMissing: the solver is not there.

@@ -1,4 +1,4 @@
-"""The head of the mannequin: eyes, nose, lips and ears give way to the smoothest skin through what is around them."""
+"""Replace eyes, nose, lips and ears of the mannequin by a smooth surface."""
 
 from __future__ import annotations
 
@@ -11,19 +11,18 @@ from assets_procedural.arrays import Array, averaging, neighbour_graph
 
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
-"""Centre, from the head's joint, and radii of the ellipsoids whose skin gives way, metres, chosen on the picture."""
+"""Centre, from the head's joint, and radii of the ellipsoids to replace, metres. Chosen on the picture."""
 _AROUND = 1.45
-"""Skin up to this many radii shows where the head's surface is; chosen on the picture."""
+"""Radii up to which the surrounding skin defines the surface. Chosen on the picture."""
 _MIDDLE = np.array([0.0, 0.060, 0.020])
-"""From the head's joint, metres: the point from which the blank head is seen as radii."""
+"""Centre of the radii that describe the head, from the head's joint, metres."""
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
-    """Return (N,) which vertices of a body at rest move for a head without a face, and (N, 3) by how much, metres.
+    """Return the vertices (N,) of a body at rest that move for a head without a face, and offsets (N, 3) in metres.
 
-    The vertices are spread evenly first, each to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and
-    then laid, along the ray from the head's middle, on the smoothest radius (thin plate over directions) through the
-    skin around.
+    Each vertex moves to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and then along its ray from the
+    head's centre to a thin-plate surface through the surrounding skin.
     """
     folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
     away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)

@@ -1,4 +1,4 @@
-"""From the built body to the file of its hands."""
+"""Build the file of the hands from the built body."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ from solver_backend.exchange.hand_points import FINGERS
 _RIDGE = 0.1
 _SMALLEST_M = 5e-5
 _COUNT = 48
-"""Poses a joint."""
+"""Sampled poses per joint."""
 _RANGES_DEG = {
     "mcp_flexion": (-20.0, 95.0), "mcp_spread": (-22.0, 22.0), "pip_flexion": (-5.0, 110.0),
     "dip_flexion": (-10.0, 80.0), "thumb_cmc_flexion": (-35.0, 45.0), "thumb_cmc_spread": (-5.0, 55.0),
     "thumb_cmc_twist": (-30.0, 30.0), "thumb_mcp_flexion": (-15.0, 65.0), "thumb_ip_flexion": (-20.0, 85.0),
 }  # fmt: skip
-"""Degrees that each kind of angle is drawn from (see ``hand_angles``)."""
+"""Range of each kind of angle in degrees (see ``hand_angles``)."""
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:
@@ -99,17 +99,19 @@ def _wanted(
 
 
 HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")
-"""Beside the body file."""
+"""The file next to the body file."""
 _THUMB_SPREAD_DEG = 25.0
-"""A flat hand's thumb lies beside the palm, a little below it."""
+"""Angle of the thumb of a flat hand, slightly below the palm."""
 
 
 def build_hands(built: BuiltBody) -> dict[str, Array]:
     """Return the arrays of the hands' file, which adds finger joints to the body's.
 
-    ``body_id``: whose hands they are; ``vertices`` (N,): the skin that fingers move or that shows where they are;
-    ``weights`` (N, 52); ``J_regressor`` (30, N): of the finger joints; ``posedirs`` (N, 3, 270): of the finger joints;
-    ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand; ``tips`` (10, 3) metres: where fingers end.
+    - ``body_id``: the body of these hands
+    - ``vertices`` (N,): vertices that fingers move or that define their joints
+    - ``weights`` (N, 52), and for the finger joints ``J_regressor`` (30, N) and ``posedirs`` (N, 3, 270)
+    - ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand
+    - ``tips`` (10, 3): ends of the fingers, metres
     """
     arrays, names = built.arrays, ("v_template", "shapedirs", "weights", "J", "J_shapedirs")
     real = {name: arrays[name].astype(np.float64) for name in names}

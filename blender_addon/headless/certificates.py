@@ -1,4 +1,4 @@
-"""``certificates``: the key by which a cluster's scheduler, workers and clients know one another, made by OpenSSL."""
+"""Make the key and certificate of a cluster with OpenSSL."""
 
 from __future__ import annotations
 
@@ -15,18 +15,9 @@ from .result import CommandResult
 _KEY, _CERTIFICATE, _AUTHORITY = CERTIFICATES["CLIENT__KEY"], CERTIFICATES["CLIENT__CERT"], CERTIFICATES["CA_FILE"]
 _OWNER_ALONE = 0o600
 """Permissions: its owner reads and writes it."""
-_REQUEST = (
-    "req",
-    "-x509",
-    "-newkey",
-    "ec",
-    "-pkeyopt",
-    "ec_paramgen_curve:prime256v1",
-    "-sha256",
-    "-nodes",
-    "-subj",
-    "/CN=mocap",
-)
+_CURVE = ["-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1"]
+_REQUEST = ["req", "-x509", *_CURVE, "-sha256", "-nodes", "-subj", "/CN=mocap"]
+"""Arguments of OpenSSL for a key on the curve P-256 and its certificate."""
 
 
 class CertificatesResult(CommandResult):

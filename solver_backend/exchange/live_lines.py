@@ -16,13 +16,6 @@ class EventLine(TypedDict):
     """Of the event ``shape``."""
 
 
-class FrameDelays(TypedDict):
-    """How long a frame took since it arrived, and how far it is behind the source."""
-
-    latency_ms: float
-    lag_ms: float
-
-
 class PoseValues(TypedDict):
     """One pose: rotation vectors of the root and of the other joints in radians, and metres."""
 
