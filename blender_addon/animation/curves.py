@@ -157,7 +157,6 @@ def write_curves(
     if slopes is not None:
         columns = {"interpolation": ("BEZIER",), "handle_left_type": ("ALIGNED",), "handle_right_type": ("ALIGNED",)}
     fields = {name: np.full(len(times), _enum_value(name, *value), np.int32) for name, value in columns.items()}
-    steps = np.diff(times, prepend=times[0] - 1, append=times[-1] + 1) / 3
     for k, curve in enumerate(_new_curves(target, path, group, values.shape[1])):
         keys, column = curve.keyframe_points, values[:, k]
         keys.add(len(times))
@@ -165,6 +164,7 @@ def write_curves(
         for name, field in fields.items():
             keys.foreach_set(name, field)
         if slopes is not None:
+            steps = np.diff(times, prepend=times[0] - 1, append=times[-1] + 1) / 3
             keys.foreach_set("handle_left", _points(times - steps[:-1], column - slopes[:, k] * steps[:-1]))
             keys.foreach_set("handle_right", _points(times + steps[1:], column + slopes[:, k] * steps[1:]))
         keys.foreach_set("type", types)

@@ -159,8 +159,8 @@ def replace_stage(
     for child in stage.collection.children:
         bpy.data.collections.remove(child)
     bpy.data.collections.remove(stage.collection)
-    count, camera_count = len(kept), len(stage.cameras)
-    objects = {"cameras": tuple(kept[:camera_count]), "overlays": tuple(kept[camera_count : count - 1])}
+    count = len(stage.cameras)
+    objects = {"cameras": tuple(kept[:count]), "overlays": tuple(kept[count:-1])}
     return replace(stage, collection=collection, floor=kept[-1], **objects)
 
 

@@ -10,9 +10,16 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from .._exchange.so3 import quat_from_matrix, sign_continuous
-from ..animation.curves import CurveTarget, current_action, is_take, key_type_values, laid_rate, played_target
-from ..animation.curves import remove_curves as remove_curves
-from ..animation.curves import write_curves as write_curves
+from ..animation.curves import (
+    CurveTarget,
+    current_action,
+    is_take,
+    key_type_values,
+    laid_rate,
+    played_target,
+    remove_curves,
+    write_curves,
+)
 from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
 from ..conventions.timing import go_to_frame
 from .session import alone

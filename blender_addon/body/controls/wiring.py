@@ -57,7 +57,6 @@ def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
         pole.parent = root
         for name in (*limb.keyed, *limb.solved, limb.reach):
             bones[name].use_deform = False
-            bones[name].use_deform = False
 
 
 def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.EditBone) -> bpy.types.EditBone:

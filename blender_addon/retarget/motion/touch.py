@@ -293,7 +293,6 @@ _LIKELY = (0.4, 2.5)
 """Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's."""
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)
 """Numbers of SMPL's joints."""
-"""SMPL's."""
 
 
 def keep_hands_on_body(

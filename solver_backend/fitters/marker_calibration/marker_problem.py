@@ -344,7 +344,9 @@ def _with_attached(
     some = MarkerCloud(cloud.positions[found.frames][:, columns], cloud.fps, tuple(cloud.names[i] for i in columns))
     props = {m for group in loose_groups(some, bones) for m in group.columns}
     for m, label in enumerate(some.names):
-        if m not in props and (marker := attach(some.positions[:, m], bones, named_bone(label))):
+        if m in props or label in person.labels:
+            continue
+        if marker := attach(some.positions[:, m], bones, named_bone(label)):
             person = with_marker(person, label, marker)
     return person
 
