@@ -97,8 +97,8 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
 def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
     """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``."""
     informed = np.zeros((len(known), 5, 3), bool)
-    frames = np.arange(len(known))[:, None]
-    np.logical_or.at(informed, (frames, FINGER_OF, JOINT_OF), known)
+    for angle in range(NUM_ANGLES):
+        informed[:, FINGER_OF[angle], JOINT_OF[angle]] |= known[:, angle]
     return informed
 
 

@@ -124,10 +124,10 @@ def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
     scale, size = np.array([_WIDTHS.get(shape, 1.0), 1.0]), np.array([width, height], np.float64)
     if shape == "square":
         scale = np.array([height / width, 1.0])
-    long, short = size.max(), size.min()
+    long, short, longer = size.max(), size.min(), np.array([width >= height, width < height])
     new = {middle: size * share for middle, share in _MIDDLES.items()}
-    new |= {"boxed": np.full(2, long), "cut to 16:9": np.where(size == long, long, long * 9 / 16)}
-    new |= {"cut to 4:3": np.where(size == short, short, short * 4 / 3), "cut to a square": np.full(2, short)}
+    new |= {"boxed": np.full(2, long), "cut to 16:9": np.where(longer, long, long * 9 / 16)}
+    new |= {"cut to 4:3": np.where(longer, short * 4 / 3, short), "cut to a square": np.full(2, short)}
     new = new.get(shape, size * scale)
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     K[c, :2] *= scale[:, None]

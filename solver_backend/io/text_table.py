@@ -59,7 +59,9 @@ def heading_of(path: Path) -> list[str]:
     """Return the cells of a table's first line, or none if the file is no text table."""
     if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
         return []
-    line = as_text(first_bytes(path, _START_BYTES)).partition("\n")[0]
+    start = first_bytes(path, _START_BYTES)
+    # Whole lines: a letter cut at the end would make UTF-8 look like another encoding.
+    line = as_text(start[: start.rfind(b"\n") + 1] or start).partition("\n")[0]
     return cells_of(line, delimiter_of(line))
 
 

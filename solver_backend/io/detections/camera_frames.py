@@ -57,8 +57,9 @@ class CameraFrames:
         cls, points: np.ndarray, path: Path, keypoints: tuple[str, ...] = (), numbers: Sequence[int] | None = None
     ) -> CameraFrames:
         """Return the frames of (F, P, K, 3) points, without people whose points all have confidence 0."""
-        counted = zip(numbers or range(len(points)), points, strict=True)
-        frames = {number: [person for person in people if is_seen(person)] for number, people in counted}
+        seen = (points[..., 2] > 0).any(-1)
+        counted = zip(numbers or range(len(points)), points, seen, strict=True)
+        frames = {number: list(people[there]) for number, people, there in counted}
         return cls.in_memory(frames, path, keypoints)
 
     @classmethod

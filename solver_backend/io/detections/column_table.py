@@ -34,9 +34,9 @@ def _text(path: Path) -> tuple[str, str]:
     return (text if delimiter == "," else text.replace(",", ".")), delimiter
 
 
-def _rows(path: Path) -> tuple[list[str], list[list[str]]]:
+def _rows(path: Path, text: tuple[str, str] | None = None) -> tuple[list[str], list[list[str]]]:
     """Return the heading of a table and its rows."""
-    rows = csv_rows(*_text(path), path)
+    rows = csv_rows(*(text or _text(path)), path)
     if not rows:
         raise FileDamaged("The table has no heading.", where=str(path))
     return rows[0], rows[1:]
@@ -187,7 +187,7 @@ def read_point_rows(path: Path) -> CameraFrames:
     if (cells := _even_cells(text, delimiter)) is not None:
         width = text.partition("\n")[0].count(delimiter) + 1
         return _frames_of_points(cells[:width], lambda column: cells[width + column :: width], path)
-    heading, rows = _rows(path)
+    heading, rows = _rows(path, (text, delimiter))
     return _frames_of_points(heading, partial(_cells, rows), path)
 
 

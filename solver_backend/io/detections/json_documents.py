@@ -338,6 +338,14 @@ def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
     return {}
 
 
+def _read_frame(path: Path) -> Any:
+    try:
+        return read_json(path)
+    except FileDamaged as error:
+        hint = "Export this frame again or delete the file."
+        raise FileDamaged(error.message, where=error.where, hint=hint) from error
+
+
 def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
     """Return a camera's frames, one per file, by the number in its name. A frame replaces a padding file.
 
@@ -358,12 +366,12 @@ def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] =
     numbers = frame_numbers([stem for stem, _ in filmed], where=where).tolist()
     by_number = dict(sorted((padding | dict(zip(numbers, (path for _, path in filmed), strict=True))).items()))
     files = tuple(by_number.values())
-    if _are_named_frames(read_json(path) for path in dict.fromkeys(files[:: max(len(files) // 2, 1)])):
-        return _read_named_frames({n: read_json(path) for n, path in by_number.items()}, Path(where))
+    if _are_named_frames(_read_frame(path) for path in dict.fromkeys(files[:: max(len(files) // 2, 1)])):
+        return _read_named_frames({n: _read_frame(path) for n, path in by_number.items()}, Path(where))
 
     @lru_cache(maxsize=1)
     def document(row: int) -> Any:
-        return read_json(files[row])
+        return _read_frame(files[row])
 
     return CameraFrames(
         np.array(list(by_number), np.int64),
