@@ -19,10 +19,6 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.exchange.setting import Setting
-from solver_backend.exchange.verb import Program, Verb, by_name, flag, option, output, place, values
-
 ROOT = Path(__file__).resolve().parent
 VERSION = os.environ.get("MOCAP_DEV_PYTHON", "3.11")
 WANTED = tuple(int(part) for part in VERSION.split(".") if part.isdigit())
@@ -35,41 +31,6 @@ IS_WANTED = f"import sys; sys.exit(sys.version_info[:2] != {WANTED})"
 EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
-READING = (
-    option("number", "fps", "X", "Frame rate, if the capture has none"),
-    option("text", "joint_set", "SET", "Keypoint set, when the number of keypoints fits several"),
-    option("text", "unit", "UNIT", "Length unit of the recording, such as m or mm, to override the file's"),
-    option("text", "up_axis", "AXIS", "Axis that points up in the recording, if not z"),
-    option("text", "subject_prefix", "PREFIX", "Label prefix of the person, when a file holds several"),
-)
-"""What ``demo`` passes on to the reading of a capture."""
-DEMO = (
-    place("path", "capture", "CAPTURE", "Folder, also of videos, or file; embedded if left out", None, excludes="take"),
-    flag("markers", "The embedded take of optical markers", excludes="take"),
-    output("DIR", "New or empty folder for the results", None, kind="folder"),
-    option("choice", "method", "", "Solver", "global", choices=values("global", "sliding", "frame")),
-    option("choice", "backend", "", "Arrays", "numpy", choices=values("numpy", "torch")),
-    *READING,
-    flag("trim", "Cut all cameras to the shortest"),
-)
-LINT = (flag("fix", "Repair what can be repaired"),)
-
-
-def _verb(name: str, text: str, settings: tuple[Setting, ...] = ()) -> Verb:
-    return Verb(name, "Verbs", "solve", text, name, "", settings)
-
-
-VERBS = by_name((
-    _verb("demo", "solve a capture, or the embedded one, and bake it in Blender", DEMO),
-    _verb("test", "every check and the tests of what users run, --all for every test; further arguments are pytest's"),
-    _verb("lint", "the checks alone", LINT),
-    _verb("bench", "benchmarks against their committed baseline"),
-    _verb("build", "the extension's zip"),
-    _verb("setup", "the environment alone"),
-    _verb("docs", "the generated pages and charts of docs, and the site in build/site"),
-    _verb("detectors", "an environment for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)"),
-))  # fmt: skip
-PROGRAM = Program("dev.py", (__doc__ or "").partition("\n")[0], VERBS, (), (__doc__ or "").partition("\n\n")[2])
 SITE = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}
 PROBE = "import bpy, ctypes, sys; sys.platform == 'linux' and ctypes.CDLL('libEGL.so.1')"
 
@@ -83,11 +44,15 @@ class Failed(Exception):
 
 def main(argv: list[str] | None = None) -> int:
     """Run one verb and return its exit code."""
+    # They need Python 3.11, which an older Python must be able to look for.
+    from solver_backend.exchange.errors import CommandLineInvalid
+    from supply.dev_verbs import program
+
     argv = sys.argv[1:] if argv is None else argv
     try:
         if argv[:1] and argv[0] in ("test", "bench"):  # every argument is passed on, such as --help
             return run_verb(argparse.Namespace(verb=argv[0]), argv[1:])
-        return run_verb(PROGRAM.parse(argv), [])
+        return run_verb(program(__doc__ or "").parse(argv), [])
     except CommandLineInvalid as error:
         print(error, file=sys.stderr)
         sys.exit(2)
@@ -203,6 +168,8 @@ def demo(args: argparse.Namespace) -> int:
     if args.capture is None:
         read = [*backend, "demo-capture", "--out", str(capture), *(["--markers"] if args.markers else [])]
     else:
+        from supply.dev_verbs import READING
+
         options = {row.options[-1]: getattr(args, row.name) for row in READING}
         given = [f"{name}={value}" for name, value in options.items() if value is not None] + ["--trim"] * args.trim
         read = [*backend, "convert", str(args.capture.resolve()), "--out", str(capture), *given]

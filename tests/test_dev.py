@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import importlib.util
 import os
 import subprocess
@@ -255,3 +256,11 @@ def test_detectors_get_an_environment_of_their_own(dev, monkeypatch):
     monkeypatch.setattr(dev, "set_up", lambda: pytest.fail("the environment was made"))
     assert dev.main(["detectors"]) == 0
     assert [command[1:] for command, _ in dev.commands] == [["-m", "supply.detectors"]]
+
+
+def test_an_older_python_can_start_it_and_look_for_3_11() -> None:
+    """The project's modules need 3.11, so none is imported before the Python is known."""
+    nodes = ast.parse((ROOT / "dev.py").read_text(encoding="utf-8")).body
+    imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    assert imported and {name.partition(".")[0] for name in imported} <= sys.stdlib_module_names

@@ -42,17 +42,7 @@ def run_certificates(args: Namespace, progress: Progress) -> CertificatesResult:
     with atomic_outputs(args.out, (_KEY, _CERTIFICATE, _AUTHORITY), overwrite=args.overwrite) as parts:
         key, certificate = parts[_KEY], parts[_CERTIFICATE]
         key.touch(_OWNER_ALONE)
-        words = [
-            *_REQUEST,
-            "-subj",
-            "/CN=mocap",
-            "-days",
-            str(args.days),
-            "-keyout",
-            str(key),
-            "-out",
-            str(certificate),
-        ]
+        words = [*_REQUEST, "-days", str(args.days), "-keyout", str(key), "-out", str(certificate)]
         made = subprocess.run([program, *words], capture_output=True, text=True, check=False)
         if made.returncode != 0:
             raise EngineMissing(f"openssl made no certificate: {made.stderr.strip()[-200:]}", where=program)

@@ -93,7 +93,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
             failed.append(failure("target", name, error))
     if not results:
         message = "The motion could not be transferred to any target."
-        raise TargetUnsuitable(message, where=str(args.source), hint=_listing("target", failed))
+        raise TargetUnsuitable(message, where=str(args.source), hint=_listing("target", failed, len(failed)))
     notes = [f"{name}: {note}" for name, result in results.items() for note in result["notes"]]
     codes = [entry["exit_code"] for entry in failed] + [result.get("exit_code", 0) for result in results.values()]
     return TargetsResult(
@@ -104,7 +104,7 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
 
 def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> CommandResult:
     args = Namespace(**{**vars(args), "target": target, "out": out})
-    if out.exists() and out.samefile(target):
+    if out.exists() and target.exists() and out.samefile(target):
         raise OutputExists("The target's own file would be replaced.", where=str(out), hint="Name another.")
     return _clips(args, progress) if args.source.is_dir() else _one(args, progress)
 
@@ -252,8 +252,8 @@ def _own_name(name: str, taken: set[str]) -> str:
     return next(own for own in numbered if own.lower() not in taken)
 
 
-def _listing(kind: str, failed: list[dict[str, Any]]) -> str:
-    return " ".join(f"{entry[kind]}: {entry['message']}" for entry in failed[:3])
+def _listing(kind: str, failed: list[dict[str, Any]], most: int = 3) -> str:
+    return " ".join(f"{entry[kind]}: {entry['message']}" for entry in failed[:most])
 
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:

@@ -13,6 +13,7 @@ from solver_backend.cli.arguments import parse
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.command import Cancellation, Report, cancel_at_end_of, cancel_on_signals, name_error
 from solver_backend.exchange.errors import ExitCode, SolverFailed
+from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb import check_outputs
 from solver_backend.exchange.verbs import VERBS
@@ -34,7 +35,7 @@ def main(argv: list[str] | None = None) -> int:
                 raise
             except Exception as error:
                 return report.error(name_error(error, SolverFailed, "The solver", asked=cancellation.asked))
-            report.result(outcome.data, outcome.text, outcome.summary)
+            report.result(outcome.data, outcome.text, map(plain, outcome.summary))
             return ExitCode.RESULT
     except BrokenPipeError:  # whoever read our lines is gone, so nobody waits for the result
         _silence(sys.stdout)

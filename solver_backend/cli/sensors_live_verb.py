@@ -53,7 +53,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
             frames = map(_frame, moments)
             lines = ({"t": round(f.time, 6), "points": f.points.round(5).tolist()} for f in frames)
         output.run(lines, hold)
-    data: dict[str, object] = {**chain_summary(chain), **output.finish()}
+    data: dict[str, object] = chain_summary(chain)
     if output.statistics is not None:
         data["poses"] = output.statistics.summary()
     if args.record is not None:
@@ -61,6 +61,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["recorded" if written else "not_recorded"] = str(args.record)
         if written and args.solve is not None and not output.stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=args.overwrite)
+    data |= output.finish()  # last: lines that a full disk lost must not keep the recording from being solved
     # Standard output may be another program's points: for people it holds nothing else.
     return Outcome("" if args.lines is None else live_text(args, data), data)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, fields, replace
 from functools import cache
-from math import inf, isfinite
+from math import inf
 from numbers import Real
 from pathlib import Path
 from typing import Any, Literal
@@ -129,12 +129,12 @@ class Setting:
         if self.kind in ("whole", "number"):
             kind = int if self.kind == "whole" else Real
             low, high = (-inf if self.low is None else self.low), (inf if self.high is None else self.high)
-            return _is_number(value, kind) and isfinite(value) and low <= value <= high
+            return _is_number(value, kind) and abs(value) < inf and low <= value <= high
         if self.kind == "choice":
             return value in [choice.value for choice in self.choices]
         if self.kind == "numbers":
             least, most = (self.count, self.count) if self.count else (self.low or 0, self.high or inf)
-            finite = is_list(value) and all(_is_number(item, Real) and isfinite(item) for item in value)
+            finite = is_list(value) and all(_is_number(item, Real) and abs(item) < inf for item in value)
             return finite and least <= len(value) <= most
         if self.kind == "range":
             whole = is_list(value) and len(value) == 2 and all(_is_number(item, int) for item in value)
@@ -152,7 +152,9 @@ class Setting:
         if self.positional:
             return [str(item) for item in value] if is_list(value) else [str(value)]
         option = self.options[-1]
-        if self.kind in ("switch", "flag"):
+        if self.kind == "switch":
+            return [option if value else f"--no-{option[2:]}"]
+        if self.kind == "flag":
             return [option] if value else []
         if self.repeated or self.kind == "texts":
             return [f"{option}={item}" for item in value]

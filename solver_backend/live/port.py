@@ -183,7 +183,8 @@ class OneSender:
         if self._before is not None:
             passed = arrived - self._before
             step = None if clock is None or self._clock_before is None else clock - self._clock_before
-            if step is not None and step > 0.0 and abs(step - passed) < JUMP_S:
+            # A small step counts even after a pause of this process, which packets spent in the buffer.
+            if step is not None and step > 0.0 and (step < JUMP_S or abs(step - passed) < JUMP_S):
                 passed = step
             self._time += max(passed, 0.0)
         self._clock_before, self._before = clock, arrived

@@ -104,6 +104,8 @@ def test_cameras_that_never_see_it_together_are_named() -> None:
     lenses = [lens_of(cameras, c) for c in range(4)]
     with pytest.raises(CalibrationInvalid, match="cam1, cam2 ever sees the same at the same moment as cam3, cam4"):
         calibrate_from_board(cameras.names, lenses, BOARD, early)
+    with pytest.raises(CalibrationInvalid, match="ever sees the same"):
+        calibrate_from_board(cameras.names, lenses, BOARD, [{}] * 4)
     even = Board("checkerboard", 6, 8, 0.05)
     with pytest.raises(CalibrationInvalid, match="half turned"):
         calibrate_from_board(cameras.names, lenses, even, seen)

@@ -9,6 +9,7 @@ import pytest
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.setting import Setting, check_settings, defaults_of_class, setting, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.verbs import VERBS
 
 ROWS = settings_of_class(SolveSettings)
 
@@ -57,3 +58,12 @@ def test_settings_act_in_the_methods_they_declare():
     assert all(set(row.methods) <= known for row in ROWS.values())
     assert SolveSettings(method="frame", foot_lock=2.0, robust_scale=3.0).without_effect == ("foot_lock",)
     assert SolveSettings(window=8).without_effect == ("window",)
+
+
+def test_a_number_that_no_float_holds_is_refused() -> None:
+    assert not ROWS["window"].accepts(10**400)
+    assert not ROWS["smoothing"].accepts(10**400)
+
+
+def test_a_switch_is_also_turned_off_in_words() -> None:
+    assert VERBS["solve"].words({"contacts": False, "window": 30}) == ["--no-contacts", "--window=30"]

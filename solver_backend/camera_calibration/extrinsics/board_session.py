@@ -100,7 +100,8 @@ def calibrate_from_board(
         common = [moments[m] for m in np.flatnonzero(both)]
         return relative_pose([poses[i][f] for f in common], [poses[j][f] for f in common]), len(common)
 
-    camera_poses = chained(names, np.array([[f in one for f in moments] for one in poses]), FEWEST_TOGETHER, pair)
+    seen_at = np.array([[f in one for f in moments] for one in poses], dtype=bool)
+    camera_poses = chained(names, seen_at, FEWEST_TOGETHER, pair)
     R, t = np.stack([R for R, _ in camera_poses]), np.stack([t for _, t in camera_poses])
     cameras = build_cameras(names, lenses, R, t)
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)

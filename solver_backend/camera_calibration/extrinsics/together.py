@@ -254,7 +254,7 @@ LEAST_CONTRADICTION_PX = 3.0
 WORST_SHARE = 0.6
 """Cameras are reported if their error grows by this share of the largest growth, because a moved one draws others."""
 FREEDOM = 1.2
-"""Correction of the residuals for lost degrees of freedom, as in ``from_person``."""
+"""Correction of the residuals for lost degrees of freedom, as in ``person_session``."""
 LEAST_SIGMA_PX = 0.05
 """Least standard deviation of a source, in pixels. Chosen by hand."""
 _ROBUST = 3.0

@@ -298,7 +298,6 @@ def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints
 
 
 SILENT_S = 0.25
-SILENT_S = 0.25
 """A sensor counts as silent after this time without a frame, in seconds. The others then go on."""
 JUMP_S = 0.5
 """Largest difference of a sensor's time step from the host's, in seconds. The host's step replaces a larger one."""

@@ -91,8 +91,9 @@ def test_what_cannot_be_is_refused_and_says_what_can(values: Any, says: str) -> 
     assert says in str(caught.value)
 
 
-def test_cameras_are_read_by_their_key_of_the_last_release() -> None:
-    assert spec_of({"camera_arrays": ["oak_d_4"]}).text == spec_of({"camera_arrays": ["oak_d_4"]}).text
+def test_an_unknown_key_of_cameras_is_refused_by_name() -> None:
+    with pytest.raises(MocapError, match="rigs"):
+        spec_of({"rigs": ["oak_d_4"]})
 
 
 def test_a_file_of_another_kind_is_refused(tmp_path: Path) -> None:
