@@ -16,8 +16,11 @@ from solver_backend.agreement.detections import MIN_POINTS, Detections, sighting
 from solver_backend.agreement.reading import PictureReading, Reading, apply_reading
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, compared_pairs
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import UNSEEN_POINT, Cameras
 
+STAGE = "Comparing the clocks"
+"""Name of the comparison in progress reports."""
 COARSE, FINE = 0.04, 0.015
 """Scales of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 and 2 cm."""
 REACH = 4
@@ -212,7 +215,9 @@ class PairGains:
         return offsets - offsets[0]
 
 
-def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, reach: int | None = None) -> PairGains:
+def pair_gains(
+    cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, reach: int | None = None, progress: Progress = silent
+) -> PairGains:
     """Return the gains of all pairs of views, those of neighbours in large arrays.
 
     Args:
@@ -220,6 +225,7 @@ def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, re
         xy: (C, F, P, J, 2) normalised points of all people, NaN where missing.
         most_samples: frames of a view that are compared with all of another.
         reach: largest offset, every one if None.
+        progress: called for each pair of views.
     """
     views, num_frames = people_of_views(xy), xy.shape[1]
     pairs = compared_pairs(len(views), EACH, NEIGHBOURS)
@@ -230,7 +236,8 @@ def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = SAMPLES, re
     thinned = [view.rows(np.arange(0, num_frames, step)) for view in views]
     beyond = np.abs(np.arange(1 - num_frames, num_frames)) > (num_frames if reach is None else reach)
     tables = dict[tuple[int, int], np.ndarray]()
-    for i, j in pairs:
+    for number, (i, j) in enumerate(pairs):
+        progress(STAGE, number, len(pairs))
         share = disagreements(cameras, (i, j), views[i].rows(rows[i]), thinned[j], COARSE)
         tables[i, j] = _gains(share, rows[i], num_frames, step)
         tables[i, j][:, beyond] = 0.0
@@ -287,16 +294,17 @@ def refine_starts(cameras: Cameras, xy: np.ndarray, offsets: np.ndarray, reach: 
     return offsets + moved
 
 
-def whole_lags(cameras: Cameras, tracks: np.ndarray, reach: int) -> np.ndarray:
+def whole_lags(cameras: Cameras, tracks: np.ndarray, reach: int, progress: Progress = silent) -> np.ndarray:
     """Return (C,) whole frames by which cameras lag behind the first; zeros unless others agree far better.
 
     Args:
         cameras: C cameras.
-        tracks: (C, F, K, 2) px of one person, NaN where missing.
+        tracks: (C, F, K, 2) px, NaN where missing. Several people count as one.
         reach: largest lag between two cameras, frames.
+        progress: called for each pair of views.
     """
     xy, none = undistort(cameras, tracks)[:, :, None], np.zeros(len(cameras), int)
-    gains = pair_gains(cameras, xy, reach=reach)
+    gains = pair_gains(cameras, xy, reach=reach, progress=progress)
     best = gains.best_offsets(len(cameras))
     (now, _), (then, _) = gains.of_cameras(none), gains.of_cameras(best)
     if (now >= KEPT_SHARE * then).all() or (strengths(gains, best) < LEAST_STRENGTH).any():

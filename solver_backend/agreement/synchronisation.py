@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.agreement.starts import FINE, ViewPeople, disagreements, whole_lags
+from solver_backend.agreement.starts import FINE, STAGE, ViewPeople, disagreements, whole_lags
 from solver_backend.cameras.camera_corrections import compared_pairs
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
@@ -15,7 +15,6 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
-STAGE = "Comparing the clocks"
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure weights."""
 DEPTH_SIGMA_M = 0.5
@@ -237,7 +236,7 @@ def estimate_delays(
     joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
     seen = cameras.subset(np.flatnonzero(moving).tolist())
     reach = min(max(round(REACH_S * keypoints.fps), LEAST_REACH_FRAMES), keypoints.num_frames // 3)
-    found = whole_lags(seen, tracks[moving][:, :, joints], reach)
+    found = whole_lags(seen, tracks[moving][:, :, joints], reach, progress)
     lags[moving] = found - _median(found)
     beyond[moving] = np.abs(lags[moving]) >= reach
     if lags.any() or others:
