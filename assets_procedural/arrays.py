@@ -7,10 +7,8 @@ import scipy.sparse as sp
 
 Array = np.ndarray
 
-NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)
-"""Features that a face of the mesh can show."""
-FLIP = np.array([-1.0, 1.0, 1.0])
-"""Turns a point into its mirror image."""
+NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)  # Features that a face of the mesh can show.
+FLIP = np.array([-1.0, 1.0, 1.0])  # Turns a point into its mirror image.
 
 
 def half_edges(faces: Array) -> Array:

@@ -40,10 +40,8 @@ _T = TypeVar("_T")
 class BuiltBody:
     """The arrays of the body file, and the input of its hands."""
 
-    arrays: dict[str, np.ndarray]
-    """Arrays of the body file by key."""
-    knots: Knots
-    """Knots of its digits. The pelvis is the origin."""
+    arrays: dict[str, np.ndarray]  # Arrays of the body file by key.
+    knots: Knots  # Knots of its digits. The pelvis is the origin.
 
 
 def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:

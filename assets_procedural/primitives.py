@@ -21,12 +21,9 @@ _FLOOR = 1e-9
 class Primitives:
     """``F(p) = sum_k exp(log_weight_k - |whiten_k (p - mean_k)|^2 / 2)`` over both halves; inside where F > 1."""
 
-    mean: np.ndarray
-    """(K, 3) metres, floor at y = 0."""
-    whiten: np.ndarray
-    """(K, 3, 3): diag(1 / scale) times the transposed rotation."""
-    log_weight: np.ndarray
-    """(K,)."""
+    mean: np.ndarray  # (K, 3) metres, floor at y = 0.
+    whiten: np.ndarray  # (K, 3, 3): diag(1 / scale) times the transposed rotation.
+    log_weight: np.ndarray  # (K,).
 
     @classmethod
     def from_half(

@@ -30,10 +30,8 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 from solver_backend.residuals.pose_mixture import read_mixture
 
-WEIGHTS = Path(__file__).parent / "weights"
-"""Folder of the weights that only comparisons need."""
-SVAE_DIM = 32
-"""Numbers of the code, as SPoser's."""
+WEIGHTS = Path(__file__).parent / "weights"  # Folder of the weights that only comparisons need.
+SVAE_DIM = 32  # Numbers of the code, as SPoser's.
 
 
 class SphericalVAE(PoseAutoencoder):
@@ -88,10 +86,8 @@ def load_svae(path: Path | str = WEIGHTS / "svae.npz") -> SphericalVAE:
     return SphericalVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-FACTORS = 10
-"""Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere."""
-LIE_DIM = 9 * FACTORS
-"""Numbers of the code: rotation matrices."""
+FACTORS = 10  # Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere.
+LIE_DIM = 9 * FACTORS  # Numbers of the code: rotation matrices.
 
 
 class LieVAE(PoseAutoencoder):
@@ -143,8 +139,7 @@ def load_lie_vae(path: Path | str = WEIGHTS / "lie_vae.npz") -> LieVAE:
     return LieVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})
 
 
-GMM_DIM = 3 * NUM_BODY_JOINTS
-"""Numbers of a pose as rotation vectors."""
+GMM_DIM = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 
 
 class GaussianMixture(PosePrior):

@@ -34,10 +34,8 @@ PATHS = {
 class Resolve:
     """What is solved again."""
 
-    motion: Path
-    """Motion file of the earlier solve."""
-    stretch: FrameRange
-    """Its frames, and the poses they must pass through."""
+    motion: Path  # Motion file of the earlier solve.
+    stretch: FrameRange  # Its frames, and the poses they must pass through.
 
     def as_dict(self) -> dict[str, object]:
         """Return plain values."""

@@ -17,10 +17,8 @@ VENV = Path(sys.prefix)
 COMPILED = VENV / "compiled"
 COMPILED_BEFORE = COMPILED.exists()
 """Whether tests ran before here: if not, one worker imports everything before the other, which finds it compiled."""
-LINTERS_PYTHON = (3, 11)
-"""Whose environment the linters look into; under another Python the tests run alone."""
-WORKERS = 2
-"""Processes that run tests: as many as the machine has cores that this was made for."""
+LINTERS_PYTHON = (3, 11)  # Whose environment the linters look into; under another Python the tests run alone.
+WORKERS = 2  # Processes that run tests: as many as the machine has cores that this was made for.
 
 
 def main(argv: list[str]) -> int:

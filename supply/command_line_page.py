@@ -11,8 +11,7 @@ from solver_backend.exchange.setting import Setting
 from solver_backend.exchange.verb import Program, Verb, help_of
 from solver_backend.exchange.verbs import SOLVING
 
-SHARED = 4
-"""An option that so many verbs take is listed once."""
+SHARED = 4  # An option that so many verbs take is listed once.
 _HEAD = """<!-- Made by python3 dev.py docs from the tables of verbs in solver_backend/exchange/verbs.json and
 blender_addon/headless/verbs.json; edit those. -->
 

@@ -16,8 +16,7 @@ REPRODUCED, CONTRADICTED, NOT_APPLICABLE = "reproduced", "contradicted", "not ap
 UNDECIDED, NOT_FOUND, NOT_PUBLISHED = "undecided", "not found", "no published figure"
 VERDICTS = (REPRODUCED, CONTRADICTED, NOT_FOUND, UNDECIDED, NOT_PUBLISHED, NOT_APPLICABLE)
 
-MANY_SEEDS = 50
-"""More are not counted out: a published difference that small is none for practice. Chosen by hand."""
+MANY_SEEDS = 50  # More are not counted out: a published difference that small is none for practice. Chosen by hand.
 
 _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/published_tables.json and baseline.json. -->
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from html import escape
 
-WIDTH = 720
-"""Of every picture, pixels: what a page shows without scaling."""
+WIDTH = 720  # Of every picture, pixels: what a page shows without scaling.
 INK, ACCENT, QUIET, WARM = "#24323a", "#1f6f8b", "#99a8b2", "#d08770"
 """Text and outlines; what is ours or solved; what is given; what is measured. All are legible on the paper."""
 _PAPER = '<rect width="100%" height="100%" rx="6" fill="#fff"/>'

@@ -19,12 +19,10 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
 TABLES = (Path("solver_backend/exchange/diagnostics.json"), Path("solver_backend/exchange/verbs.json"))
 """Tables with texts; values stand in braces."""
-VALUE = "{…}"
-"""Where a message holds a value."""
+VALUE = "{…}"  # Where a message holds a value.
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 """Two words beside each other: what holds none is a key, a path or a format."""
-_JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')
-"""A value in a line of a table."""
+_JSON_TEXT = re.compile(r'[:,] "((?:[^"\\]|\\.)*)"')  # A value in a line of a table.
 
 
 @cache

@@ -45,8 +45,7 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "limb_slants": train_limb_slants,
 }
 """What trains each prior."""
-STARTED = ("sposer", "lifter", "view_lifter")
-"""Priors that can go on from earlier weights."""
+STARTED = ("sposer", "lifter", "view_lifter")  # Priors that can go on from earlier weights.
 MORE_HELD_OUT: dict[str, frozenset[str]] = {name: frozenset({"49", "135"}) for name in ("view_lifter", "limb_slants")}
 """Subjects that a network is not trained on either: dance and cartwheels, martial arts."""
 

@@ -12,10 +12,8 @@ from assets_procedural.arrays import Array, averaging, neighbour_graph
 _FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
 _EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
 """Centre, from the head's joint, and radii of the ellipsoids to replace, metres. Chosen on the picture."""
-_AROUND = 1.45
-"""Radii up to which the surrounding skin defines the surface. Chosen on the picture."""
-_MIDDLE = np.array([0.0, 0.060, 0.020])
-"""Centre of the radii that describe the head, from the head's joint, metres."""
+_AROUND = 1.45  # Radii up to which the surrounding skin defines the surface. Chosen on the picture.
+_MIDDLE = np.array([0.0, 0.060, 0.020])  # Centre of the radii that describe the head, from the head's joint, metres.
 
 
 def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:

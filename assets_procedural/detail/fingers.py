@@ -60,8 +60,7 @@ DIGITS = {
     ),
 }  # fmt: skip
 """Measured on the fitted hand; the thumb first."""
-STRAIGHTENED = 1.14471
-"""Length of the hand with straight fingers over that with fingers at rest."""
+STRAIGHTENED = 1.14471  # Length of the hand with straight fingers over that with fingers at rest.
 
 
 def finger_knots(joints: Array) -> Array:

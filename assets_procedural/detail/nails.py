@@ -13,32 +13,23 @@ from assets_procedural.detail.fingers import DIGITS
 from assets_procedural.detail.patches import HalfBody, Patch, fan, replace, rings_to_faces
 from assets_procedural.layout import JOINT
 
-_AROUND = 10
-"""Vertices of each ring."""
+_AROUND = 10  # Vertices of each ring.
 _RINGS = (1.0, 0.86, 0.74)
 """Skin, bottom of the fold and border of the plate, as shares of the oval's radii, chosen by hand on the picture."""
-_HOLE = 1.25
-"""Radii within which vertices give way, so that the faces around a nail are no slivers."""
-_FOLD_M, _PLATE_M = -0.0004, 0.0003
-"""The fold lies below the skin, the plate above it, chosen by hand on the picture."""
-_DEEP_M, _BESIDE_M = 0.009, 0.011
-"""Largest depth under the nail's middle, and distance from it, of the skin around."""
-_FACING = 0.45
-"""Least cosine between the nail's normal and a normal of skin that shows the surface."""
+_HOLE = 1.25  # Radii within which vertices give way, so that the faces around a nail are no slivers.
+_FOLD_M, _PLATE_M = -0.0004, 0.0003  # The fold lies below the skin, the plate above it, chosen by hand on the picture.
+_DEEP_M, _BESIDE_M = 0.009, 0.011  # Largest depth under the nail's middle, and distance from it, of the skin around.
+_FACING = 0.45  # Least cosine between the nail's normal and a normal of skin that shows the surface.
 
 
 @dataclass(frozen=True)
 class NailPlace:
     """Place of one nail of the left side."""
 
-    centre: Array
-    """(3,) metres, within 2 mm of the skin."""
-    tip: Array
-    """(3,) unit vector to the tip."""
-    up: Array
-    """(3,) unit vector out of the skin, at a right angle to ``tip``."""
-    radii: Array
-    """(2,) across and along, metres, with the fold."""
+    centre: Array  # (3,) metres, within 2 mm of the skin.
+    tip: Array  # (3,) unit vector to the tip.
+    up: Array  # (3,) unit vector out of the skin, at a right angle to ``tip``.
+    radii: Array  # (2,) across and along, metres, with the fold.
 
     @property
     def axes(self) -> Array:

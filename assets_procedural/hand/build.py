@@ -98,10 +98,8 @@ def _wanted(
     return out
 
 
-HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")
-"""The file next to the body file."""
-_THUMB_SPREAD_DEG = 25.0
-"""Angle of the thumb of a flat hand, slightly below the palm."""
+HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")  # The file next to the body file.
+_THUMB_SPREAD_DEG = 25.0  # Angle of the thumb of a flat hand, slightly below the palm.
 
 
 def build_hands(built: BuiltBody) -> dict[str, Array]:

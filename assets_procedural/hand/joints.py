@@ -16,8 +16,7 @@ from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
 PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror
 """Parent, and joint of the other side, of each of the 52 joints."""
-LEFT = SMPL_HANDS.group("left_hand")
-"""The left hand's finger joints. Those before are SMPL's."""
+LEFT = SMPL_HANDS.group("left_hand")  # The left hand's finger joints. Those before are SMPL's.
 FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
 """The first finger joint, the left wrist, and the joints of a finger."""
 
@@ -30,10 +29,8 @@ def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]
     return bones | {j: [(joints[j], ends[j])] for j in LEFT}
 
 
-_DIGIT = {"pinky": "little"}
-"""Names of the generator's digits where they are not SMPL-H's fingers'."""
-_ROUNDS = 3
-"""Moves of the joints to the middle of sections that halve the bend between them."""
+_DIGIT = {"pinky": "little"}  # Names of the generator's digits where they are not SMPL-H's fingers'.
+_ROUNDS = 3  # Moves of the joints to the middle of sections that halve the bend between them.
 _FREE_SKIN, _BESIDE_M = 0.65, 0.006
 """Share of a finger's first bone beyond the web, and the most that a knuckle moves, metres."""
 
@@ -42,22 +39,17 @@ _FREE_SKIN, _BESIDE_M = 0.65, 0.006
 class HandJoints:
     """The body's joints with fingers, and the fingers' ends."""
 
-    joints: Array
-    """(52, 3) metres."""
-    joint_dirs: Array
-    """(52, 3, C) metres per unit of C shapes."""
-    tips: Array
-    """(10, 3) metres: the ends of the fingers inside the skin, in SMPL-H's order."""
+    joints: Array  # (52, 3) metres.
+    joint_dirs: Array  # (52, 3, C) metres per unit of C shapes.
+    tips: Array  # (10, 3) metres: the ends of the fingers inside the skin, in SMPL-H's order.
 
 
 @dataclass(frozen=True)
 class Knots:
     """The knots of both hands' relaxed digits, the thumb first (see ``finger_knots``)."""
 
-    points: Array
-    """(40, 3) metres."""
-    directions: Array
-    """(40, 3, 10) metres per unit of shape."""
+    points: Array  # (40, 3) metres.
+    directions: Array  # (40, 3, 10) metres per unit of shape.
 
     @classmethod
     def relaxed(cls, spread: Array, directions: Array) -> Knots:
@@ -134,10 +126,8 @@ def section_centre(vertices: Array, faces: Array, near: Array, normal: Array) ->
     return weights
 
 
-_FLOW, _SMALLEST = 3.0, 0.01
-"""Sharpness with which heat keeps to the nearest bone, and the least share of a bone."""
-_BONES = 4
-"""Most bones of a hand that carry a vertex, as glTF and game engines keep."""
+_FLOW, _SMALLEST = 3.0, 0.01  # Sharpness with which heat keeps to the nearest bone, and the least share of a bone.
+_BONES = 4  # Most bones of a hand that carry a vertex, as glTF and game engines keep.
 
 
 def hand_weights(vertices: Array, faces: Array, weights: Array, joints: Array, tips: Array, mirror: Array) -> Array:

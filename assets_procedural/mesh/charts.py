@@ -22,10 +22,8 @@ _GRID_M = 1e-6
 class TextureMap:
     """Texture coordinates with seams."""
 
-    vt: Array
-    """(T, 2) coordinates in [0, 1]."""
-    ft: Array
-    """(F, 3) index into ``vt`` of each face's corners."""
+    vt: Array  # (T, 2) coordinates in [0, 1].
+    ft: Array  # (F, 3) index into ``vt`` of each face's corners.
 
     def per_vertex(self, faces: Array, count: int) -> Array:
         """Return (V, 2) one coordinate per vertex, the first chart's at seams."""

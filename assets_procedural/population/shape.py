@@ -162,12 +162,9 @@ def _ramp(x: Array, low: float, high: float) -> Array:
     return (bend(x - low) - bend(x - high)) / (high - low)
 
 
-NUM_BETAS = 10
-"""Shape coefficients, as many as SMPL's files commonly have."""
-NEUTRAL_STATURE_M = 1.70
-"""Stature of the mean shape, metres: between the means of women and men, chosen by hand."""
-_MARGIN_M = 0.001
-"""Margin of shapes to the 1st and 99th percentile, metres, chosen by hand."""
+NUM_BETAS = 10  # Shape coefficients, as many as SMPL's files commonly have.
+NEUTRAL_STATURE_M = 1.70  # Stature of the mean shape, metres: between the means of women and men, chosen by hand.
+_MARGIN_M = 0.001  # Margin of shapes to the 1st and 99th percentile, metres, chosen by hand.
 _TRUNK_GIRTHS = ("chestcircumference", "waistcircumference", "buttockcircumference")
 
 

@@ -45,8 +45,7 @@ MEASURES = (
     "wristcircumference",
 )
 """ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths."""
-NUM_LENGTHS = 9
-"""Lengths among ``MEASURES``."""
+NUM_LENGTHS = 9  # Lengths among ``MEASURES``.
 
 
 @dataclass(frozen=True)

@@ -47,10 +47,8 @@ HANDS: dict[str, Degrees] = {
     | _thumb(25, 21, 26, -6, -2),
 }
 """Angles in degrees by name. Joints without an angle are at rest."""
-_FACES = 0.7
-"""Cosine by which faces of the palm look off the back of the hand."""
-_PALM = (0.88, 0.64, 0.52)
-"""Colour of palms on the sheet, which shows where they are in each pose."""
+_FACES = 0.7  # Cosine by which faces of the palm look off the back of the hand.
+_PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, which shows where they are in each pose.
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
 """Yaw and pitch of the views of a left hand: back, palm, thumb's side, from the fingertips, little finger's side."""
 

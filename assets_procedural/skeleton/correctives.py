@@ -22,11 +22,9 @@ NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
 _SLIGHT_M = 1.5e-4
 """Largest corrective of a vertex by a joint that is excluded: every row takes 116 bytes."""
-_LEFT_OUT = ("hand",)
-"""Joints without correctives: all fingers bend as one, and no solve moves them."""
+_LEFT_OUT = ("hand",)  # Joints without correctives: all fingers bend as one, and no solve moves them.
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
-_RAISED_FROM, _RAISED = 0.35, 0.9
-"""Sines of the angles at which an arm begins to count as raised, and wholly does."""
+_RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins to count as raised, and wholly does.
 _TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5
 """Averages over neighbours, and shares of its area at rest at which skin begins to be taut, and is."""
 _TOUCHING_JOINTS = ("elbow",)
@@ -43,8 +41,7 @@ _FLEXION = {  # joint: axis and range of its main bend, radians
 _SECOND_BEND = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
 """Standard deviation of the sampled rotations of each kind of joint, radians, chosen by hand."""
-_OTHER_SPREAD_RAD = 0.18
-"""The same of all other joints."""
+_OTHER_SPREAD_RAD = 0.18  # The same of all other joints.
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:

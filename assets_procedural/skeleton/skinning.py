@@ -10,12 +10,9 @@ from assets_procedural.arrays import Array, face_normals, normal_sums
 from assets_procedural.layout import JOINT, MIRROR_JOINT, PARENTS
 from assets_procedural.skeleton.joints import Segment, bone_segments
 
-MAX_INFLUENCES = 6
-"""Joints that move one vertex at most, chosen by hand."""
-_SMALLEST = 0.005
-"""Weight that is dropped, a share of 1, chosen by hand."""
-_FLOW = 3.0
-"""``c`` of the heat ``c / d²`` that a bone gives (Baran, Popovic 2007), chosen by hand."""
+MAX_INFLUENCES = 6  # Joints that move one vertex at most, chosen by hand.
+_SMALLEST = 0.005  # Weight that is dropped, a share of 1, chosen by hand.
+_FLOW = 3.0  # ``c`` of the heat ``c / d²`` that a bone gives (Baran, Popovic 2007), chosen by hand.
 _LEFT_LEG = ("left_hip", "left_knee", "left_ankle", "left_foot")
 
 

@@ -141,10 +141,8 @@ _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 class BodyPose:
     """One frame of an SMPL-type body."""
 
-    rotvec: np.ndarray
-    """(J, 3) axis-angle in radians: the root maps body to world, the others child to parent."""
-    transl: np.ndarray
-    """(3,) metres: the pelvis is at ``J_0(betas) + transl``."""
+    rotvec: np.ndarray  # (J, 3) axis-angle in radians: the root maps body to world, the others child to parent.
+    transl: np.ndarray  # (3,) metres: the pelvis is at ``J_0(betas) + transl``.
 
 
 def read_pose(

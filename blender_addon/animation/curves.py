@@ -202,10 +202,8 @@ def _enum_value(prop: str, *names: str) -> int:
     return next(items[name].value for name in names if name in items)
 
 
-RATE = "scene_fps"
-"""Custom property of an action: the scene's frames per second for which its keys are placed."""
-_SAME = 1e-4
-"""Relative difference below which two frame rates are equal."""
+RATE = "scene_fps"  # Custom property of an action: the scene's frames per second for which its keys are placed.
+_SAME = 1e-4  # Relative difference below which two frame rates are equal.
 
 
 def same_rate(a: float, b: float) -> bool:

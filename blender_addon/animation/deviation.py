@@ -19,10 +19,8 @@ from ..conventions.timing import TakeTiming, go_to_frame
 class Deviation:
     """Largest distances over some frames."""
 
-    joints_mm: float
-    """Heads of the pose bones from the motion file's joints, or from the tree's if the file has none."""
-    skin_mm: float
-    """Evaluated mesh from the model: skinning with the body's shape and pose correctives."""
+    joints_mm: float  # Heads of the pose bones from the motion file's joints, or from the tree's if the file has none.
+    skin_mm: float  # Evaluated mesh from the model: skinning with the body's shape and pose correctives.
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:

@@ -8,18 +8,15 @@ import numpy as np
 
 from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
-_SMOOTH_S = 0.25
-"""Standard deviation of the Gaussian filter, which leaves the sway to the hips."""
+_SMOOTH_S = 0.25  # Standard deviation of the Gaussian filter, which leaves the sway to the hips.
 
 
 @dataclass(frozen=True)
 class GroundPath:
     """A person's path over the ground."""
 
-    way: np.ndarray
-    """(F, 3) metres from the stage's origin, z = 0."""
-    turns: np.ndarray
-    """(F, 3, 3) heading as a rotation about Z from facing -Y."""
+    way: np.ndarray  # (F, 3) metres from the stage's origin, z = 0.
+    turns: np.ndarray  # (F, 3, 3) heading as a rotation about Z from facing -Y.
 
 
 def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:

@@ -13,20 +13,16 @@ import numpy as np
 from .._exchange.so3 import matrix_from_quat
 from ..conventions.skeleton import LAYOUTS, layout_of
 
-_PULL = 1e-3
-"""Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes."""
+_PULL = 1e-3  # Weight that draws slopes to those of the neighbours, so that adjacent keys have defined slopes.
 
 
 @dataclass(frozen=True)
 class SparseCurves:
     """N cubic Hermite splines that share K keys."""
 
-    frames: np.ndarray
-    """(K,) frames of the take, ascending."""
-    values: np.ndarray
-    """(K, N) values of the take at the keys."""
-    slopes: np.ndarray
-    """(K, N) per frame."""
+    frames: np.ndarray  # (K,) frames of the take, ascending.
+    values: np.ndarray  # (K, N) values of the take at the keys.
+    slopes: np.ndarray  # (K, N) per frame.
 
     @classmethod
     def fitted(cls, values: np.ndarray, frames: np.ndarray) -> SparseCurves:
@@ -75,15 +71,12 @@ def _hermite(frames: np.ndarray, num_frames: int) -> tuple[np.ndarray, np.ndarra
     return left, np.stack([1 - value_right, value_right, *slopes], axis=1)
 
 
-_MOVES = (1, -1, 2, -2, 4, -4)
-"""Trial moves of a key in candidates."""
+_MOVES = (1, -1, 2, -2, 4, -4)  # Trial moves of a key in candidates.
 _SWEEPS = 4
 _NEIGHBOURS = 3
 """Keys on each side that are refitted with a moved key. A more distant key changes the fit by about a hundredth."""
-_POWER = 6
-"""Power of the mean that moves minimise: close to the largest distance, but smooth."""
-_SHARE = 8
-"""Each pass over the take places one in this many of the missing keys."""
+_POWER = 6  # Power of the mean that moves minimise: close to the largest distance, but smooth.
+_SHARE = 8  # Each pass over the take places one in this many of the missing keys.
 
 
 class Distance(Protocol):

@@ -10,10 +10,8 @@ import numpy as np
 from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE, MotionFile
 from .curves import CurveTarget, action_curves, current_action, key_type_values, write_curves
 
-HALF_AT_M = 0.03
-"""Standard deviation at which confidence is one half."""
-_UNSURE_AT_MOST = 0.3
-"""Highest confidence of a flagged frame, 0 to 1, chosen by hand."""
+HALF_AT_M = 0.03  # Standard deviation at which confidence is one half.
+_UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen by hand.
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:

@@ -10,8 +10,7 @@ import numpy as np
 from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, switch_path
 from .curves import CurveTarget, action_curves
 
-Keys = dict[str, np.ndarray]
-"""Each field of the keys of one curve, by its name in Blender."""
+Keys = dict[str, np.ndarray]  # Each field of the keys of one curve, by its name in Blender.
 
 _FLOATS = {"co": 2, "handle_left": 2, "handle_right": 2, "back": 1, "amplitude": 1, "period": 1}
 """Numbers per keyframe point in each of Blender's columns."""
@@ -84,8 +83,7 @@ def _linear_keys(times: np.ndarray, values: np.ndarray, like: Keys) -> Keys:
     return keys | {"interpolation": np.full((len(times), 1), _LINEAR, np.int32)}
 
 
-_NEAR = 1e-3
-"""Scene frames within which a key lies on a frame."""
+_NEAR = 1e-3  # Scene frames within which a key lies on a frame.
 _SWITCHES = tuple(switch_path(limb) for limb in LIMBS)
 
 

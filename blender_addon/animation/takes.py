@@ -19,18 +19,12 @@ from .layers import keep_users_action, lay_aside, restore_place
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files of its solve."""
-PERSON = "person"
-"""Custom property of an action: the person, if a capture shows several people."""
-ERROR = "error_text"
-"""Custom property of an action: the median error of the solve as text."""
-DIAGNOSTICS = "diagnostics"
-"""Custom property of an action: the diagnostics of its solve as JSON text."""
-WARNINGS = "warnings"
-"""Custom property of an action: the warnings of its solve, one per line."""
-_HALF = 0.5
-"""A limb's switch between joints (0) and end (1)."""
-BETAS = "betas"
-"""Custom property of an action: the shape it was solved with."""
+PERSON = "person"  # Custom property of an action: the person, if a capture shows several people.
+ERROR = "error_text"  # Custom property of an action: the median error of the solve as text.
+DIAGNOSTICS = "diagnostics"  # Custom property of an action: the diagnostics of its solve as JSON text.
+WARNINGS = "warnings"  # Custom property of an action: the warnings of its solve, one per line.
+_HALF = 0.5  # A limb's switch between joints (0) and end (1).
+BETAS = "betas"  # Custom property of an action: the shape it was solved with.
 
 
 @dataclass(frozen=True)
@@ -52,12 +46,9 @@ class SolveFiles:
 class SolvedAgain:
     """A range of a take that was solved again."""
 
-    take: str
-    """Name of the action."""
-    first: int
-    """First frame of the capture, from 0."""
-    last: int
-    """Last frame of the capture."""
+    take: str  # Name of the action.
+    first: int  # First frame of the capture, from 0.
+    last: int  # Last frame of the capture.
 
 
 def take_file(action: bpy.types.Action, key: str) -> Path:

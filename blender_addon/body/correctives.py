@@ -25,12 +25,9 @@ from ..conventions.skeleton import BodyLayout
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile, once_a_body
 
-JOINT, VERTEX = "joint", "vertex"
-"""Names of the table's attributes for the joint and vertex of a row."""
-ROW = "corrective row"
-"""Name of the skin's attribute for a vertex's first row in the table."""
-IN_POSITION = 2, 2
-"""Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway."""
+JOINT, VERTEX = "joint", "vertex"  # Names of the table's attributes for the joint and vertex of a row.
+ROW = "corrective row"  # Name of the skin's attribute for a vertex's first row in the table.
+IN_POSITION = 2, 2  # Row and column of ``R - I`` whose vectors are the table's positions, which a mesh has anyway.
 NO_ROW, MIRRORED = -1, -2
 """Value of vertices that nothing moves, and -2 - r for a vertex whose mirror image has the row r."""
 
@@ -114,8 +111,7 @@ def _lay_out(tree: bpy.types.NodeTree) -> None:
         node.location = (220.0 * (k // 8), -180.0 * (k % 8))
 
 
-CORRECTIVES = "Pose Correctives"
-"""Name of the modifier."""
+CORRECTIVES = "Pose Correctives"  # Name of the modifier.
 _LARGEST_FEATURE = 2.0
 _LEAST_M = 5e-5
 """Displacements that no rotation makes larger are left out."""
@@ -128,12 +124,9 @@ _FLIP, _TURNED = np.array([-1.0, 1.0, 1.0]), np.array([1.0, -1.0, -1.0])
 class CorrectiveTable:
     """The pose correctives that are not zero, a row per vertex and joint that moves it, by vertex."""
 
-    vertex: np.ndarray
-    """(N,) index of the vertex, rising."""
-    joint: np.ndarray
-    """(N,) index of the joint, 1..J-1."""
-    directions: np.ndarray
-    """(N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``."""
+    vertex: np.ndarray  # (N,) index of the vertex, rising.
+    joint: np.ndarray  # (N,) index of the joint, 1..J-1.
+    directions: np.ndarray  # (N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``.
 
     def part(self, chosen: np.ndarray) -> CorrectiveTable:
         """Return some of the rows."""

@@ -24,8 +24,7 @@ _ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_
 A positive turn about local X then flexes every limb: thigh, arm and trunk forward, shin back, palm in, toes up. Left
 and right mirror each other.
 """
-_SHORTEST_M = 0.02
-"""Minimum length of a bone in metres, as Blender deletes bones of no length, chosen by hand."""
+_SHORTEST_M = 0.02  # Minimum length of a bone in metres, as Blender deletes bones of no length, chosen by hand.
 _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 
@@ -33,12 +32,9 @@ _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 class BoneLayout:
     """The J bones of a shaped body."""
 
-    heads: np.ndarray
-    """(J, 3) metres."""
-    tails: np.ndarray
-    """(J, 3) metres."""
-    roll_axes: np.ndarray
-    """(J, 3) unit vectors in the direction of local Z."""
+    heads: np.ndarray  # (J, 3) metres.
+    tails: np.ndarray  # (J, 3) metres.
+    roll_axes: np.ndarray  # (J, 3) unit vectors in the direction of local Z.
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:

@@ -84,8 +84,7 @@ def _cost(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
     return np.maximum(skew / _SKEW_DEG, bend / _FLAT_DEG)
 
 
-_LEAST_WEIGHT = 1e-4
-"""Smallest weight of a vertex that is kept, chosen by hand."""
+_LEAST_WEIGHT = 1e-4  # Smallest weight of a vertex that is kept, chosen by hand.
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:

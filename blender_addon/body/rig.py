@@ -19,8 +19,7 @@ from .layout import around_pelvis, lay_out_bones, shape_directions
 from .mesh import create_mesh
 from .shape import add_looks, add_shape_keys, all_sliders, get_betas
 
-_LEAST_M, _SAME_M = 5e-7, 5e-7
-"""Metres per beta: smaller effects are ignored, and two that differ by less are equal."""
+_LEAST_M, _SAME_M = 5e-7, 5e-7  # Metres per beta: smaller effects are ignored, and two that differ by less are equal.
 _MOST_OTHERS = 6
 _LARGEST_FACTOR = 4.0
 """Largest factor of a combination, as larger ones would magnify Blender's rounding."""
@@ -145,10 +144,8 @@ def _drive_by_betas(
 class Rig:
     """The objects of one body."""
 
-    armature: bpy.types.Object
-    """A posed bone per joint with a hidden deform bone, a root, and hands and feet to place."""
-    mesh: bpy.types.Object
-    """The skin, with ten shape sliders and pose correctives."""
+    armature: bpy.types.Object  # A posed bone per joint with a hidden deform bone, a root, and hands and feet to place.
+    mesh: bpy.types.Object  # The skin, with ten shape sliders and pose correctives.
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:

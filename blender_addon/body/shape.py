@@ -140,8 +140,7 @@ def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:
     return next((child for child in armature.children if child.type == "MESH" and child.data.shape_keys), None)
 
 
-LARGEST_BETA = 5.0
-"""Range of the sliders in standard deviations."""
+LARGEST_BETA = 5.0  # Range of the sliders in standard deviations.
 
 
 def add_shape_keys(mesh: bpy.types.Object, body: BodyFile, betas: np.ndarray) -> None:

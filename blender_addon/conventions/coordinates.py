@@ -22,8 +22,7 @@ R_ARMATURE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 QUAT_BODY_ARMATURE = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 """The inverse of ``R_ARMATURE_BODY`` as a quaternion wxyz: -90° about X."""
 
-SENSOR_WIDTH_MM = 36.0
-"""Nominal sensor width. Only its ratio to the focal length has an effect."""
+SENSOR_WIDTH_MM = 36.0  # Nominal sensor width. Only its ratio to the focal length has an effect.
 
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
@@ -32,14 +31,10 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 class BlenderLens:
     """A pinhole in Blender's words, for ``sensor_fit = 'HORIZONTAL'``."""
 
-    focal_mm: float
-    """Focal length for a sensor of ``SENSOR_WIDTH_MM``."""
-    shift_x: float
-    """Principal point left of the image's centre, in image widths."""
-    shift_y: float
-    """Principal point below the image's centre, in image widths of square pixels."""
-    pixel_aspect: tuple[float, float]
-    """The scene's pixel aspect x and y, both at least 1."""
+    focal_mm: float  # Focal length for a sensor of ``SENSOR_WIDTH_MM``.
+    shift_x: float  # Principal point left of the image's centre, in image widths.
+    shift_y: float  # Principal point below the image's centre, in image widths of square pixels.
+    pixel_aspect: tuple[float, float]  # The scene's pixel aspect x and y, both at least 1.
 
 
 def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> BlenderLens:

@@ -6,8 +6,7 @@ from typing import Any
 
 import bpy
 
-Colour = tuple[float, float, float, float]
-"""Linear RGBA."""
+Colour = tuple[float, float, float, float]  # Linear RGBA.
 
 BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Skin", (0.58, 0.36, 0.26, 1.0)),
@@ -19,10 +18,8 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Nail", (0.68, 0.46, 0.37, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices. Larger indices take the last one."""
-MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)
-"""Of a body that is shown as a mannequin."""
-GLOSSY = ("Skin",)
-"""Materials with a principled surface. Others are a tenth as large in a file."""
+MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)  # Of a body that is shown as a mannequin.
+GLOSSY = ("Skin",)  # Materials with a principled surface. Others are a tenth as large in a file.
 
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
@@ -30,8 +27,7 @@ MARKER_COLOURS: tuple[Colour, ...] = (
     (0.85, 0.85, 0.9, 1.0), (0.05, 0.62, 0.20, 1.0), (0.95, 0.55, 0.03, 1.0), (0.85, 0.05, 0.04, 1.0),
 )  # fmt: skip
 """Optical markers: not solved, near the solved body, off it and far off it."""
-FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))
-"""Tiles and lines."""
+FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))  # Tiles and lines.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:

@@ -9,8 +9,7 @@ import bpy
 
 from .._exchange.errors import MocapError
 
-BESIDE = "mocap"
-"""Folder of captures and takes next to a saved .blend file."""
+BESIDE = "mocap"  # Folder of captures and takes next to a saved .blend file.
 _MOVED = "moved.json"
 
 

@@ -12,10 +12,8 @@ import numpy as np
 class TakeTiming:
     """Maps frames of a take to frames of a scene, by time."""
 
-    start: float
-    """Scene frame of the take's first frame."""
-    scene_fps: float
-    """Frames per second of the scene."""
+    start: float  # Scene frame of the take's first frame.
+    scene_fps: float  # Frames per second of the scene.
 
     def scene_frames(self, count: int, fps: float) -> np.ndarray:
         """Return the (count,) scene frames of a take at ``fps``: ``start + i scene_fps / fps``."""

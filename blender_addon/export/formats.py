@@ -49,24 +49,18 @@ UNITS = (
     ("cm", "Centimetres", "One unit of the file is a centimetre, without a scale on the skeleton"),
 )
 """Length units of FBX files."""
-UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up, as in Blender"))
-"""Axes of FBX files."""
+UP_AXES = (("Y", "Y Up", "Y points up, -Z is ahead"), ("Z", "Z Up", "Z points up, as in Blender"))  # Axes of FBX files.
 
 
 @dataclass(frozen=True)
 class FileLayout:
     """How the skeleton is laid out in a file. BVH, FBX, glTF and USD keep to it as far as they can."""
 
-    unit: str = "m"
-    """Of ``UNITS``. Formats other than FBX state their own."""
-    up: str = "Y"
-    """Of ``UP_AXES``. Formats other than FBX state their own."""
-    root: str = "body"
-    """Of ``ROOT_MOTIONS``."""
-    fingers: bool = True
-    """Keep finger bones. Otherwise hands carry their skin."""
-    node: str = ""
-    """Name of the skeleton's object in the file, "" for the armature's own."""
+    unit: str = "m"  # Of ``UNITS``. Formats other than FBX state their own.
+    up: str = "Y"  # Of ``UP_AXES``. Formats other than FBX state their own.
+    root: str = "body"  # Of ``ROOT_MOTIONS``.
+    fingers: bool = True  # Keep finger bones. Otherwise hands carry their skin.
+    node: str = ""  # Name of the skeleton's object in the file, "" for the armature's own.
 
     @property
     def metres_a_unit(self) -> float:
@@ -74,20 +68,16 @@ class FileLayout:
         return 0.01 if self.unit == "cm" else 1.0
 
 
-AS_RECORDED = FileLayout()
-"""Metres, Y up, the travel on the hips, fingers, the armature's own name."""
+AS_RECORDED = FileLayout()  # Metres, Y up, the travel on the hips, fingers, the armature's own name.
 
 
 @dataclass(frozen=True)
 class Destination:
     """A program that takes are made for."""
 
-    label: str
-    """Its name."""
-    format: str
-    """Key of ``FORMATS``."""
-    description: str
-    """Contents of the file, for people."""
+    label: str  # Its name.
+    format: str  # Key of ``FORMATS``.
+    description: str  # Contents of the file, for people.
     layout: FileLayout
 
 

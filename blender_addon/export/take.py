@@ -20,12 +20,9 @@ from ..errors import NothingToExport
 from ..scene.session import alone
 from .formats import AS_RECORDED, FileLayout
 
-_WHOLE = 1e-3
-"""Difference of frames, and relative one of rates, that is none."""
-_EVEN = 1e-4
-"""Relative difference of scales that is none."""
-_SLACK = 0.01
-"""Tolerance of keys in frames, as Blender stores them in single precision; chosen by hand."""
+_WHOLE = 1e-3  # Difference of frames, and relative one of rates, that is none.
+_EVEN = 1e-4  # Relative difference of scales that is none.
+_SLACK = 0.01  # Tolerance of keys in frames, as Blender stores them in single precision; chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -205,8 +202,7 @@ def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
     return obj
 
 
-_PROGRESS_STEP = 100
-"""Frames from one report of progress to the next, chosen by hand."""
+_PROGRESS_STEP = 100  # Frames from one report of progress to the next, chosen by hand.
 
 
 @dataclass(frozen=True)

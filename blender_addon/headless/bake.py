@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from ..animation.takes import SolveFiles
     from ..render.subject import RenderedTake
 
-_CHECKED_FRAMES = 8
-"""Frames of a bake that are compared with the motion, chosen by hand."""
+_CHECKED_FRAMES = 8  # Frames of a bake that are compared with the motion, chosen by hand.
 _TOLERATED_MM = 1.0
 _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
 """Endings of the pictures' names."""

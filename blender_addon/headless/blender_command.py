@@ -1,7 +1,6 @@
 """``blender --command manifold_mocap``: the same command line inside Blender. Registering it loads nothing else."""
 
-COMMAND = "manifold_mocap"
-"""Name of the command inside Blender."""
+COMMAND = "manifold_mocap"  # Name of the command inside Blender.
 
 
 def run(arguments: list[str]) -> int:
@@ -34,5 +33,4 @@ class Command:
         self._handle = None
 
 
-command = Command()
-"""The one command of this add-on."""
+command = Command()  # The one command of this add-on.

@@ -23,8 +23,7 @@ _AUTHOR = "Manifold MoCap contributors"
 _TAGS = ("body", "character", "rig", "SMPL")
 _PREVIEW_PX = 256
 """Width and height of an asset's preview, pixels, chosen by hand."""
-_BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])
-"""Red, green, blue and opacity behind the body, chosen by hand."""
+_BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])  # Red, green, blue and opacity behind the body, chosen by hand.
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:

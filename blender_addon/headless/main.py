@@ -14,10 +14,8 @@ from .result import CommandResult
 from .verb_table import MODULE, VERBS
 from .verb_table import program as program_called
 
-_INTERVAL_S = 0.2
-"""Least time between two progress lines of one stage, seconds, chosen by hand."""
-_GRACE_S = 5.0
-"""Seconds that a run has to end by itself once the program that started it is gone, chosen by hand."""
+_INTERVAL_S = 0.2  # Least time between two progress lines of one stage, seconds, chosen by hand.
+_GRACE_S = 5.0  # Seconds that a run has to end by itself once the program that started it is gone, chosen by hand.
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:

@@ -12,8 +12,7 @@ from .children import pass_on
 from .process import require_blender
 from .result import CommandResult
 
-_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
-"""Files that the solver cannot read."""
+_OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cannot read.
 
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:

@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from ..retarget.retarget import RetargetSettings
     from ..retarget.rig_map import RigMap
 
-_SAME_RATE = 1e-3
-"""Relative difference below which two frame rates are equal, chosen by hand."""
+_SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, chosen by hand.
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
 
 

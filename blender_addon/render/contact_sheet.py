@@ -17,12 +17,9 @@ from .stage import RenderQuality, open_stage, render_still, write_targa
 from .subject import RenderedTake
 from .view import View, close_view, three_quarter_view
 
-_ASCENT, _DESCENT = 0.95, 0.35
-"""Reach of letters above and below the line, in font sizes."""
-_SHRINK = 3
-"""Letters are rendered larger by this factor and shrunk, chosen by hand."""
-_PLAQUE = (0.05, 0.055, 0.065, 0.62)
-"""Red, green, blue and opacity behind letters, chosen by hand."""
+_ASCENT, _DESCENT = 0.95, 0.35  # Reach of letters above and below the line, in font sizes.
+_SHRINK = 3  # Letters are rendered larger by this factor and shrunk, chosen by hand.
+_PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind letters, chosen by hand.
 
 
 class Lettering:
@@ -84,8 +81,7 @@ def open_lettering(folder: Path, height: int) -> Iterator[Lettering]:
         bpy.data.cameras.remove(lens)
 
 
-GAP = 4
-"""Pixels between pictures."""
+GAP = 4  # Pixels between pictures.
 
 
 @dataclass(frozen=True)
@@ -164,10 +160,8 @@ POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK = RenderQuality(shrink=3, cavity=True, shadows=True)
 """Tiles are rendered three times as large and shrunk, chosen by hand."""
-_FOOTAGE_OPACITY = 0.8
-"""Opacity of the body over footage, chosen by hand."""
-_SHEET_COLOUR = (24, 26, 30)
-"""Red, green and blue between the tiles, 0 to 255, chosen by hand."""
+_FOOTAGE_OPACITY = 0.8  # Opacity of the body over footage, chosen by hand.
+_SHEET_COLOUR = (24, 26, 30)  # Red, green and blue between the tiles, 0 to 255, chosen by hand.
 _STAGE = "rendering the contact sheet"
 
 

@@ -15,23 +15,17 @@ from ..scene.cameras import create_camera
 from .picture import read_targa
 from .view import View
 
-_STUDIO = "paint.sl"
-"""The brightest light of Blender."""
-
-Window = tuple[int, int, int, int]
-"""x0, y0, x1, y1 of a part of a picture, in pixels from the top left."""
+_STUDIO = "paint.sl"  # The brightest light of Blender.
+Window = tuple[int, int, int, int]  # x0, y0, x1, y1 of a part of a picture, in pixels from the top left.
 
 
 @dataclass(frozen=True)
 class RenderQuality:
     """Quality of a stage. Averaging larger pictures is much faster than more samples."""
 
-    shrink: int = 2
-    """Pictures are rendered this many times larger and averaged."""
-    cavity: bool = False
-    """Darken creases and brighten ridges."""
-    shadows: bool = False
-    """Cast hard shadows."""
+    shrink: int = 2  # Pictures are rendered this many times larger and averaged.
+    cavity: bool = False  # Darken creases and brighten ridges.
+    shadows: bool = False  # Cast hard shadows.
 
 
 @dataclass(frozen=True)

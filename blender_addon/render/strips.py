@@ -22,16 +22,11 @@ from .stage import render_still, write_targa
 class FootageReader:
     """Reads single images of a video or an image sequence at a given size."""
 
-    scene: bpy.types.Scene
-    """Renders the footage."""
-    folder: Path
-    """For temporary files."""
-    length: int
-    """Number of images."""
-    native_size: tuple[int, int]
-    """Width and height of the files' images in pixels."""
-    size: tuple[int, int]
-    """Width and height of the images that are returned."""
+    scene: bpy.types.Scene  # Renders the footage.
+    folder: Path  # For temporary files.
+    length: int  # Number of images.
+    native_size: tuple[int, int]  # Width and height of the files' images in pixels.
+    size: tuple[int, int]  # Width and height of the images that are returned.
 
     def image(self, index: int) -> np.ndarray:
         """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8.

@@ -24,8 +24,7 @@ from .stage import RenderQuality, open_stage
 from .strips import open_footage
 from .view import View
 
-Backdrop = Callable[[int], np.ndarray]
-"""Returns a new (h, w, 3) picture behind the body for a frame of the footage."""
+Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture behind the body for a frame of the footage.
 
 _OUTSIDE = (30, 32, 36)
 _CUT = 0.02
@@ -83,8 +82,7 @@ def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple
     return (seen + 0.5) * np.array(read_size) / covered - 0.5
 
 
-Colour = tuple[float, float, float]
-"""sRGB in 0..1."""
+Colour = tuple[float, float, float]  # sRGB in 0..1.
 
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)

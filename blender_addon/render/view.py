@@ -13,8 +13,7 @@ from ..conventions.skeleton import JOINTS
 BODY_REACH_M = np.array([0.26 if joint == "head" else 0.2 for joint in JOINTS])
 """(24,) distance from each joint to the skin, in metres."""
 
-_CLOSEST = 0.5
-"""Smallest visible share of a camera's image."""
+_CLOSEST = 0.5  # Smallest visible share of a camera's image.
 
 
 @dataclass(frozen=True)

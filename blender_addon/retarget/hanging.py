@@ -20,8 +20,7 @@ from ..scene.session import alone
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))
 """Motion of each control, as shares of the rig's size."""
-_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02
-"""Radians, and share of a shift, that are ignored."""
+_ALIKE_TURN, _ALIKE_SHIFT = 0.02, 0.02  # Radians, and share of a shift, that are ignored.
 _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_angle", "scale")
 
 

@@ -22,8 +22,7 @@ from .retarget import Channel, RetargetSettings, channels_of, deviation_m, requi
 from .rig_map import RigMap
 from .target_rig import read_target
 
-_BONES = 3
-"""Bones of a finger of our body."""
+_BONES = 3  # Bones of a finger of our body.
 
 
 class LiveRig:

@@ -17,15 +17,12 @@ from ..scene.bake import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
 from .motion.limbs import bend_to, eased, longest_reach, swing, within_reach
 
-_LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))
-"""Hip, knee, ankle and ball of each leg among SMPL's joints."""
+_LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))  # Hip, knee, ankle and ball of each leg among SMPL's joints.
 _ANKLES = [leg[2] for leg in _LEGS]
 _HEEL_BEHIND = 0.35
 """Distance of a heel behind its ankle by the level distance from the ankle to the ball, as of our body."""
-_EASE_S = 0.15
-"""Seconds before and after a contact in which the foot leaves its own path and returns to it."""
-LOCKED = " feet locked"
-"""Suffix of the names of such takes."""
+_EASE_S = 0.15  # Seconds before and after a contact in which the foot leaves its own path and returns to it.
+LOCKED = " feet locked"  # Suffix of the names of such takes.
 
 
 @dataclass(frozen=True)
@@ -108,10 +105,8 @@ def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]
 
 @dataclass(frozen=True)
 class _Foot:
-    ankle: np.ndarray
-    """(F, 3) its place."""
-    turn: np.ndarray
-    """(F, 3, 3) rotation of the foot about it."""
+    ankle: np.ndarray  # (F, 3) its place.
+    turn: np.ndarray  # (F, 3, 3) rotation of the foot about it.
     stands: int
     slid_m: float
 

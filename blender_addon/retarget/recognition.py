@@ -140,10 +140,8 @@ def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str,
     return roles if roles.keys() >= _NEEDED and len(set(roles.values())) == len(roles) else {}
 
 
-_VRM = "vrm_addon_extension"
-"""Custom property of the VRM add-on with a file's humanoid."""
-_STATED = "stated_humanoid"
-"""Custom property of ours with bones by VRM's name, as JSON."""
+_VRM = "vrm_addon_extension"  # Custom property of the VRM add-on with a file's humanoid.
+_STATED = "stated_humanoid"  # Custom property of ours with bones by VRM's name, as JSON.
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:

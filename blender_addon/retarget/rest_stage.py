@@ -68,17 +68,14 @@ def heaviest(vertex: bpy.types.MeshVertex) -> int:
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
 
 
-_NEAR = 0.05
-"""Share of a shin within which a bone that begins at the ankle belongs to the foot."""
+_NEAR = 0.05  # Share of a shin within which a bone that begins at the ankle belongs to the foot.
 _SOLE_SHARE = 0.095
 """Height of the ankle over the sole by the leg's length if no skin shows it (ANSUR II: 0.08 for the malleolus
 barefoot, and the sole of a shoe)."""
-_BELOW_BALL = 0.02
-"""Smallest height of the toe's joint over the sole by the leg's length."""
+_BELOW_BALL = 0.02  # Smallest height of the toe's joint over the sole by the leg's length.
 _LIKELY_SOLE = (0.01, 0.45)
 """Plausible heights of the ankle over the sole by the leg's length. 0.45 is a platform with a high heel."""
-_LIKELY_END = (0.08, 0.9)
-"""Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm."""
+_LIKELY_END = (0.08, 0.9)  # Plausible distances of ball and knuckles from ankle and wrist by the shin or forearm.
 
 
 def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
@@ -136,14 +133,10 @@ def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float)
     return {below.name for seed in seeds for below in (data[seed], *data[seed].children_recursive)}
 
 
-_MOST = 6000
-"""Largest number of vertices of a mesh: a cell of a part's table of radii then has about ten."""
-_ON_ROD = 0.01
-"""Share of the figure's height within which a bone without a role begins on the way between two joints."""
-_BEFORE_END = 0.95
-"""Largest share of that way, as bones at its end belong to the next part."""
-_ENDS = ("hand", "foot", "toe")
-"""Parts that hands are not kept on, but at which bones begin."""
+_MOST = 6000  # Largest number of vertices of a mesh: a cell of a part's table of radii then has about ten.
+_ON_ROD = 0.01  # Share of the figure's height within which a bone without a role begins on the way between two joints.
+_BEFORE_END = 0.95  # Largest share of that way, as bones at its end belong to the next part.
+_ENDS = ("hand", "foot", "toe")  # Parts that hands are not kept on, but at which bones begin.
 
 
 def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:

@@ -98,8 +98,7 @@ def _wrapped(angle: np.ndarray) -> np.ndarray:
 _CHECKED_FRAMES = 6
 _REFUSED_MM = 100.0
 """Deviation of hands and feet at the actor's size from which a rig is rejected."""
-_SAME_PLACE = 0.002
-"""Share of the rig's size within which a skinned bone has the place of a control."""
+_SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has the place of a control.
 
 
 def deviation_m(
@@ -158,10 +157,8 @@ def _shown_bone(rig: TargetRig, control: int) -> str:
     return next((b.name for b in bones if b.use_deform and (b.head_local - place).length < near), name)
 
 
-_TOLERATED_MM = 10.0
-"""Deviation of hands and feet at the actor's size from which the result has a note."""
-MAP = "retarget_map"
-"""Custom property of a retargeted action: the map as text."""
+_TOLERATED_MM = 10.0  # Deviation of hands and feet at the actor's size from which the result has a note.
+MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 
 
 @dataclass(frozen=True)

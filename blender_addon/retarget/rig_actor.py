@@ -32,8 +32,7 @@ from .recognition import map_rig
 from .rest_stage import heaviest, stand_on_stage
 from .rig_map import RigMap
 
-_EVEN = 1e-3
-"""Relative difference of scales that is ignored."""
+_EVEN = 1e-3  # Relative difference of scales that is ignored.
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
@@ -75,12 +74,9 @@ def _played_bones(
     return worlds, poses
 
 
-_UPRIGHT = np.cos(np.radians(30.0))
-"""Cosine of the largest lean of a rest pose with its own floor."""
-_ON_FLOOR = 0.06
-"""Largest height of soles on the floor by the leg's length."""
-_LOWEST_SHARE = 2.0
-"""Percentile of the frames' lowest balls of the feet for the floor."""
+_UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.
+_ON_FLOOR = 0.06  # Largest height of soles on the floor by the leg's length.
+_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest balls of the feet for the floor.
 
 
 def read_rig_actor(

@@ -16,8 +16,7 @@ from .recognition import state_humanoid
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
 """Largest length of a header. Those of large characters have some megabytes."""
-_RATES = (1.0, 480.0)
-"""Plausible frame rates in frames per second, chosen by hand."""
+_RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
 
 
 def read_header(path: Path) -> dict[str, Any]:
@@ -83,8 +82,7 @@ def _list(value: Any) -> list[Any]:
     return value if isinstance(value, list) else []
 
 
-SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")
-"""Supported files."""
+SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")  # Supported files.
 
 
 def open_scene(path: Path) -> bpy.types.Scene:

@@ -76,8 +76,7 @@ def _chain(bone: bpy.types.PoseBone, count: int) -> list[str]:
     return chain
 
 
-_EVEN = 1e-3
-"""Relative difference of scales that is ignored."""
+_EVEN = 1e-3  # Relative difference of scales that is ignored.
 
 
 @dataclass(frozen=True)

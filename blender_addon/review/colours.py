@@ -49,8 +49,7 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         target.custom.active = colour + _ACTIVE_BLEND * (1 - colour)
 
 
-_INTERPOLATED = 1e-3
-"""Maximum confidence of an interpolated frame (``confidence.joint_confidence``)."""
+_INTERPOLATED = 1e-3  # Maximum confidence of an interpolated frame (``confidence.joint_confidence``).
 
 
 def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray:

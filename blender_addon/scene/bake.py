@@ -28,8 +28,7 @@ from .hand_edits import played_channels, take_times
 from .overlay import PointLook, create_point_overlay
 from .props import create_props
 
-_KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))
-"""Radius in metres, and colour, chosen by hand."""
+_KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))  # Radius in metres, and colour, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -141,8 +140,7 @@ def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     return notes
 
 
-FEW = " few keys"
-"""Suffix of the names of takes with few keys."""
+FEW = " few keys"  # Suffix of the names of takes with few keys.
 
 
 def add_take(

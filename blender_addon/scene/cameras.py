@@ -30,8 +30,7 @@ _IMAGES = frozenset({".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".tga", "
 class Footage:
     """Footage of one camera."""
 
-    files: tuple[Path, ...]
-    """The video, or the images in order."""
+    files: tuple[Path, ...]  # The video, or the images in order.
 
     @property
     def is_video(self) -> bool:
@@ -89,8 +88,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
     return [(int(part), "") if part.isdigit() else (0, part) for part in re.split(r"(\d+)", path.name.lower())]
 
 
-FOOTAGE_RATE = "footage_fps"
-"""Custom property of a camera: images per second of its footage."""
+FOOTAGE_RATE = "footage_fps"  # Custom property of a camera: images per second of its footage.
 _LAID, _START, _OFFSET, _COUNT = "footage_scene_fps", "footage_start", "footage_offset", "footage_count"
 _OFFSET_PATH = "background_images[0].image_user.frame_offset"
 
@@ -122,8 +120,7 @@ def lay_footage(camera: bpy.types.Camera, timing: TakeTiming) -> None:
     driver.expression = f"min(floor({at}*{rate:.9g}+0.5),{count - 1})-{at}+{int(camera[_OFFSET])}"
 
 
-CAMERA_NAME = "capture_camera"
-"""Custom property of a camera's data: its name in the capture."""
+CAMERA_NAME = "capture_camera"  # Custom property of a camera's data: its name in the capture.
 
 
 def create_camera(source: CameraFile, collection: bpy.types.Collection) -> bpy.types.Object:

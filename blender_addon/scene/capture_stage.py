@@ -16,8 +16,7 @@ from .cameras import FOOTAGE_RATE, add_background, create_camera, look_through
 from .overlay import Players, create_marker_cloud, create_view_overlay, grade_markers
 from .point_player import MODIFIER, RADIUS, player_of
 
-_LINE_M = 0.015
-"""Width of a grid line in metres, chosen by hand."""
+_LINE_M = 0.015  # Width of a grid line in metres, chosen by hand.
 _MOST_TILES = 200
 """Maximum number of tiles along a side, chosen by hand. Longer floors get larger tiles: 20 km of metres take 3 GB."""
 

@@ -23,8 +23,7 @@ from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
 """Frobenius norm of an edit between two rotations, 0.1 degrees. Rounding and IK stay below a tenth of it."""
-_MOVE_M = 5e-4
-"""Distance of an edit of the pelvis."""
+_MOVE_M = 5e-4  # Distance of an edit of the pelvis.
 
 
 def edited_frames(

@@ -24,8 +24,7 @@ from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
 from ..conventions.timing import go_to_frame
 from .session import alone
 
-_SAME = 1e-3
-"""Scene frames within which two keys are on the same frame."""
+_SAME = 1e-3  # Scene frames within which two keys are on the same frame.
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ def frames_of(action: bpy.types.Action) -> np.ndarray:
     return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
 
 
-_STRAIGHT_M = 0.02
-"""A joint closer to the line between its neighbours points as the bone above it is turned."""
+_STRAIGHT_M = 0.02  # A joint closer to the line between its neighbours points as the bone above it is turned.
 
 
 def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:

@@ -35,8 +35,7 @@ as for the solver, which calls the pose unsure. A point that does not belong to 
 _DOUBT_M = (0.0, 0.02, 0.05)
 """Standard deviations in metres from which a joint has the second, third and fourth colour. Cameras and markers leave
 two centimetres for a seen joint, and five for an unseen one after a while."""
-_UNSURE = 2
-"""Lowest colour of joints in an unsure pose."""
+_UNSURE = 2  # Lowest colour of joints in an unsure pose.
 
 
 @dataclass

@@ -14,16 +14,11 @@ import bpy
 
 from ..conventions.nodes import add_node, attribute, math, new_tree, sample_index
 
-MODIFIER = "Points of this frame"
-"""Name of the modifier."""
-RADIUS = "Radius"
-"""Name of the modifier's input for the radius of the balls in metres."""
-SEEN = "seen"
-"""Name of the point attribute that is 0 for an unseen point."""
-POINTS = "points"
-"""Custom property of an object that plays points: the number of points in a row."""
-GRADE = "grade"
-"""Name of the point attribute with the index of a point's material."""
+MODIFIER = "Points of this frame"  # Name of the modifier.
+RADIUS = "Radius"  # Name of the modifier's input for the radius of the balls in metres.
+SEEN = "seen"  # Name of the point attribute that is 0 for an unseen point.
+POINTS = "points"  # Custom property of an object that plays points: the number of points in a row.
+GRADE = "grade"  # Name of the point attribute with the index of a point's material.
 
 
 @dataclass(frozen=True)

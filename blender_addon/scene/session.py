@@ -13,13 +13,11 @@ from mathutils import Vector
 from .._exchange.errors import OutputNotWritable
 from ..conventions.timing import scene_frame_rate
 
-_WORLD = (0.24, 0.25, 0.28)
-"""Linear RGB of the ambient light, chosen by hand."""
+_WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light, chosen by hand.
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
 """Distance of the viewport from the body in metres, chosen by hand."""
-_CAUSELESS = "Failed to write blendfile"
-"""Report of Blender 5 if its writing fails half-way."""
+_CAUSELESS = "Failed to write blendfile"  # Report of Blender 5 if its writing fails half-way.
 
 
 def fresh_scene() -> bpy.types.Scene:
@@ -67,10 +65,8 @@ def why_not_written(error: Exception) -> str:
     return "Blender stopped in the middle of the file; the disk may be full" if text.startswith(_CAUSELESS) else text
 
 
-_STARTUP = frozenset({"Cube", "Camera", "Light"})
-"""Objects of the file that Blender starts with."""
-_FACTORY = (24.0, 250, 1920, 1080, 100)
-"""Frame rate, last frame and resolution of the file that Blender starts with."""
+_STARTUP = frozenset({"Cube", "Camera", "Light"})  # Objects of the file that Blender starts with.
+_FACTORY = (24.0, 250, 1920, 1080, 100)  # Frame rate, last frame and resolution of the file that Blender starts with.
 
 
 def is_untouched(scene: bpy.types.Scene) -> bool:

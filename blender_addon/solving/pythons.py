@@ -16,10 +16,8 @@ from ..backend_environment import backend_command, backend_folder, environment_f
 from ..conventions.file_paths import sessions_folder
 from ..errors import PythonUnsuitable
 
-_TIMEOUT_S = 60
-"""Seconds that an interpreter has to answer, chosen by hand."""
-_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
-"""Where an environment has its Python."""
+_TIMEOUT_S = 60  # Seconds that an interpreter has to answer, chosen by hand.
+_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Where an environment has its Python.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
 """Python 3's minor versions that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
 _PROBE = """
@@ -136,8 +134,7 @@ def _minor(python: str) -> int:
     return minor if major == 3 else -1
 
 
-_LEAST = (3, 11)
-"""Version of Python that the solver needs, as pyproject.toml has it."""
+_LEAST = (3, 11)  # Version of Python that the solver needs, as pyproject.toml has it.
 _SOLVER_PROBE = """
 import json, sys
 found = {"python": sys.version.split()[0], "numpy": "", "torch": "", "devices": [], "solver": ""}

@@ -16,8 +16,7 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import SolverDied, SolverNotUnderstood
 from .child import Line, SolverProcess
 
-_LOG_LINES = 2000
-"""Last lines of a run's log that are kept, chosen by hand."""
+_LOG_LINES = 2000  # Last lines of a run's log that are kept, chosen by hand.
 
 
 @dataclass

@@ -27,8 +27,7 @@ from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
 from .room import LIGHTS, Light, build_room, light_room
 from .scene_file import SceneFile, read_scene
 
-_WIDEST = 1.6
-"""Maximum size of the pinhole picture relative to the camera's."""
+_WIDEST = 1.6  # Maximum size of the pinhole picture relative to the camera's.
 _OUTSIDE = (0, 0, 0)
 
 
@@ -138,18 +137,15 @@ def _takes(scene: bpy.types.Scene, engine: str) -> bool:
     return True
 
 
-DONE = "rgb.json"
-"""File of a shot with complete colour pictures."""
+DONE = "rgb.json"  # File of a shot with complete colour pictures.
 FOLDER = "rgb"
 _BLUR_STEPS = 4
 _BANDS = 8
 """Number of bands that approximate a rolling shutter."""
 
 
-Place = Callable[[float], None]
-"""Poses everything at a time in frames."""
-StandIn = Callable[[bpy.types.Collection], Place]
-"""Builds the object to film instead of person and room."""
+Place = Callable[[float], None]  # Poses everything at a time in frames.
+StandIn = Callable[[bpy.types.Collection], Place]  # Builds the object to film instead of person and room.
 
 
 @dataclass(frozen=True)

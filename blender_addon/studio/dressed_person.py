@@ -12,8 +12,7 @@ from ..body.body_file import BodyFile
 from ..body.posed_body import skin
 from .scene_file import SceneFile
 
-COLOURS = "paint"
-"""Name of the colour attribute."""
+COLOURS = "paint"  # Name of the colour attribute.
 _SKINS = ((0.60, 0.36, 0.25), (0.48, 0.27, 0.18), (0.33, 0.17, 0.10), (0.20, 0.095, 0.055), (0.09, 0.042, 0.026))
 """Linear red, green and blue of skins, light to dark, chosen by hand."""
 _HAIRS = ((0.012, 0.009, 0.008), (0.035, 0.018, 0.01), (0.11, 0.055, 0.025), (0.33, 0.2, 0.08), (0.25, 0.24, 0.24))
@@ -143,8 +142,7 @@ def _normals(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
     return total / np.maximum(np.linalg.norm(total, axis=1, keepdims=True), 1e-12)
 
 
-RADIUS_M = 0.007
-"""Radius of a marker, metres: 14 mm balls are common."""
+RADIUS_M = 0.007  # Radius of a marker, metres: 14 mm balls are common.
 _RINGS, _SEGMENTS = 4, 8
 _GREY = (0.75, 0.75, 0.78)
 """Linear red, green and blue of a marker, chosen by hand."""

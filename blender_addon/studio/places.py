@@ -66,14 +66,12 @@ def shared_limits(maps: Sequence[PlaceMap]) -> tuple[float, float]:
     return (float(good.min()), float(np.percentile(good, 95))) if good.size else (0.0, 1.0)
 
 
-MAP = "mocap_places"
-"""Custom property of a map's object: the array's name."""
+MAP = "mocap_places"  # Custom property of a map's object: the array's name.
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
 """Filled share of a square's side."""
-_NO_DATA = (0.25, 0.25, 0.25, 1.0)
-"""Colour of a place without triangulated keypoints, chosen by hand."""
+_NO_DATA = (0.25, 0.25, 0.25, 1.0)  # Colour of a place without triangulated keypoints, chosen by hand.
 
 
 def remove_places(scene: bpy.types.Scene) -> None:

@@ -13,10 +13,8 @@ from .scene_file import SceneFile
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 """Returns the (n, 3) linear colours of squares by their (n,) column and row."""
-_TILE_M = 0.12
-"""Approximate size of the coloured squares of floor and walls."""
-_MOST_TILES = 90
-"""Maximum number of squares along a side, which limits the mesh, chosen by hand."""
+_TILE_M = 0.12  # Approximate size of the coloured squares of floor and walls.
+_MOST_TILES = 90  # Maximum number of squares along a side, which limits the mesh, chosen by hand.
 _BOX = np.array([list(map(int, face)) for face in ["0231", "4576", "0154", "2673", "0462", "1375"]])
 """Corners of a box's faces."""
 _ROOM = {
@@ -132,14 +130,10 @@ def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.n
 class Light:
     """The light of a room."""
 
-    stops: float
-    """Brightness relative to daylight, not compensated by the camera's exposure."""
-    tint: tuple[float, float, float]
-    """Linear colour of the light."""
-    shadow: float
-    """Darkness of Workbench's shadows, 0..1."""
-    gain: float
-    """Sensor noise relative to daylight."""
+    stops: float  # Brightness relative to daylight, not compensated by the camera's exposure.
+    tint: tuple[float, float, float]  # Linear colour of the light.
+    shadow: float  # Darkness of Workbench's shadows, 0..1.
+    gain: float  # Sensor noise relative to daylight.
 
     def set_up(self, scene: bpy.types.Scene) -> None:
         """Apply exposure and shadows to a scene."""

@@ -76,8 +76,7 @@ PARTS = {
     "TAKE": ("Start", "Show the points and a body live, and record them", "take"),
 }
 """Label, description and property of each kind of sensor run."""
-GAMMA_S = 5.0
-"""Recording time of the Γ in seconds."""
+GAMMA_S = 5.0  # Recording time of the Γ in seconds.
 _SENSORS = (
     ("FOLDER", "Recording", "Play a folder of sensor recordings, or a shot of the studio, at its own rate"),
     ("OAK", "OAK Cameras", "OAK-D Pro or OAK-4 D Pro cameras on USB or the network"),

@@ -13,8 +13,7 @@ from bpy.app.handlers import persistent
 from ..conventions.file_paths import file_of, stored
 from .tags import tag_of
 
-_counts: dict[str, int] = {}
-"""Number of objects at the last update of each scene."""
+_counts: dict[str, int] = {}  # Number of objects at the last update of each scene.
 
 
 def adopt(scene: bpy.types.Scene) -> int:

@@ -64,8 +64,7 @@ class MocapLeftOut(bpy.types.PropertyGroup):
 class MocapMarker(bpy.types.PropertyGroup):
     """A marker of the capture. Its name is its label."""
 
-    meaning: str
-    """One of ``panels.capture.MEANINGS``."""
+    meaning: str  # One of ``panels.capture.MEANINGS``.
     gaps: int
     missing_percent: float
     bone: choice("Moves With", "Bone that carries the marker", _BONE_ITEMS)
@@ -79,21 +78,16 @@ class MocapMarker(bpy.types.PropertyGroup):
 class MocapPointLabel(bpy.types.PropertyGroup):
     """A label that the user has given to a point. Its name is the track's label."""
 
-    point: int
-    """Column of the recording."""
-    frame: int
-    """Frame of the recording."""
-    marker: str
-    """Empty for a point that is not a marker of the person."""
+    point: int  # Column of the recording.
+    frame: int  # Frame of the recording.
+    marker: str  # Empty for a point that is not a marker of the person.
 
 
 class MocapPin(bpy.types.PropertyGroup):
     """A pose that the solver must keep."""
 
-    frame: int
-    """Scene frame."""
-    job_values: str
-    """The pose as in a job file."""
+    frame: int  # Scene frame.
+    job_values: str  # The pose as in a job file.
 
 
 def _recolour(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -110,8 +104,7 @@ def _lift(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
 
 _LIFT = {"soft_min": -0.2, "soft_max": 0.2, "precision": 4, "step": 0.1, "update": _lift}
 """Limits and update of the floor offset, metres."""
-_FRAMES = -(2**31), 2**31 - 1
-"""Frames that a property of Blender can hold."""
+_FRAMES = -(2**31), 2**31 - 1  # Frames that a property of Blender can hold.
 
 
 class MocapReview(bpy.types.PropertyGroup):
@@ -153,12 +146,9 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 class MocapPerson(bpy.types.PropertyGroup):
     """One of several people of a capture. The user may change the name."""
 
-    key: str
-    """Name in the capture file."""
-    frames: int
-    """Frames with two or more views of this person."""
-    views: float
-    """Average number of views."""
+    key: str  # Name in the capture file.
+    frames: int  # Frames with two or more views of this person.
+    views: float  # Average number of views.
     review: MocapReview
 
 

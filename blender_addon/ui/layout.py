@@ -10,18 +10,14 @@ import bpy
 
 from .translation import CONTEXT
 
-_NARROW_PX = 280
-"""Below this width there is no room for labels and values in one row."""
-_SLIM_PX = 240
-"""Below this width there is no room for two labelled numbers in one row."""
+_NARROW_PX = 280  # Below this width there is no room for labels and values in one row.
+_SLIM_PX = 240  # Below this width there is no room for two labelled numbers in one row.
 _LONG = ("ENUM", "STRING", "POINTER")
 """Types with values of words. Numbers and switches have their label in their own field."""
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, width of the space around it in a box, and of an icon, at an interface scale of 1."""
-_MIN_LETTERS = 8
-"""Letters per line in the narrowest sidebar."""
-TALLEST = 1.6
-"""Height of the button for the next step relative to others."""
+_MIN_LETTERS = 8  # Letters per line in the narrowest sidebar.
+TALLEST = 1.6  # Height of the button for the next step relative to others.
 
 
 def is_narrow(context: bpy.types.Context, limit_px: float = _NARROW_PX) -> bool:

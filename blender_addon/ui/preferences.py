@@ -11,8 +11,7 @@ from .._exchange.detectors import DETECTORS
 from . import ADDON
 from .setting_properties import path, switch
 
-_tested: dict[str, str] = {}
-"""Versions in the Pythons of detectors that were tested, by path."""
+_tested: dict[str, str] = {}  # Versions in the Pythons of detectors that were tested, by path.
 _WHOLE: dict[str, Any] = {"options": set()}
 
 

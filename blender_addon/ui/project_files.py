@@ -107,12 +107,9 @@ class _Link:
 class Journey:
     """Changes of one save."""
 
-    before: list[tuple[_Link, str]] = field(default_factory=list)
-    """Links and their earlier paths."""
-    copied: dict[Path, Path] = field(default_factory=dict)
-    """New paths of files by their earlier paths."""
-    made: list[Path] = field(default_factory=list)
-    """Copies that did not exist before."""
+    before: list[tuple[_Link, str]] = field(default_factory=list)  # Links and their earlier paths.
+    copied: dict[Path, Path] = field(default_factory=dict)  # New paths of files by their earlier paths.
+    made: list[Path] = field(default_factory=list)  # Copies that did not exist before.
 
     def relink(self, link: _Link, text: str) -> None:
         """Change a link, and remember its earlier path."""

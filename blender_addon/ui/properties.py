@@ -128,10 +128,8 @@ class MocapVideoPicture(bpy.types.PropertyGroup):
 class MocapVideoStep(bpy.types.PropertyGroup):
     """A finished step. Its name is the solver's."""
 
-    notes: str
-    """One sentence per line."""
-    warnings: str
-    """One sentence per line."""
+    notes: str  # One sentence per line.
+    warnings: str  # One sentence per line.
     pictures: Items[MocapVideoPicture]
     open: switch("Show", "Show the results and images of this step")
 

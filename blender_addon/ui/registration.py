@@ -29,8 +29,7 @@ _BASES = (
 )
 
 
-Registrable = tuple[Callable[[], Any], Callable[[], Any]]
-"""Register one thing, and take it back."""
+Registrable = tuple[Callable[[], Any], Callable[[], Any]]  # Register one thing, and take it back.
 
 
 def _classes(*modules: ModuleType) -> list[Registrable]:

@@ -9,11 +9,8 @@ from secrets import token_hex
 
 import bpy
 
-TAG = "mocap_tag"
-"""Custom property of an object or a collection. Captures keep its value."""
-
-_names: dict[str, str] = {}
-"""Last known object name of each tag, tried first as a scene may have thousands of objects."""
+TAG = "mocap_tag"  # Custom property of an object or a collection. Captures keep its value.
+_names: dict[str, str] = {}  # Last known object name of each tag, tried first as a scene may have thousands of objects.
 
 
 def tag_of(owner: bpy.types.ID | None) -> str:

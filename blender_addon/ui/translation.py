@@ -9,12 +9,10 @@ from pathlib import Path
 
 import bpy
 
-CONTEXT = "Manifold MoCap"
-"""Context of all our texts."""
+CONTEXT = "Manifold MoCap"  # Context of all our texts.
 _GERMAN = Path(__file__).with_name("german.txt")
 """One label per line: English = German. Reading JSON would load a module that a bare Blender has not loaded."""
-_LANGUAGES = ("de_DE", "de")
-"""Names that Blender's releases have for German."""
+_LANGUAGES = ("de_DE", "de")  # Names that Blender's releases have for German.
 
 
 def german() -> dict[str, str]:

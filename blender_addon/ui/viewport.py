@@ -15,18 +15,15 @@ if TYPE_CHECKING:
     import numpy as np
     from mathutils import Vector
 
-_OFFSET_PX, _SIZE_PX = 7, 11
-"""Distance of a name from its point, and its height as in Blender's own texts."""
+_OFFSET_PX, _SIZE_PX = 7, 11  # Distance of a name from its point, and its height as in Blender's own texts.
 _PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
 GOOD, SUSPECT, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
 """Colours of cameras."""
 _WIDTH_PX = 2.0
 _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Corners of the image at the ends of its edges."""
-_OFF_SKIN_M, _OPACITY = 0.002, 0.9
-"""Distance of the colours from the skin, so that it does not shine through."""
-_BAND_PX = 5.0
-"""Height of a band on the timeline."""
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
+_BAND_PX = 5.0  # Height of a band on the timeline.
 
 
 class Drawing:
@@ -137,8 +134,7 @@ def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
 
 
-_weights: dict[tuple[str, int], np.ndarray] = {}
-"""Joint weights of skins by mesh name and number of vertices."""
+_weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins by mesh name and number of vertices.
 
 
 def _shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:

@@ -25,10 +25,8 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture
 
-MAX_ITERATIONS = 30
-"""Of a window (thesis 6.3.1)."""
-MOST_KEYS = 6
-"""Free keys a window: a polynomial of more swings between them."""
+MAX_ITERATIONS = 30  # Of a window (thesis 6.3.1).
+MOST_KEYS = 6  # Free keys a window: a polynomial of more swings between them.
 _START = "start and shape from triangulated points in place of HMR"
 Optimiser = Literal["gradient", "lbfgs"]
 Start = Literal["previous", "points"]
@@ -77,16 +75,11 @@ class BundleMoCapPlusPlus(Baseline):
 class BundleMoCap(Baseline):
     """VPoser, SLERP between two keys, windows of 10 frames, one free key in each."""
 
-    window: int = 10
-    """Frames a window."""
-    optimiser: Optimiser = "lbfgs"
-    """As in BundleMoCapPlusPlus; the sphere's Algorithm 1 came with the successor."""
-    start: Start = "points"
-    """As in BundleMoCapPlusPlus."""
-    latent_weight: float = 1.0
-    """Of ``|z|²/2`` in every frame; tuned on training motions."""
-    scale: float = 2.0 * ROBUST_SCALE
-    """Of Geman-McClure's penalty; tuned on training motions."""
+    window: int = 10  # Frames a window.
+    optimiser: Optimiser = "lbfgs"  # As in BundleMoCapPlusPlus; the sphere's Algorithm 1 came with the successor.
+    start: Start = "points"  # As in BundleMoCapPlusPlus.
+    latent_weight: float = 1.0  # Of ``|z|²/2`` in every frame; tuned on training motions.
+    scale: float = 2.0 * ROBUST_SCALE  # Of Geman-McClure's penalty; tuned on training motions.
     name: str = "BundleMoCap"
     simplified: str = f"{_START}."
 

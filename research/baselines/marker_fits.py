@@ -76,8 +76,7 @@ class MoSh(MarkerBaseline):
 class AdaptiveRobust(MarkerBaseline):
     """Barron's adaptive loss (2019) with a shape α that a grid search chose, as thesis 5.3.1 has it."""
 
-    alpha: float = -1.0
-    """Shape; of the thesis's search the best is -4.5."""
+    alpha: float = -1.0  # Shape; of the thesis's search the best is -4.5.
     name: str = "Barron's loss"
     simplified: str = f"{_SIMPLIFIED}."
 

@@ -17,8 +17,7 @@ from research.baselines.sequence import (
 )
 from solver_backend.types import Capture
 
-STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))
-"""Factors of robust scale and latent weight, stage by stage."""
+STAGES = ((4.0, 4.0), (2.0, 2.0), (1.0, 1.0))  # Factors of robust scale and latent weight, stage by stage.
 _START = "start and shape from triangulated points in place of HMR"
 
 
@@ -26,10 +25,8 @@ _START = "start and shape from triangulated points in place of HMR"
 class MuVS(Baseline):
     """Every frame on its own: robust data and VPoser's density, both narrowed in three stages."""
 
-    latent_weight: float = 1.0
-    """Of ``|z|²/2`` in the last stage; tuned on training motions."""
-    iterations: int = 10
-    """Linearisations at most, per stage."""
+    latent_weight: float = 1.0  # Of ``|z|²/2`` in the last stage; tuned on training motions.
+    iterations: int = 10  # Linearisations at most, per stage.
     name: str = "MuVS"
     simplified: str = f"Levenberg-Marquardt in place of L-BFGS, no silhouettes, {_START}."
 
@@ -44,16 +41,11 @@ class MuVS(Baseline):
 class DCT(Baseline):
     """MuVS, then joints drawn to the slowest cosines of half a second."""
 
-    latent_weight: float = 1.0
-    """As in MuVS."""
-    sigma_m: float = 0.003
-    """How far joints may lie from low frequencies; tuned on training motions."""
-    segment: int = 30
-    """Frames a part (Huang et al. 2017)."""
-    kept: int = 10
-    """Cosines of a part (Huang et al. 2017)."""
-    rounds: int = 4
-    """Times that coefficients and poses are found in turn."""
+    latent_weight: float = 1.0  # As in MuVS.
+    sigma_m: float = 0.003  # How far joints may lie from low frequencies; tuned on training motions.
+    segment: int = 30  # Frames a part (Huang et al. 2017).
+    kept: int = 10  # Cosines of a part (Huang et al. 2017).
+    rounds: int = 4  # Times that coefficients and poses are found in turn.
     name: str = "DCT"
     simplified: str = f"As MuVS; coefficients and poses are found in turn instead of together, {_START}."
 

@@ -24,8 +24,7 @@ from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 
-ROBUST_SCALE = 3.0
-"""Final Geman-McClure scale of every method, in standard deviations of the detector's noise."""
+ROBUST_SCALE = 3.0  # Final Geman-McClure scale of every method, in standard deviations of the detector's noise.
 
 
 @dataclass(frozen=True)

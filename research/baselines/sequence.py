@@ -28,8 +28,7 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marq
 from solver_backend.solver.normal_equations import DenseBlocks
 from solver_backend.types import JointSet
 
-STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)
-"""Of the state of a frame: 38."""
+STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Of the state of a frame: 38.
 DOF = STATE.dof
 _FLOOR = 1e-2
 """Added to the diagonal: parts that nothing sees stay."""
@@ -39,12 +38,9 @@ _FLOOR = 1e-2
 class States:
     """Unknowns of F frames."""
 
-    z: np.ndarray
-    """(F, 32) codes."""
-    root: np.ndarray
-    """(F, 3, 3) body to world."""
-    transl: np.ndarray
-    """(F, 3) metres."""
+    z: np.ndarray  # (F, 32) codes.
+    root: np.ndarray  # (F, 3, 3) body to world.
+    transl: np.ndarray  # (F, 3) metres.
 
     def retract(self, step: np.ndarray) -> States:
         """Move by (F, 38) tangent steps."""
@@ -67,14 +63,10 @@ class States:
 class Equations:
     """Gauss-Newton model of F frames; ``upper`` where neighbours meet."""
 
-    cost: np.ndarray
-    """(F,)."""
-    H: np.ndarray
-    """(F, 38, 38)."""
-    g: np.ndarray
-    """(F, 38)."""
-    upper: np.ndarray | None = None
-    """(F - 1, 38, 38)."""
+    cost: np.ndarray  # (F,).
+    H: np.ndarray  # (F, 38, 38).
+    g: np.ndarray  # (F, 38).
+    upper: np.ndarray | None = None  # (F - 1, 38, 38).
 
     def __add__(self, other: Equations) -> Equations:
         upper = self.upper if other.upper is None else other.upper
@@ -156,10 +148,8 @@ def initial_states(prepared: Prepared, prior: PosePrior) -> States:
 class PosedJoints:
     """Joints of the posed body, and how they move with the states."""
 
-    joints: np.ndarray
-    """(F, 72) metres."""
-    by_states: np.ndarray
-    """(F, 72, 38)."""
+    joints: np.ndarray  # (F, 72) metres.
+    by_states: np.ndarray  # (F, 72, 38).
 
     @classmethod
     def of(cls, subject: Subject, poses: PosedFrames, by_states: np.ndarray) -> PosedJoints:

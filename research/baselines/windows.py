@@ -22,14 +22,11 @@ from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.terms import PointTerm
 
-SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
-"""Where the free keys of a window live: SPoser's."""
-GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
-"""The same for VPoser's codes."""
+SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))  # Where the free keys of a window live: SPoser's.
+GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))  # The same for VPoser's codes.
 Root = Literal["sider", "slerp", "se3"]
 """Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3)."""
-KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]
-"""Codes (n, 32), root rotations (n, 3, 3), translations (n, 3)."""
+KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]  # Codes (n, 32), root rotations (n, 3, 3), translations (n, 3).
 
 
 @dataclass(frozen=True)
@@ -123,12 +120,9 @@ class StretchedSlerp:
     The weights depend on the directions u alone: ``dw_i = Σ_jk M[j, i, k] u_k · du_j``, ``du = (I - uuᵀ) dz / |z|``.
     """
 
-    keys: np.ndarray
-    """(W, 1, 2, d), not zero."""
-    length: np.ndarray
-    """(W, 1, 2, 1)."""
-    unit: KeyWeights
-    """Of the directions."""
+    keys: np.ndarray  # (W, 1, 2, d), not zero.
+    length: np.ndarray  # (W, 1, 2, 1).
+    unit: KeyWeights  # Of the directions.
 
     @classmethod
     def between(cls, keys: np.ndarray, time: np.ndarray) -> StretchedSlerp:

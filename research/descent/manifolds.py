@@ -15,8 +15,7 @@ from solver_backend.geometry.arrays import Array, array_namespace
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.sphere import ZeroMeanSphere, householder_basis, identities
 
-State = Any
-"""An array, or a tuple of states on a product."""
+State = Any  # An array, or a tuple of states on a product.
 
 
 class Manifold(ABC):
@@ -189,8 +188,7 @@ class SO3(_OneArray):
 class Product(Manifold):
     """The product of manifolds; states and tangent vectors are tuples in the same order."""
 
-    factors: tuple[Manifold, ...]
-    """The manifolds of the entries."""
+    factors: tuple[Manifold, ...]  # The manifolds of the entries.
 
     def project(self, x: State, v: State) -> State:
         """Return the projection in every factor."""

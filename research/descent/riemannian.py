@@ -37,20 +37,13 @@ class MinimiseSettings:
 class MinimiseResult:
     """Where a minimiser ended."""
 
-    state: State
-    """Best state found."""
-    cost: float
-    """Cost there."""
-    gradient_norm: float
-    """Length of the Riemannian gradient there."""
-    iterations: int
-    """Steps made."""
-    evaluations: int
-    """Times cost and gradient were computed."""
-    converged: bool
-    """A tolerance was met."""
-    status: str
-    """One sentence on why it stopped."""
+    state: State  # Best state found.
+    cost: float  # Cost there.
+    gradient_norm: float  # Length of the Riemannian gradient there.
+    iterations: int  # Steps made.
+    evaluations: int  # Times cost and gradient were computed.
+    converged: bool  # A tolerance was met.
+    status: str  # One sentence on why it stopped.
 
 
 def gradient_descent(

@@ -21,8 +21,7 @@ from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
 from solver_backend.synthesis.simulation.keypoint_detector import DetectorOutput
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
-WALK_M_S = 1.4
-"""A passer-by's speed."""
+WALK_M_S = 1.4  # A passer-by's speed.
 
 
 def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) -> Capture:

@@ -17,28 +17,20 @@ from solver_backend.types import Cameras, Keypoints2D
 
 PASSING_M = (0.5, 0.7)
 """How near the two come to each other, between their pelvises: less and their shoulders would touch."""
-CROSSING_RAD = (np.pi / 3, np.pi)
-"""Angle between their ways."""
-HIDDEN_SHARE = 0.6
-"""A detector misses a person where another hides more than this share of the keypoints."""
+CROSSING_RAD = (np.pi / 3, np.pi)  # Angle between their ways.
+HIDDEN_SHARE = 0.6  # A detector misses a person where another hides more than this share of the keypoints.
 
 
 @dataclass(frozen=True)
 class Crossing:
     """Two people filmed together, and each of them alone by the same cameras with the same noise."""
 
-    cameras: Cameras
-    """C cameras as calibrated."""
-    detections: Detections
-    """Both, in any order in each view and frame."""
-    who: np.ndarray
-    """(C, F, 2) whose each detection is, 0 or 1; -1 = none."""
-    alone: tuple[Keypoints2D, Keypoints2D]
-    """The detections of each where the other is not there."""
-    joints: tuple[np.ndarray, np.ndarray]
-    """(F, J, 3) true joints of each."""
-    fps: float
-    """Frames per second."""
+    cameras: Cameras  # C cameras as calibrated.
+    detections: Detections  # Both, in any order in each view and frame.
+    who: np.ndarray  # (C, F, 2) whose each detection is, 0 or 1; -1 = none.
+    alone: tuple[Keypoints2D, Keypoints2D]  # The detections of each where the other is not there.
+    joints: tuple[np.ndarray, np.ndarray]  # (F, J, 3) true joints of each.
+    fps: float  # Frames per second.
 
 
 def crossing(takes: tuple[Take, Take], settings: BenchmarkSettings = BenchmarkSettings()) -> Crossing:

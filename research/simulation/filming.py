@@ -20,12 +20,9 @@ from solver_backend.synthesis.simulation.keypoint_detector import (
 )
 from solver_backend.types import Cameras, JointSet
 
-LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)
-"""Distortion like that of the recording's cameras."""
-OCCLUSION_HZ = 30.0
-"""Sight lines are cast this often."""
-_CHUNK = 64
-"""Frames that are filmed at a time, which bounds memory; chosen by hand."""
+LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)  # Distortion like that of the recording's cameras.
+OCCLUSION_HZ = 30.0  # Sight lines are cast this often.
+_CHUNK = 64  # Frames that are filmed at a time, which bounds memory; chosen by hand.
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:

@@ -19,14 +19,10 @@ from solver_backend.geometry.arrays import quantile
 from solver_backend.metrics.generation import spearman
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
-REFERENCE_CUTOFF_HZ = 12.0
-"""Low-pass of the reference: above people's movement, below the jitter."""
-OUTLIER_MM = 100.0
-"""A detection this far from the reference is elsewhere."""
-CLIP_MM = 60.0
-"""Errors count no more than this where their correlation in time is measured."""
-LONGEST_LAG_S = 1.0
-"""Lags the correlation is measured at."""
+REFERENCE_CUTOFF_HZ = 12.0  # Low-pass of the reference: above people's movement, below the jitter.
+OUTLIER_MM = 100.0  # A detection this far from the reference is elsewhere.
+CLIP_MM = 60.0  # Errors count no more than this where their correlation in time is measured.
+LONGEST_LAG_S = 1.0  # Lags the correlation is measured at.
 
 
 @dataclass(frozen=True)

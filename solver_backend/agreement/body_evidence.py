@@ -17,31 +17,24 @@ BONES = (
     ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
 )  # fmt: skip
 """Bones of each side and their usual lengths in metres, of adults of 1.75 m (Drillis and Contini 1966)."""
-BREADTHS = ("shoulder", 0.35), ("hip", 0.22)
-"""Distances of both sides."""
+BREADTHS = ("shoulder", 0.35), ("hip", 0.22)  # Distances of both sides.
 USUAL_STATURE_M = 1.75
 PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
 """Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
 LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
 """Concentration of the trunk's direction in upright pictures (von Mises), share of tilted cameras."""
-FORWARD_WRONG = 0.01
-"""Probability of a joint definition on the wrong side of the body."""
-BENT = 0.06
-"""Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition."""
-SAME_BODY = 0.04
-"""Two readings give the same body up to this share of its height."""
+FORWARD_WRONG = 0.01  # Probability of a joint definition on the wrong side of the body.
+BENT = 0.06  # Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition.
+SAME_BODY = 0.04  # Two readings give the same body up to this share of its height.
 
 
 @dataclass(frozen=True)
 class BodyEvidence:
     """Evidence of the triangulated person for a reading."""
 
-    terms: dict[str, float]
-    """Log-likelihoods in nats."""
-    height: float
-    """Of the person in the calibration's unit, as long as the bones show."""
-    points: np.ndarray
-    """(P, J, 3) in the calibration's unit, NaN where unknown."""
+    terms: dict[str, float]  # Log-likelihoods in nats.
+    height: float  # Of the person in the calibration's unit, as long as the bones show.
+    points: np.ndarray  # (P, J, 3) in the calibration's unit, NaN where unknown.
 
     @property
     def total(self) -> float:

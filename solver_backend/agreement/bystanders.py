@@ -14,11 +14,8 @@ from solver_backend.cameras.robust_triangulation import Triangulation, triangula
 from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Cameras, Keypoints2D
 
-BRIEF_S = 0.25
-"""The robust penalty handles fewer frames of another person. Sightings this close are one range."""
-
-LEAST_TORSO = 3
-"""Least keypoints of head and trunk that show a contradiction."""
+BRIEF_S = 0.25  # The robust penalty handles fewer frames of another person. Sightings this close are one range.
+LEAST_TORSO = 3  # Least keypoints of head and trunk that show a contradiction.
 
 
 def exclude_bystanders(

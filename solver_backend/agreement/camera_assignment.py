@@ -13,12 +13,9 @@ from solver_backend.agreement.noise import density_per_bin
 from solver_backend.agreement.reading import Reading
 from solver_backend.types import Cameras
 
-LEAST_CAMERAS = 3
-"""Two views agree by chance in too many ways: one pair of lines is all there is."""
-MOST_WAYS = 50_000
-"""Assignments that are compared: of 8 cameras to 8 there are 40,320."""
-_POSES, _JUDGED = 20, 20
-"""Compared poses, and best assignments with an estimated noise."""
+LEAST_CAMERAS = 3  # Two views agree by chance in too many ways: one pair of lines is all there is.
+MOST_WAYS = 50_000  # Assignments that are compared: of 8 cameras to 8 there are 40,320.
+_POSES, _JUDGED = 20, 20  # Compared poses, and best assignments with an estimated noise.
 
 
 def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:

@@ -48,22 +48,17 @@ class Detections:
         return (self.confidence > 0).any(axis=-1).sum(axis=-1)
 
 
-MIN_POINTS = 4
-"""Keypoints two detections must share to be compared."""
-MIN_CONFIDENCE = 0.1
-"""Least confidence of compared keypoints."""
+MIN_POINTS = 4  # Keypoints two detections must share to be compared.
+MIN_CONFIDENCE = 0.1  # Least confidence of compared keypoints.
 
 
 @dataclass(frozen=True)
 class Sightings:
     """The compared keypoints of every detection in normalised camera coordinates."""
 
-    cameras: Cameras
-    """C cameras."""
-    xy: np.ndarray
-    """(C, F, P, J, 2) undistorted x/z, y/z. NaN where missing."""
-    mirror: np.ndarray
-    """(J,) the same keypoint of the other side."""
+    cameras: Cameras  # C cameras.
+    xy: np.ndarray  # (C, F, P, J, 2) undistorted x/z, y/z. NaN where missing.
+    mirror: np.ndarray  # (J,) the same keypoint of the other side.
 
     def present(self) -> np.ndarray:
         """Return (C, F, P) whether a detection has enough keypoints to compare."""
@@ -90,8 +85,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     return Sightings(cameras, xy, mirror)
 
 
-_FRAMES = 40
-"""Most frames that are used, spread over the take."""
+_FRAMES = 40  # Most frames that are used, spread over the take.
 
 
 def main_person(detections: Detections, *, every_keypoint: bool = False) -> tuple[np.ndarray, np.ndarray]:

@@ -21,43 +21,31 @@ from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
 from solver_backend.geometry.small_matrices import dot, squared_length, sum_of_rows
 from solver_backend.types import Cameras, Keypoints2D
 
-FACTOR_SPREAD = 0.3
-"""Prior deviation of the logarithm of the factor."""
+FACTOR_SPREAD = 0.3  # Prior deviation of the logarithm of the factor.
 TURN_SPREAD_RAD, LARGEST_TURN_RAD = 0.005, 0.015
 """Prior deviation of a calibrated camera's rotation, and largest rotation that a fault of lenses explains."""
-OFF_PERSON = 0.006
-"""Least scatter of detections by the person's extent in the picture, for a person who stands still."""
+OFF_PERSON = 0.006  # Least scatter of detections by the person's extent in the picture, for a person who stands still.
 MOMENTS = 6
 """Independent moments of a take, chosen so that ten simulated takes scatter as their standard deviations state."""
 LARGEST_LOG = 0.7
 ROUNDS, CONVERGED = 40, 1e-3
 """Focal lengths and rotations are correlated: the last steps shrink by a quarter each, and 16 are usual."""
-LEAST_CAMERAS = 3
-"""Two views agree by chance in too many ways."""
-MOST_CAMERAS, FRAMES = 8, 24
-"""Cameras and frames that are compared, of more."""
-SEEN = 0.3
-"""Least confidence of a keypoint."""
-_CAUCHY = 2.0
-"""Scale of the Cauchy weights, standard deviations."""
+LEAST_CAMERAS = 3  # Two views agree by chance in too many ways.
+MOST_CAMERAS, FRAMES = 8, 24  # Cameras and frames that are compared, of more.
+SEEN = 0.3  # Least confidence of a keypoint.
+_CAUCHY = 2.0  # Scale of the Cauchy weights, standard deviations.
 
 
 @dataclass(frozen=True)
 class EpipolarFit:
     """Best focal lengths and rotations of C cameras."""
 
-    log: float
-    """Logarithm of the factor that focal lengths lack."""
-    sigma: float
-    """Its standard deviation."""
-    x: np.ndarray
-    """(1 + 3 C,) the same logarithm, and the cameras' rotations, rad."""
-    off: np.ndarray
-    """(N,) signed distances of points from epipolar lines, px."""
-    frames: int
-    """Number of frames."""
-    spread_px: float
-    """Standard deviation of the distances without outliers."""
+    log: float  # Logarithm of the factor that focal lengths lack.
+    sigma: float  # Its standard deviation.
+    x: np.ndarray  # (1 + 3 C,) the same logarithm, and the cameras' rotations, rad.
+    off: np.ndarray  # (N,) signed distances of points from epipolar lines, px.
+    frames: int  # Number of frames.
+    spread_px: float  # Standard deviation of the distances without outliers.
 
     @property
     def is_calibrated(self) -> bool:
@@ -232,8 +220,7 @@ def _extent(xy: np.ndarray) -> float:
     return float(np.median(np.linalg.norm(np.nanmax(people, axis=1) - np.nanmin(people, axis=1), axis=-1)))
 
 
-OFF = 0.05
-"""Least logarithm of a reported factor."""
+OFF = 0.05  # Least logarithm of a reported factor.
 SIGMAS = 3.5
 """Its least number of standard deviations. Right lenses reach 2.5 in ten simulated takes, the demo and recorded takes.
 Lenses that are 10 % too long reach 3.9 in nine of ten simulated takes."""

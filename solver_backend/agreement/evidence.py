@@ -15,28 +15,21 @@ from solver_backend.cameras.camera_corrections import CameraCorrection, compared
 from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
-BOUND = 6.0
-"""Least lead of an explanation over every other one, nats: odds of 400 to 1."""
-POSES, FRAMES = 40, 120
-"""Most independent poses, and most frames that are looked at."""
-MOVED = 0.04
-"""Least distance between two independent poses, in the person's size."""
-EACH, NEIGHBOURS = 8, 3
-"""Most cameras with all pairs compared. In larger arrays, neighbours on either side."""
+BOUND = 6.0  # Least lead of an explanation over every other one, nats: odds of 400 to 1.
+POSES, FRAMES = 40, 120  # Most independent poses, and most frames that are looked at.
+MOVED = 0.04  # Least distance between two independent poses, in the person's size.
+EACH, NEIGHBOURS = 8, 3  # Most cameras with all pairs compared. In larger arrays, neighbours on either side.
 UNRELATED_NOISE, UNRELATED_OUTLIERS = 0.06, 0.3
 """Noise in person's sizes and outlier rate beyond which views do not show one body."""
-LEAST_JOINTS = 4
-"""Keypoints of a view in a frame that is looked at."""
+LEAST_JOINTS = 4  # Keypoints of a view in a frame that is looked at.
 _BODY = ("nose", "eye", "ear", "shoulder", "elbow", "wrist", "hip", "knee", "ankle", "big_toe", "heel")
 _FAR = 5.0
 """Unit plane coordinate beyond which a reading places no keypoint."""
-_BATCH = 256
-"""Readings of a pair that are in memory at once."""
+_BATCH = 256  # Readings of a pair that are in memory at once.
 
 PointsKey = tuple[int, int, PictureReading, bool, int]
 """View, calibrated camera, picture, exchanged sides, frames late."""
-PoseKey = tuple[int, str, bool, Pose | None]
-"""Calibrated camera, and the reading of its pose."""
+PoseKey = tuple[int, str, bool, Pose | None]  # Calibrated camera, and the reading of its pose.
 ViewKey = tuple[PointsKey, PoseKey]
 
 
@@ -44,12 +37,9 @@ ViewKey = tuple[PointsKey, PoseKey]
 class ViewRays:
     """Rays of a view in one reading."""
 
-    rays: np.ndarray
-    """(P, J, 3) undistorted points (x, y, 1), NaN where unseen."""
-    size: float
-    """Size of the person on the unit plane."""
-    outside: float
-    """Share of the keypoints that lie outside the picture."""
+    rays: np.ndarray  # (P, J, 3) undistorted points (x, y, 1), NaN where unseen.
+    size: float  # Size of the person on the unit plane.
+    outside: float  # Share of the keypoints that lie outside the picture.
 
 
 def body_columns(names: Sequence[str]) -> np.ndarray:

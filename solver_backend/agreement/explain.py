@@ -23,18 +23,12 @@ from solver_backend.agreement.reading import Reading, unturn
 from solver_backend.cameras.camera_corrections import TURNS
 from solver_backend.types import Cameras
 
-BEAM, ROUNDS = 5, 2
-"""Readings that the search keeps, and faults of single cameras that it finds in sequence."""
-MOVED_OF = 2
-"""Best readings that a moved camera is searched from. Each pose needs a fit."""
-JUDGED = 14
-"""Most likely readings that are triangulated."""
-SCOUTED = 12
-"""Poses of the first comparison of the many common readings."""
-BLOCKS = 8
-"""Blocks of time that estimate the luck of a likelihood ratio."""
-AS_NOISY = 1.15
-"""Largest noise ratio at which the simpler of two readings of one body wins."""
+BEAM, ROUNDS = 5, 2  # Readings that the search keeps, and faults of single cameras that it finds in sequence.
+MOVED_OF = 2  # Best readings that a moved camera is searched from. Each pose needs a fit.
+JUDGED = 14  # Most likely readings that are triangulated.
+SCOUTED = 12  # Poses of the first comparison of the many common readings.
+BLOCKS = 8  # Blocks of time that estimate the luck of a likelihood ratio.
+AS_NOISY = 1.15  # Largest noise ratio at which the simpler of two readings of one body wins.
 AGREED_NOISE, AGREED_TIMES, AGREED_OUTLIERS = 0.035, 1.6, 0.15
 """Largest noise in person's sizes, ratio to the best pair, and outlier rate of pairs of views that agree. No reading is
 tried if all pairs do."""
@@ -57,14 +51,10 @@ _OF_CAMERA = {
 class Applied:
     """A hypothesis that explains the capture."""
 
-    code: str
-    """Of its diagnostic."""
-    views: tuple[int, ...]
-    """Views with the fault."""
-    meaning: str
-    """The correction, a phrase for people. Empty if the code says it."""
-    gain: float
-    """Log-likelihood ratio against the reading without it, nats."""
+    code: str  # Of its diagnostic.
+    views: tuple[int, ...]  # Views with the fault.
+    meaning: str  # The correction, a phrase for people. Empty if the code says it.
+    gain: float  # Log-likelihood ratio against the reading without it, nats.
 
 
 @dataclass(frozen=True)
@@ -96,24 +86,15 @@ class Scored:
 class Explanation:
     """How a capture is read, and why."""
 
-    reading: Reading
-    """The reading to solve. The files are taken literally if no reading wins."""
-    applied: tuple[Applied, ...]
-    """Hypotheses that explain the capture."""
-    agrees: bool
-    """The views show one body in this reading."""
-    margin: float
-    """Log-likelihood ratio against the best reading of another body, nats. Infinite if there is none."""
-    runner_up: str
-    """That reading, a phrase."""
-    open: tuple[str, ...] = ()
-    """The two best explanations where neither wins."""
-    share: float = 0.0
-    """Share of the keypoints that agree between views."""
-    share_written: float = 0.0
-    """The same, as the files are written."""
-    table: tuple[Scored, ...] = ()
-    """All readings that were judged, the best first."""
+    reading: Reading  # The reading to solve. The files are taken literally if no reading wins.
+    applied: tuple[Applied, ...]  # Hypotheses that explain the capture.
+    agrees: bool  # The views show one body in this reading.
+    margin: float  # Log-likelihood ratio against the best reading of another body, nats. Infinite if there is none.
+    runner_up: str  # That reading, a phrase.
+    open: tuple[str, ...] = ()  # The two best explanations where neither wins.
+    share: float = 0.0  # Share of the keypoints that agree between views.
+    share_written: float = 0.0  # The same, as the files are written.
+    table: tuple[Scored, ...] = ()  # All readings that were judged, the best first.
 
     @property
     def changed(self) -> bool:

@@ -15,8 +15,7 @@ from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TU
 
 LEAST_DELAY, LONGEST_DELAY = 3, 30
 """Frames; smaller delays are measured in the solve, cameras that started further apart by ``find_starts``."""
-SIDES_ODDS = 3000
-"""To one that a detector does not exchange left and right in all views of upright pictures."""
+SIDES_ODDS = 3000  # To one that a detector does not exchange left and right in all views of upright pictures.
 MOST_PERMUTED = 4
 """Views up to which all orders of names are tried; of more, exchanges of two and moves round the ring."""
 ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")

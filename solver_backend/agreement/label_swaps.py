@@ -10,38 +10,25 @@ from solver_backend.agreement.view_faults import CheckedViews, best_states, view
 from solver_backend.cameras.robust_triangulation import Predictions, Triangulation, predict_views, triangulate
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
 
-EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}
-"""Keypoints that a detector exchanges together."""
-ROBUST_SIGMAS = 3.0
-"""Scale of the Geman-McClure penalty of a distance."""
-VIEWS_WEIGHT = 0.3
-"""Weight of a frame's distances to the other views: neighbouring frames share a detector's errors."""
-STEP_PX_SHARE = 0.004
-"""Usual step of a keypoint from frame to frame at 60 fps as a share of the image width."""
-SWITCH_COST = 6.0
-"""Cost of an exchange that begins or ends."""
-STATE_COST = 0.1
-"""Cost of each frame in which a pair of limbs is exchanged."""
-LEAST_GAIN = 10.0
-"""Gain in cost below which an exchange is left alone."""
-ROUNDS = 4
-"""Rounds of exchange at most, chosen by hand."""
+EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}  # Keypoints that a detector exchanges together.
+ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure penalty of a distance.
+VIEWS_WEIGHT = 0.3  # Weight of a frame's distances to the other views: neighbouring frames share a detector's errors.
+STEP_PX_SHARE = 0.004  # Usual step of a keypoint from frame to frame at 60 fps as a share of the image width.
+SWITCH_COST = 6.0  # Cost of an exchange that begins or ends.
+STATE_COST = 0.1  # Cost of each frame in which a pair of limbs is exchanged.
+LEAST_GAIN = 10.0  # Gain in cost below which an exchange is left alone.
+ROUNDS = 4  # Rounds of exchange at most, chosen by hand.
 
 
 @dataclass(frozen=True)
 class LabelSwap:
     """An exchange of left and right that was undone."""
 
-    view: int
-    """Index of the camera."""
-    limb: str
-    """'arms' or 'legs'."""
-    first: int
-    """First exchanged frame."""
-    last: int
-    """Last exchanged frame."""
-    gain: float
-    """Decrease of the frames' cost, roughly twice the logarithm of a likelihood ratio."""
+    view: int  # Index of the camera.
+    limb: str  # 'arms' or 'legs'.
+    first: int  # First exchanged frame.
+    last: int  # Last exchanged frame.
+    gain: float  # Decrease of the frames' cost, roughly twice the logarithm of a likelihood ratio.
 
 
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:

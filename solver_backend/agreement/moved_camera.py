@@ -10,10 +10,8 @@ from solver_backend.agreement.noise import LEAST_NOISE
 from solver_backend.agreement.reading import Pose, Reading
 from solver_backend.geometry.rotations import exp_so3
 
-LEAST_POINTS = 24
-"""Points that a pose is fitted to at least."""
-MATERIAL = 0.05
-"""Median distance in person's sizes by which a camera must see the person elsewhere to count as moved."""
+LEAST_POINTS = 24  # Points that a pose is fitted to at least.
+MATERIAL = 0.05  # Median distance in person's sizes by which a camera must see the person elsewhere to count as moved.
 AS_FAR = 2.5
 """Times the other views' own distances up to which a fitted pose explains a camera: they made the points themselves."""
 _ROUNDS = 15

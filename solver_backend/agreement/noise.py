@@ -9,8 +9,7 @@ import numpy as np
 BINS = 98
 LEAST_NOISE = 0.002
 """Of the person's size in the picture: smaller is rounding and joint definitions."""
-OUTLIER_DENSITY = 0.5
-"""Density of outliers: uniform over twice the person's size."""
+OUTLIER_DENSITY = 0.5  # Density of outliers: uniform over twice the person's size.
 _SMALLEST, _LARGEST = 1e-3, 3.0
 _STEP = np.log(_LARGEST / _SMALLEST) / (BINS - 2)
 _EDGES = np.geomspace(_SMALLEST, _LARGEST, BINS - 1)
@@ -24,12 +23,9 @@ _STARTS = (0.5, 1.5), (0.2, 3.0)
 class Noise:
     """Normal errors with uniform outliers, fitted to N sets of distances."""
 
-    density: np.ndarray
-    """(N,) mean log density of a distance, nats."""
-    sigma: np.ndarray
-    """(N,) standard deviation."""
-    outliers: np.ndarray
-    """(N,) outlier rate."""
+    density: np.ndarray  # (N,) mean log density of a distance, nats.
+    sigma: np.ndarray  # (N,) standard deviation.
+    outliers: np.ndarray  # (N,) outlier rate.
 
     def log_density(self, distance: np.ndarray) -> np.ndarray:
         """Return the log density of distances, for a single set."""

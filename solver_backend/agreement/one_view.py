@@ -12,14 +12,10 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.types import UNSEEN_POINT, Keypoints2D
 
-NEAR_SHARE = 0.4
-"""Largest median step of one person's keypoints, in the person's extent."""
-GONE_S = 0.5
-"""Longest absence of one person."""
-LEAST_SHARE = 0.25
-"""Least share of the longest track's frames. Shorter tracks are passers-by."""
-LEAST_POINTS = 4
-"""Least keypoints of a person."""
+NEAR_SHARE = 0.4  # Largest median step of one person's keypoints, in the person's extent.
+GONE_S = 0.5  # Longest absence of one person.
+LEAST_SHARE = 0.25  # Least share of the longest track's frames. Shorter tracks are passers-by.
+LEAST_POINTS = 4  # Least keypoints of a person.
 
 
 @dataclass

@@ -14,49 +14,34 @@ from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras, Keypoints2D
 
-REACH_S = 0.25
-"""Time within which a person is interpolated if fewer than two views agree."""
-SEPARATE_M = 0.3
-"""Distance of common keypoints that separates two people."""
-
-USUAL_TIMES = 4.0
-"""Largest distance of a person's detection, in medians."""
-CLOSEST_M = 0.04
-"""Distance that always suffices."""
+REACH_S = 0.25  # Time within which a person is interpolated if fewer than two views agree.
+SEPARATE_M = 0.3  # Distance of common keypoints that separates two people.
+USUAL_TIMES = 4.0  # Largest distance of a person's detection, in medians.
+CLOSEST_M = 0.04  # Distance that always suffices.
 ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
 """Share of frames with one person, and share accepted among them, of a doubtful view."""
-TRUSTED_SHARE = 0.5
-"""Least share of a view's track that is the person."""
-SURE_SHARE = 0.8
-"""Share from which unusually distant detections of a track count, too."""
+TRUSTED_SHARE = 0.5  # Least share of a view's track that is the person.
+SURE_SHARE = 0.8  # Share from which unusually distant detections of a track count, too.
 
 
 @dataclass(frozen=True)
 class FollowedPeople:
     """Everybody in space, followed over the take."""
 
-    seen: Sightings
-    """All detections, without lens distortion."""
-    tracks: np.ndarray
-    """(C, F, P) number of the view's own track each detection belongs to."""
-    people: PeopleInSpace
-    """Everybody in space."""
-    rows: list[np.ndarray]
-    """The rows of ``people`` of each person, the most agreed on first."""
+    seen: Sightings  # All detections, without lens distortion.
+    tracks: np.ndarray  # (C, F, P) number of the view's own track each detection belongs to.
+    people: PeopleInSpace  # Everybody in space.
+    rows: list[np.ndarray]  # The rows of ``people`` of each person, the most agreed on first.
 
 
 @dataclass(frozen=True)
 class FoundPerson:
     """The person among all people's detections."""
 
-    people: PeopleInSpace
-    """Everybody in space."""
-    rows: list[np.ndarray]
-    """The rows of ``people`` of each person, the chosen one first."""
-    accepted: np.ndarray
-    """(C, F, P) whether a detection is the person."""
-    fit: np.ndarray
-    """(C, F, P) how many keypoints of each lie where the person's are expected."""
+    people: PeopleInSpace  # Everybody in space.
+    rows: list[np.ndarray]  # The rows of ``people`` of each person, the chosen one first.
+    accepted: np.ndarray  # (C, F, P) whether a detection is the person.
+    fit: np.ndarray  # (C, F, P) how many keypoints of each lie where the person's are expected.
 
 
 def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
@@ -201,26 +186,20 @@ def _accepted(
     return accepted, fit
 
 
-LEAST_S = 0.5
-"""Least time of a listed person, or half of a shorter take."""
+LEAST_S = 0.5  # Least time of a listed person, or half of a shorter take.
 LEAST_AGREEMENT = 0.4
 """Least mean of 1 - distance / tolerance over a person's views. Rays of different people meet by chance, less well."""
-USUAL_NAME = "Person {}"
-"""Default names of people, by the number of views and frames that agree on them."""
+USUAL_NAME = "Person {}"  # Default names of people, by the number of views and frames that agree on them.
 
 
 @dataclass(frozen=True)
 class SeenPerson:
     """One of the people in a recording."""
 
-    name: str
-    """Name of the person."""
-    accepted: np.ndarray
-    """(C, F, P) bool of the person's own detections."""
-    fit: np.ndarray
-    """(C, F, P) number of matching keypoints."""
-    rows: np.ndarray
-    """Rows of the people in space."""
+    name: str  # Name of the person.
+    accepted: np.ndarray  # (C, F, P) bool of the person's own detections.
+    fit: np.ndarray  # (C, F, P) number of matching keypoints.
+    rows: np.ndarray  # Rows of the people in space.
 
 
 def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float) -> tuple[SeenPerson, ...]:
@@ -249,8 +228,7 @@ def _is_somebody(followed: FollowedPeople, rows: np.ndarray, least: float) -> bo
     return len(rows) >= least and float((followed.people.score[rows] / views).mean()) >= LEAST_AGREEMENT
 
 
-AGREEING_SHARE = 0.65
-"""Least share of agreeing views among views that see a person."""
+AGREEING_SHARE = 0.65  # Least share of agreeing views among views that see a person.
 
 
 @dataclass(frozen=True)

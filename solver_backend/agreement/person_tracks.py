@@ -11,18 +11,12 @@ import numpy as np
 from solver_backend.agreement.detections import Sightings
 from solver_backend.agreement.view_agreement import PeopleInSpace
 
-STEP_M = 0.2
-"""Largest error of a person's middle."""
-SPEED_M_S = 4.0
-"""Largest speed between two sightings. Doubled for two sightings in one track of a view."""
-BRIDGE_S = 0.5
-"""Longest absence within a tracklet."""
-OVERLAP_S = 0.1
-"""Largest overlap of two pieces of one person after a wrong pairing of detections."""
-LIVELY_M = 0.15
-"""Range of the keypoints of a moving person."""
-JOIN_SPEED_M_S = 3.0
-"""Walking speed while fewer than two views see the person."""
+STEP_M = 0.2  # Largest error of a person's middle.
+SPEED_M_S = 4.0  # Largest speed between two sightings. Doubled for two sightings in one track of a view.
+BRIDGE_S = 0.5  # Longest absence within a tracklet.
+OVERLAP_S = 0.1  # Largest overlap of two pieces of one person after a wrong pairing of detections.
+LIVELY_M = 0.15  # Range of the keypoints of a moving person.
+JOIN_SPEED_M_S = 3.0  # Walking speed while fewer than two views see the person.
 
 
 @dataclass
@@ -168,10 +162,8 @@ def _joined(
     return joined
 
 
-STEP_SHARE = 0.2
-"""Largest step of a person's keypoints from frame to frame as a share of the person's size."""
-CLEAR_RATIO = 2.0
-"""Least distance ratio of the second candidate to a sure link."""
+STEP_SHARE = 0.2  # Largest step of a person's keypoints from frame to frame as a share of the person's size.
+CLEAR_RATIO = 2.0  # Least distance ratio of the second candidate to a sure link.
 
 
 def view_tracks(seen: Sightings) -> np.ndarray:

@@ -22,14 +22,10 @@ Pose = tuple[float, ...]
 class PictureReading:
     """How the recorded pictures of a camera differ from the calibrated ones."""
 
-    size: float = 1.0
-    """Size relative to the calibrated pictures."""
-    turn: int = 0
-    """Quarter turns, clockwise."""
-    mirrored: bool = False
-    """x runs from right to left after the turn."""
-    shape: str = ""
-    """One of ``SHAPES``."""
+    size: float = 1.0  # Size relative to the calibrated pictures.
+    turn: int = 0  # Quarter turns, clockwise.
+    mirrored: bool = False  # x runs from right to left after the turn.
+    shape: str = ""  # One of ``SHAPES``.
 
     @property
     def correction(self) -> CameraCorrection:

@@ -15,14 +15,11 @@ from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.types import Capture, Keypoints2D
 from solver_backend.types.shapes import Bool
 
-LONGEST = 5
-"""Repetitions in a row that are interpolated."""
-LEAST_REPEATED = 1.0
-"""Per cent of repeated frames in a view. Fewer are interpolated silently."""
+LONGEST = 5  # Repetitions in a row that are interpolated.
+LEAST_REPEATED = 1.0  # Per cent of repeated frames in a view. Fewer are interpolated silently.
 LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
 """Frames in a row, and their share of the take, that a detector with a step of two or three skips."""
-STEP_PX = 0.5
-"""Half of the keypoints move by more than this beside a repetition. Standing still is none."""
+STEP_PX = 0.5  # Half of the keypoints move by more than this beside a repetition. Standing still is none.
 
 
 def repeated_frames(keypoints: Keypoints2D) -> np.ndarray:
@@ -95,12 +92,9 @@ _FORM = re.compile(r"(?P<camera>.+?)(?::(?P<first>\d+)-(?P<last>\d+))?")
 class LeftOut:
     """A view that is not used, in some frames or in all."""
 
-    camera: str
-    """Name of the camera."""
-    first: int | None = None
-    """First frame, from 0. None for the whole take."""
-    last: int | None = None
-    """Last frame, included."""
+    camera: str  # Name of the camera.
+    first: int | None = None  # First frame, from 0. None for the whole take.
+    last: int | None = None  # Last frame, included.
 
     @classmethod
     def parse(cls, text: str) -> LeftOut:
@@ -168,8 +162,7 @@ def left_out_views(texts: Sequence[str], names: Sequence[str], frames: int) -> B
 JUMP, CALM = 0.12, 0.25
 """How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
 it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames per second."""
-_LEAST_VIEWS = 2
-"""Views that must see the person before and after a cut."""
+_LEAST_VIEWS = 2  # Views that must see the person before and after a cut.
 
 FAR_QUANTILE = 0.95
 LEAST_FRAMES, TEXT_SHARE = 20, 0.5

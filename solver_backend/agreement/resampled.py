@@ -14,8 +14,7 @@ from solver_backend.agreement.reading import Reading
 from solver_backend.agreement.starts import matches
 from solver_backend.types import UNSEEN_POINT, Cameras
 
-NEAR = 0.15
-"""Largest mean step of one person's keypoints from frame to frame, in the person's extent."""
+NEAR = 0.15  # Largest mean step of one person's keypoints from frame to frame, in the person's extent.
 
 
 def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[float]) -> Detections:
@@ -93,12 +92,9 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
         result.hands[c, : len(at)][together] = between[together]
 
 
-SAME_FRAMES = 2.0
-"""Largest difference of frame numbers of cameras that record the same seconds."""
-CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)
-"""Frames per second that cameras have."""
-MATCH_TIMES = 1.2
-"""Times the matching share of views as they are from which other frame rates explain them."""
+SAME_FRAMES = 2.0  # Largest difference of frame numbers of cameras that record the same seconds.
+CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)  # Frames per second that cameras have.
+MATCH_TIMES = 1.2  # Times the matching share of views as they are from which other frame rates explain them.
 
 
 def rates_by_length(cameras: Cameras, detections: Detections, numbered: Detections) -> np.ndarray:

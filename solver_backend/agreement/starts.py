@@ -19,16 +19,12 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import UNSEEN_POINT, Cameras
 
-STAGE = "Comparing the clocks"
-"""Name of the comparison in progress reports."""
+STAGE = "Comparing the clocks"  # Name of the comparison in progress reports.
 COARSE, FINE = 0.04, 0.015
 """Scales of the Geman-McClure penalty of a distance from an epipolar line, in the person's extent: 6 and 2 cm."""
-REACH = 4
-"""Frames on either side that are refined."""
-EACH, NEIGHBOURS = 8, 3
-"""Cameras up to which each is paired with each. In larger arrays, neighbours on either side."""
-MOST_PEOPLE = 4
-"""People of a picture that are compared: the largest."""
+REACH = 4  # Frames on either side that are refined.
+EACH, NEIGHBOURS = 8, 3  # Cameras up to which each is paired with each. In larger arrays, neighbours on either side.
+MOST_PEOPLE = 4  # People of a picture that are compared: the largest.
 SAMPLES, FEWEST_SAMPLES, SAMPLED_PAIRS, FINE_SAMPLES = 160, 40, 6, 400
 """Frames of a view that are compared with all of another, and fewer of each if there are more pairs than this. Frames
 of the refinement."""
@@ -37,21 +33,15 @@ MOST_CELLS = 4_000_000
 LEAST_STRENGTH = 3.0
 """Frames that must match per camera, times the square of the share that could match: simulated cameras in step reach 10
 to 60, real ones with a poor calibration 5 to 20, unrelated cameras up to 1.9."""
-RIVAL_SHARE = 0.7
-"""Share of the gain from which another offset leaves open which is right, as with periodic movement."""
-NEAR_S = 0.35
-"""Offsets so near to the best are the same finding; a period of walking is longer."""
-KEPT_SHARE = 0.8
-"""Cameras stay as numbered if that gains so much of the best."""
-COMMON_SHARE = 0.5
-"""Share of the shortest recording that all cameras must have in common, else two of them."""
-FEW_ROWS = 300
-"""Frames of each view that are looked at to compare readings."""
+RIVAL_SHARE = 0.7  # Share of the gain from which another offset leaves open which is right, as with periodic movement.
+NEAR_S = 0.35  # Offsets so near to the best are the same finding; a period of walking is longer.
+KEPT_SHARE = 0.8  # Cameras stay as numbered if that gains so much of the best.
+COMMON_SHARE = 0.5  # Share of the shortest recording that all cameras must have in common, else two of them.
+FEW_ROWS = 300  # Frames of each view that are looked at to compare readings.
 LEAST_READING, READING_RIVAL, NEAR_SIZE = 1.0, 0.6, 0.5
 """Least strength of another reading on few frames, share of it that leaves open which is right, and difference of
 logarithms up to which sizes are neighbours."""
-_ROUNDS = 8
-"""Rounds of descent at most, chosen by hand."""
+_ROUNDS = 8  # Rounds of descent at most, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -315,28 +305,20 @@ def whole_lags(cameras: Cameras, tracks: np.ndarray, reach: int, progress: Progr
 class StartEvidence(Enum):
     """What is known of when cameras started."""
 
-    IN_STEP = "in step"
-    """They agree by their numbers, or better nowhere with a margin."""
-    APART = "apart"
-    """They agree far better at other offsets, and only there."""
-    STILL = "still"
-    """Unknown: too little moves, or too little is seen by two cameras."""
-    AMBIGUOUS = "ambiguous"
-    """They agree equally at several offsets, and less as numbered."""
+    IN_STEP = "in step"  # They agree by their numbers, or better nowhere with a margin.
+    APART = "apart"  # They agree far better at other offsets, and only there.
+    STILL = "still"  # Unknown: too little moves, or too little is seen by two cameras.
+    AMBIGUOUS = "ambiguous"  # They agree equally at several offsets, and less as numbered.
 
 
 @dataclass(frozen=True)
 class CameraStarts:
     """The row of each of C cameras that shows the moment of the take's row 0."""
 
-    offsets: np.ndarray
-    """(C,) whole frames. Frame f of the take is row f + offset of the camera."""
-    evidence: StartEvidence
-    """Their evidence. Unless it is ``APART``, the offsets are those as numbered."""
-    doubtful: tuple[int, ...] = ()
-    """Cameras that show nothing; of ``AMBIGUOUS`` those that agree at several offsets."""
-    rivals: tuple[int, int] = (0, 0)
-    """The two best offsets of the first of these against the first camera."""
+    offsets: np.ndarray  # (C,) whole frames. Frame f of the take is row f + offset of the camera.
+    evidence: StartEvidence  # Their evidence. Unless it is ``APART``, the offsets are those as numbered.
+    doubtful: tuple[int, ...] = ()  # Cameras that show nothing; of ``AMBIGUOUS`` those that agree at several offsets.
+    rivals: tuple[int, int] = (0, 0)  # The two best offsets of the first of these against the first camera.
 
 
 def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: np.ndarray) -> CameraStarts:

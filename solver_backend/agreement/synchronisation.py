@@ -15,31 +15,21 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.small_matrices import inverse_symmetric_3x3
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
-ROBUST_SIGMAS = 3.0
-"""Scale of the Geman-McClure weights."""
-DEPTH_SIGMA_M = 0.5
-"""Standard deviation of a triangulated point."""
-BLOCKS = 8
-"""Blocks of time with independent errors. Their spread gives the deviations."""
-
-MOST_NUMBERS = 4_000_000
-"""Most numbers of rows in memory at once: 32 MB per copy. More views are processed in parts."""
+ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
+DEPTH_SIGMA_M = 0.5  # Standard deviation of a triangulated point.
+BLOCKS = 8  # Blocks of time with independent errors. Their spread gives the deviations.
+MOST_NUMBERS = 4_000_000  # Most numbers of rows in memory at once: 32 MB per copy. More views are processed in parts.
 
 
 @dataclass(frozen=True)
 class DelayStep:
     """A Gauss-Newton step on delays and points."""
 
-    delay: np.ndarray
-    """(C,) frames."""
-    drift: np.ndarray
-    """(C,) frames from the middle of the take to its end."""
-    sigma: np.ndarray
-    """(C,) standard deviation of the delays."""
-    drift_sigma: np.ndarray
-    """(C,) the same of the drifts."""
-    points: np.ndarray
-    """(N, K, 3) metres."""
+    delay: np.ndarray  # (C,) frames.
+    drift: np.ndarray  # (C,) frames from the middle of the take to its end.
+    sigma: np.ndarray  # (C,) standard deviation of the delays.
+    drift_sigma: np.ndarray  # (C,) the same of the drifts.
+    points: np.ndarray  # (N, K, 3) metres.
 
 
 def delay_step(
@@ -101,16 +91,11 @@ def delay_step(
 class _Rows:
     """What the rows of the least-squares problem are made of."""
 
-    J: np.ndarray
-    """(C, N, K, 2, 3) of the detections by the points."""
-    moved: np.ndarray
-    """(C, N, K, 3) how a point follows the velocity in each view."""
-    velocity: np.ndarray
-    """(C, N, K, 2) px a frame."""
-    error: np.ndarray
-    """(C, N, K, 2) px, with the points' own steps taken out."""
-    weight: np.ndarray
-    """(C, N, K)"""
+    J: np.ndarray  # (C, N, K, 2, 3) of the detections by the points.
+    moved: np.ndarray  # (C, N, K, 3) how a point follows the velocity in each view.
+    velocity: np.ndarray  # (C, N, K, 2) px a frame.
+    error: np.ndarray  # (C, N, K, 2) px, with the points' own steps taken out.
+    weight: np.ndarray  # (C, N, K)
 
     def of_views(self, views: slice, ramps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the weighted rows (B, V, N, K, 2) of V views, B = C for every ramp, and their (V, N, K, 2) errors."""
@@ -158,16 +143,11 @@ def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
     return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
 
 
-REACH_S, LEAST_REACH_FRAMES = 0.4, 20
-"""Largest lag between two cameras, and least value of it in frames."""
-USUAL_SIGMA_SHARE = 0.005
-"""Scatter of detections as a share of the image's width."""
-SAMPLED_FRAMES = 300
-"""Frames that delays are estimated from."""
-FEW_VIEWS = 4
-"""With more views fewer frames carry as much information."""
-LEAST_FRAMES = 24
-"""Shortest take with reported delays."""
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20  # Largest lag between two cameras, and least value of it in frames.
+USUAL_SIGMA_SHARE = 0.005  # Scatter of detections as a share of the image's width.
+SAMPLED_FRAMES = 300  # Frames that delays are estimated from.
+FEW_VIEWS = 4  # With more views fewer frames carry as much information.
+LEAST_FRAMES = 24  # Shortest take with reported delays.
 ROUNDS = 12
 IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
 """Largest first estimates of cameras in step, and last step of the rounds otherwise."""
@@ -179,10 +159,8 @@ LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
 """Least drift, and in deviations: slow errors of a detector look like a drift."""
 TESTED_FRAMES, TESTED_SIGMAS = 1.5, 3.0
 """Delays from which on "no delay" is tested, and standard errors by which they must explain the stretches better."""
-LARGEST_SIGMA_FRAMES = 0.2
-"""Largest deviation of a reported delay."""
-MEDIAN_FRAMES = 5
-"""Length of the running median against outliers, before interpolation."""
+LARGEST_SIGMA_FRAMES = 0.2  # Largest deviation of a reported delay.
+MEDIAN_FRAMES = 5  # Length of the running median against outliers, before interpolation.
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 """Kernel of the smoothing that follows. Both are symmetric and the same in all views, so they delay nothing."""
 
@@ -191,14 +169,10 @@ SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
 class Delays:
     """How late each of C cameras is."""
 
-    frames: np.ndarray
-    """(C,) frame f shows the moment ``f - delay``. The median is 0. NaN where unknown."""
-    sigma: np.ndarray
-    """(C,) standard deviation. NaN where too little moves."""
-    drift: np.ndarray
-    """(C,) increase of the delay from the middle to the last frame. 0 if it is uncertain."""
-    beyond: np.ndarray
-    """(C,) whether the views agree best at the largest lag, so that the delay is unknown."""
+    frames: np.ndarray  # (C,) frame f shows the moment ``f - delay``. The median is 0. NaN where unknown.
+    sigma: np.ndarray  # (C,) standard deviation. NaN where too little moves.
+    drift: np.ndarray  # (C,) increase of the delay from the middle to the last frame. 0 if it is uncertain.
+    beyond: np.ndarray  # (C,) whether the views agree best at the largest lag, so that the delay is unknown.
 
     def at(self, num_frames: int) -> np.ndarray:
         """Return (C, F) the delay in every frame."""

@@ -17,28 +17,20 @@ from solver_backend.agreement.detections import MIN_POINTS, Sightings
 from solver_backend.geometry.arrays import quantile
 from solver_backend.types import Cameras
 
-TOLERANCE_M = 0.15
-"""Largest median distance over the keypoints of a person's detection."""
-MAX_EXTENT_M = 1.6
-"""Largest distance of a person's keypoint from the middle."""
-SMALLEST_ANGLE_SIN2 = 0.0076
-"""Squared sine of the smallest angle between two rays that place a point: 5 degrees."""
-_FRAMES_AT_A_TIME = 400
-"""Frames that are compared at a time, a bound of memory."""
+TOLERANCE_M = 0.15  # Largest median distance over the keypoints of a person's detection.
+MAX_EXTENT_M = 1.6  # Largest distance of a person's keypoint from the middle.
+SMALLEST_ANGLE_SIN2 = 0.0076  # Squared sine of the smallest angle between two rays that place a point: 5 degrees.
+_FRAMES_AT_A_TIME = 400  # Frames that are compared at a time, a bound of memory.
 
 
 @dataclass(frozen=True)
 class PeopleInSpace:
     """H people, or groups of detections that may be people, each in one frame."""
 
-    frame: np.ndarray
-    """(H,) frame of each, ascending."""
-    members: np.ndarray
-    """(H, C) index of each view's detection, -1 without one."""
-    points: np.ndarray
-    """(H, J, 3) world metres of the compared keypoints, NaN where unknown."""
-    score: np.ndarray
-    """(H,) sum over its views of 1 - distance / tolerance."""
+    frame: np.ndarray  # (H,) frame of each, ascending.
+    members: np.ndarray  # (H, C) index of each view's detection, -1 without one.
+    points: np.ndarray  # (H, J, 3) world metres of the compared keypoints, NaN where unknown.
+    score: np.ndarray  # (H,) sum over its views of 1 - distance / tolerance.
 
 
 def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:

@@ -20,18 +20,15 @@ FRAME_WEIGHT, SWITCH_COST = 6.0, 15.0
 """Independent keypoints that a frame counts as, and cost of a change between the two."""
 TRIED_FRAMES, ORDERED_FRAMES = 16, 8
 """Frames of a range on which explanations are tried, and those on which orders of names are compared."""
-DISAGREEING_SIGMAS = 3.0
-"""Residual that counts half in the misfit."""
+DISAGREEING_SIGMAS = 3.0  # Residual that counts half in the misfit.
 EXPLAINED, BETTER = 0.4, 0.6
 """Largest misfit of a view whose fault is undone, 0.2 with good detections, and largest share of the misfit before."""
-SMALLEST_ROTATION_DEG = 2.5
-"""A camera rotated by less has an inexact calibration, or the others have."""
+SMALLEST_ROTATION_DEG = 2.5  # A camera rotated by less has an inexact calibration, or the others have.
 LASTING_S, BRIEF_S = 1.0, 0.25
 """Names, sides and cameras do not change for less time. Shorter contradictions are left to the robust penalty."""
 USUAL_SIGMA_SHARE = 0.005
 """Scatter of detections by the image's longer side. Views that scatter more may agree on a wrong world."""
-SUSPECT_SHARE = 0.6
-"""A view with this share of the worst view's outliers may be to blame as well."""
+SUSPECT_SHARE = 0.6  # A view with this share of the worst view's outliers may be to blame as well.
 MOST_PERMUTED, ALIKE = 4, 1.05
 """Cameras up to which every order of names is tried, and ratio of misfits of orders that fit equally."""
 HOPELESS, SOUND = 0.7, 0.3
@@ -123,10 +120,8 @@ def _with_points(keypoints: Keypoints2D, at: ViewRange, change: Callable[[np.nda
 class Mirrored:
     """The view's sides are exchanged, its image is mirrored, or both."""
 
-    labels: bool
-    """Left and right keypoints are exchanged."""
-    image: bool
-    """x runs from right to left."""
+    labels: bool  # Left and right keypoints are exchanged.
+    image: bool  # x runs from right to left.
 
     def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
         """Return the detections with this undone in the range."""
@@ -148,8 +143,7 @@ class Mirrored:
 class NamedLike:
     """The view has the detections of another, and the other has its."""
 
-    other: int
-    """Index of the other view."""
+    other: int  # Index of the other view.
 
     def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
         """Return the detections with the two views exchanged in the range."""
@@ -166,8 +160,7 @@ class NamedLike:
 class Rotated:
     """The camera was rotated about its centre."""
 
-    rotation: tuple[float, float, float]
-    """Rotation vector in radians, camera axes."""
+    rotation: tuple[float, float, float]  # Rotation vector in radians, camera axes.
 
     @property
     def degrees(self) -> float:
@@ -187,10 +180,8 @@ Explanation = Mirrored | NamedLike | Rotated
 class ViewFault:
     """A frame range of a view that contradicted the others, and why."""
 
-    view_range: ViewRange
-    """View and frames."""
-    explanation: Explanation
-    """What was undone."""
+    view_range: ViewRange  # View and frames.
+    explanation: Explanation  # What was undone.
 
 
 Finding = TypeVar("Finding")
@@ -200,12 +191,9 @@ Finding = TypeVar("Finding")
 class CheckedViews(Generic[Finding]):
     """Detections of one person after a check of the views."""
 
-    keypoints: Keypoints2D
-    """The detections, repaired or without what was excluded."""
-    triangulation: Triangulation
-    """Of these detections."""
-    found: tuple[Finding, ...]
-    """Undone faults or excluded ranges."""
+    keypoints: Keypoints2D  # The detections, repaired or without what was excluded.
+    triangulation: Triangulation  # Of these detections.
+    found: tuple[Finding, ...]  # Undone faults or excluded ranges.
 
 
 def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[ViewFault]:

@@ -16,20 +16,16 @@ from solver_backend.geometry.small_matrices import dot
 
 _KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
 """Where the rays of the anatomical rules leave each body, which solves of markers ask for again and again."""
-SAME_M = 1e-9
-"""Triangles that a ray leaves so near to each other are met at their common edge or corner."""
+SAME_M = 1e-9  # Triangles that a ray leaves so near to each other are met at their common edge or corner.
 
 
 @dataclass(frozen=True)
 class SurfacePoint:
     """A point of the mesh: barycentric coordinates on one triangle."""
 
-    vertices: np.ndarray
-    """(3,) vertex indices."""
-    barycentric: np.ndarray
-    """(3,) sums to 1."""
-    normal: np.ndarray
-    """(3,) outward unit normal."""
+    vertices: np.ndarray  # (3,) vertex indices.
+    barycentric: np.ndarray  # (3,) sums to 1.
+    normal: np.ndarray  # (3,) outward unit normal.
 
 
 def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost: bool = False) -> SurfacePoint:

@@ -11,12 +11,9 @@ import numpy as np
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
 from solver_backend.exchange.hand_points import FINGERS
 
-THICKNESS_M = 0.010
-"""From the middle of a finger's joint to a marker's middle on its back."""
-PALM_THICKNESS_M = 0.016
-"""The same on the palm."""
-_ROOT = 0.3
-"""Bases of the metacarpals, as a share of the distance from the wrist to the knuckle."""
+THICKNESS_M = 0.010  # From the middle of a finger's joint to a marker's middle on its back.
+PALM_THICKNESS_M = 0.016  # The same on the palm.
+_ROOT = 0.3  # Bases of the metacarpals, as a share of the distance from the wrist to the knuckle.
 
 
 @dataclass(frozen=True)
@@ -37,10 +34,8 @@ def _places() -> dict[str, tuple[int, int, float]]:
     return found | {"CMC2": (1, 0, _ROOT), "CMC5": (4, 0, _ROOT)}
 
 
-PLACES = _places()
-"""By label."""
-_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)
-"""A side and a place."""
+PLACES = _places()  # By label.
+_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)  # A side and a place.
 
 
 def hand_place(label: str) -> tuple[int, str] | None:
@@ -52,8 +47,7 @@ def hand_place(label: str) -> tuple[int, str] | None:
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
 
-LEAST = 3
-"""Markers of one hand that make it one: a single label such as LMP1 may be a foot's."""
+LEAST = 3  # Markers of one hand that make it one: a single label such as LMP1 may be a foot's.
 
 
 def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:

@@ -182,8 +182,7 @@ def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
 RADIUS_M = (0.009, 0.0085, 0.0085, 0.008, 0.007)
 """Half the breadth of thumb, index, middle, ring and little finger at the last joint, of a hand of ``PALM_M`` (Garrett
 1971, "The adult human hand", means of men and women)."""
-PALM_M = 0.09
-"""From the wrist to the middle finger's knuckle, of the hand with these breadths."""
+PALM_M = 0.09  # From the wrist to the middle finger's knuckle, of the hand with these breadths.
 BONES = np.array([[4 * finger + k, 4 * finger + k + 1] for finger in range(5) for k in range(1, 4)])
 """Ends of the three bones of each finger beyond its knuckle, in ``HAND_POINTS``."""
 _ONE, _OTHER = (pair for pair in np.triu_indices(len(BONES)))
@@ -196,12 +195,9 @@ PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])
 class FingerGaps:
     """Bones of different fingers over F frames, P pairs."""
 
-    depth: Float[np.ndarray, "frames pairs"]
-    """(F, P) metres by which two bones overlap; negative where they are apart."""
-    along: Float[np.ndarray, "frames pairs 2"]
-    """(F, P, 2) where they are nearest, as a share of each bone."""
-    apart: Float[np.ndarray, "frames pairs 3"]
-    """(F, P, 3) metres from there on the second bone to there on the first."""
+    depth: Float[np.ndarray, "frames pairs"]  # (F, P) metres by which two bones overlap; negative where they are apart.
+    along: Float[np.ndarray, "frames pairs 2"]  # (F, P, 2) where they are nearest, as a share of each bone.
+    apart: Float[np.ndarray, "frames pairs 3"]  # (F, P, 3) metres from there on the second bone to there on the first.
 
 
 def finger_gaps(points: Float[np.ndarray, "frames 21 3"]) -> FingerGaps:

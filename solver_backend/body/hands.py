@@ -32,8 +32,7 @@ __all__ = [
     "with_hand_size",
 ]
 
-_NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER
-"""Finger joints of both hands."""
+_NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER  # Finger joints of both hands.
 
 
 def load_body_with_hands() -> Body:
@@ -116,8 +115,7 @@ def _hands_file() -> dict[str, np.ndarray]:
     return read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)
 
 
-JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))
-"""Finger joints of one side."""
+JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))  # Finger joints of one side.
 COLUMNS: tuple[tuple[int, ...], ...] = tuple(
     tuple(3 * SMPL_FINGERS.index(finger) + joint for joint in range(3)) for finger in FINGERS
 )

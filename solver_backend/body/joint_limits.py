@@ -13,8 +13,7 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, quat_conjugate, quat_from_matrix, quat_multiply, rotvec_from_quat
 
-_POSES = 2000
-"""Poses looked at at a time."""
+_POSES = 2000  # Poses looked at at a time.
 MARGIN_DEG = 15.0
 """Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""
 

@@ -16,10 +16,8 @@ from solver_backend.types.shapes import Float
 class PosedSkeleton:
     """A posed tree; F frames, J joints, world frame, metres."""
 
-    G: Float[Array, "frames joints 3 3"]
-    """(F, J, 3, 3) global rotation of each joint."""
-    joints: Float[Array, "frames joints 3"]
-    """(F, J, 3) positions."""
+    G: Float[Array, "frames joints 3 3"]  # (F, J, 3, 3) global rotation of each joint.
+    joints: Float[Array, "frames joints 3"]  # (F, J, 3) positions.
 
 
 def forward_kinematics(

@@ -119,8 +119,7 @@ _IN_WORDS = tuple(
 )
 LONGEST_LABEL = 256
 """Letters of a label that names a place, at most: formats that bound labels allow 127 and 255."""
-ARTICLE = 2
-"""Letters of words without meaning that count only where they stand apart, at most."""
+ARTICLE = 2  # Letters of words without meaning that count only where they stand apart, at most.
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
 
 
@@ -277,8 +276,7 @@ def spelt(label: str) -> str:
 
 SHARED = 0.8
 """Share of labels that a prefix without a separator begins, at least: some points are a stick's or a box's."""
-LONGEST = 30
-"""Characters of such a prefix or suffix, at most."""
+LONGEST = 30  # Characters of such a prefix or suffix, at most.
 
 
 @dataclass(frozen=True)

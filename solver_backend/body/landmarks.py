@@ -25,10 +25,8 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant, ind
 from solver_backend.geometry.small_matrices import dot
 from solver_backend.types.shapes import Float
 
-_CHUNK = 128
-"""Frames at a time: their intermediate arrays stay in a core's cache."""
-_CROSS = np.zeros((3, 3, 3))
-"""The Levi-Civita symbol: (a x b)_i = _CROSS[i, j, k] a_j b_k."""
+_CHUNK = 128  # Frames at a time: their intermediate arrays stay in a core's cache.
+_CROSS = np.zeros((3, 3, 3))  # The Levi-Civita symbol: (a x b)_i = _CROSS[i, j, k] a_j b_k.
 for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
     _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
 _ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)

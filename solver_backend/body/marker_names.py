@@ -299,8 +299,7 @@ def _bone(text: str, words: LabelWords) -> str | None:
     return f"{'left' if side == 'L' else 'right'}_{limbs.pop()}" if limbs else middle.pop()
 
 
-LEAST_LABELS = 2
-"""Labels without a side that name a limb, at least."""
+LEAST_LABELS = 2  # Labels without a side that name a limb, at least.
 BESIDE_M = 0.05
 """Metres beside the middle of the trunk that every marker of the limb has in most frames; an acromion has 170."""
 _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}

@@ -17,8 +17,7 @@ from solver_backend.body.marker_layouts import load_layouts
 
 ON_BONE = "@"
 """A place that begins so is the bone of the joint named after it: for markers of which nothing else is known."""
-ON_BONE_SPREAD_M = 0.2
-"""How far such a marker may be from the joint."""
+ON_BONE_SPREAD_M = 0.2  # How far such a marker may be from the joint.
 LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
 """How far joint centres of other skeletons are from the body's, per axis: between hip and ankle, shoulder and wrist all
 mean the same place, but for the hips of detectors; necks, heads, hands and feet end up to a decimetre apart. With

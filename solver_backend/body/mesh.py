@@ -9,8 +9,7 @@ from solver_backend.body.kinematics import forward_kinematics, pose_feature, wit
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.types.shapes import Float
 
-_CHUNK = 16
-"""Frames at a time: a blended transform per vertex and frame is large."""
+_CHUNK = 16  # Frames at a time: a blended transform per vertex and frame is large.
 
 
 def pose_mesh(

@@ -31,8 +31,7 @@ def _rest_joints() -> np.ndarray:
 REST_JOINTS: np.ndarray = _rest_joints()
 """(24, 3) metres, T-pose, Y up, facing +Z, left = +X; segment lengths of the middle adult (Drillis & Contini 1966)."""
 
-MIRROR: tuple[int, ...] = SMPL.mirror
-"""Joint of the other side of the body."""
+MIRROR: tuple[int, ...] = SMPL.mirror  # Joint of the other side of the body.
 BODY_MIRROR: tuple[int, ...] = tuple(joint - 1 for joint in MIRROR[1 : 1 + SMPL.num_solved])
 """The same for the columns of a pose."""
 

@@ -22,10 +22,8 @@ from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 STAGE = "Checking the calibration"
 FRAMES = 240
 """Most frames that are used."""
-WINDOWS = 6
-"""Number of parts of the take for epipolar errors."""
-WORSE = 1.4
-"""A calibration is wrong if refined cameras reduce the error by this factor."""
+WINDOWS = 6  # Number of parts of the take for epipolar errors.
+WORSE = 1.4  # A calibration is wrong if refined cameras reduce the error by this factor.
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 """Warning limits of the log scale, the tilt (degrees and deviations) and the growth of errors. Chosen by hand."""
 
@@ -34,12 +32,9 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 class CalibrationCheck(CameraFits):
     """Result of the check, in px unless stated. ``best_px`` is after the poses were adjusted to the take."""
 
-    all_px: float
-    """Median reprojection error of all cameras."""
-    refined_px: float
-    """Median reprojection error after the poses were adjusted."""
-    diagnostics: tuple[Diagnostic, ...]
-    """Findings as diagnostics."""
+    all_px: float  # Median reprojection error of all cameras.
+    refined_px: float  # Median reprojection error after the poses were adjusted.
+    diagnostics: tuple[Diagnostic, ...]  # Findings as diagnostics.
 
     @property
     def worst_regions(self) -> list[tuple[str, float]]:

@@ -85,8 +85,7 @@ def _of_video(path: Path, step: int) -> Iterator[tuple[int, np.ndarray]]:
             video.release()
 
 
-SIDE = 768
-"""Longer side of a drawn picture in pixels."""
+SIDE = 768  # Longer side of a drawn picture in pixels.
 PAPER, INK = (30, 32, 36), (225, 225, 225)
 Colour = tuple[int, int, int]
 """RGB."""

@@ -15,8 +15,7 @@ from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
 """Sizes of recorded over calibrated pictures: ratios between 480, 540, 720, 1080, 1440 and 2160 lines."""
-TURNS = (0, 1, 2, 3)
-"""Quarter turns of the recorded pictures, clockwise."""
+TURNS = (0, 1, 2, 3)  # Quarter turns of the recorded pictures, clockwise.
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """Meanings of a file's rotation R and vector t: ``x_cam = R x + t`` as in OpenCV, ``x_cam = Rᵀ x + t`` as with MATLAB's
 row vectors, ``x = R x_cam + t`` and ``x_cam = R (x - t)``."""
@@ -48,16 +47,11 @@ _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 class CameraCorrection:
     """One way to read a calibration. The default changes nothing."""
 
-    factor: float = 1.0
-    """Size of the recorded pictures over that of the calibrated ones."""
-    turn: int = 0
-    """Quarter turns, clockwise, from the calibrated pictures to the recorded ones."""
-    pose: str = POSES[0]
-    """One of ``POSES``."""
-    graphics: bool = False
-    """Camera axes are those of OpenGL and Blender."""
-    shape: str = ""
-    """One of ``SHAPES``, before the size counts; empty: as calibrated."""
+    factor: float = 1.0  # Size of the recorded pictures over that of the calibrated ones.
+    turn: int = 0  # Quarter turns, clockwise, from the calibrated pictures to the recorded ones.
+    pose: str = POSES[0]  # One of ``POSES``.
+    graphics: bool = False  # Camera axes are those of OpenGL and Blender.
+    shape: str = ""  # One of ``SHAPES``, before the size counts; empty: as calibrated.
 
     @property
     def changes(self) -> int:
@@ -156,8 +150,7 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)
 
 
-COMPARED = 16
-"""Cameras up to which every pair is compared if a pair is cheap."""
+COMPARED = 16  # Cameras up to which every pair is compared if a pair is cheap.
 
 
 def compared_pairs(count: int, each: int = COMPARED, neighbours: int = 0) -> list[tuple[int, int]]:

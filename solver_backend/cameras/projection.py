@@ -21,8 +21,7 @@ from solver_backend.geometry.small_matrices import squared_length
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.shapes import Float
 
-ImagePoints = Float[Array, "cameras *batch 2"]
-"""Pixels, or normalised coordinates."""
+ImagePoints = Float[Array, "cameras *batch 2"]  # Pixels, or normalised coordinates.
 Coordinate = Float[Array, "cameras *batch"]
 Distortion = Float[Array, "cameras 8"]
 Models = tuple[str, ...]
@@ -200,8 +199,7 @@ def _per_camera(value: Array, like: Array) -> Array:
 
 Points = Float[Array, "*batch 3"]
 
-NEAR_M = 0.01
-"""Depth below which a point is not projected."""
+NEAR_M = 0.01  # Depth below which a point is not projected.
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 
-FRAMES = 60
-"""Frames at most that correct cameras, spread over the take."""
+FRAMES = 60  # Frames at most that correct cameras, spread over the take.
 _LEAST_EIGENVALUE = 1e-12
 """Eigenvalue of a camera's equations over the largest, below which its direction is undetermined, chosen by hand."""
 
@@ -91,8 +90,7 @@ def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
         return np.linalg.pinv(normal, rcond=_LEAST_EIGENVALUE, hermitian=True) @ right
 
 
-LEAST_FRAMES = 8
-"""Frames of a take at least. Half of them are fitted, the other half are measured."""
+LEAST_FRAMES = 8  # Frames of a take at least. Half of them are fitted, the other half are measured.
 WHOLE_HAND = 4.0 / NUM_HAND_POINTS
 """Weight of a point of a hand relative to one of the body. The common error of a hand's 21 points in a view is half of
 their own, so they locate a hand as well as four points (docs/research-log/hands.md)."""
@@ -186,8 +184,7 @@ def view_distances(
 
 SCALES = (300.0, 100.0, 30.0, 10.0, 3.0, 3.0)
 """Scales of Geman and McClure's weights, in standard deviations: from plain least squares to robust."""
-STEPS = 3
-"""Gauss-Newton steps at each scale."""
+STEPS = 3  # Gauss-Newton steps at each scale.
 
 
 def estimated_rotation(

@@ -22,26 +22,19 @@ from solver_backend.geometry.small_matrices import (
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-MOST_VIEWS = 6
-"""Most confident views of a point that form subsets."""
-_SMALLEST_DETERMINANT = 1e-5
-"""``2 sin²`` of the angle between two rays (0.13°) below which they do not locate a point."""
+MOST_VIEWS = 6  # Most confident views of a point that form subsets.
+_SMALLEST_DETERMINANT = 1e-5  # ``2 sin²`` of the angle between two rays (0.13°) below which they do not locate a point.
 
 
 @dataclass(frozen=True)
 class UndistortedViews:
     """N points as C undistorted views see them."""
 
-    normalised: Array
-    """(C, N, 2) undistorted x/z and y/z; zero where unusable."""
-    weight: Array
-    """(C, N) confidence, zero where unusable."""
-    R: Array
-    """(C, 3, 3) world to camera."""
-    t: Array
-    """(C, 3) metres."""
-    focal: Array
-    """(C, 2) px."""
+    normalised: Array  # (C, N, 2) undistorted x/z and y/z; zero where unusable.
+    weight: Array  # (C, N) confidence, zero where unusable.
+    R: Array  # (C, 3, 3) world to camera.
+    t: Array  # (C, 3) metres.
+    focal: Array  # (C, 2) px.
 
 
 def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
@@ -123,10 +116,8 @@ def _robust_cost(views: UndistortedViews, point: Array, scale_px: Array) -> Arra
     return xp.sum(votes * share, axis=0)
 
 
-INLIER_SIGMAS = 3.5
-"""A view is rejected beyond this many standard deviations (0.2 % of good detections)."""
-ROBUST_SIGMAS = 3.0
-"""Scale of the Geman-McClure weights."""
+INLIER_SIGMAS = 3.5  # A view is rejected beyond this many standard deviations (0.2 % of good detections).
+ROBUST_SIGMAS = 3.0  # Scale of the Geman-McClure weights.
 ROBUST_STEPS, FINAL_STEPS = 6, 3
 _LONGEST_STEP_M = 0.5
 _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
@@ -251,12 +242,9 @@ START_SHARE = 0.001
 SMALLEST_SIGMA_PX = 0.1
 NOISE_ROUNDS = 8
 """Too small a guess grows by about 1.8 per round, because the agreeing views then fill the whole allowed range."""
-_SETTLED_SHARE = 0.05
-"""Change of the noise below which it is measured."""
-_ENOUGH_SHARE = 0.2
-"""Share of the located points that must have three agreeing views for the others to be left out."""
-_SAMPLES = 5_000, 20_000
-"""Observations that measure the noise, roughly and then precisely."""
+_SETTLED_SHARE = 0.05  # Change of the noise below which it is measured.
+_ENOUGH_SHARE = 0.2  # Share of the located points that must have three agreeing views for the others to be left out.
+_SAMPLES = 5_000, 20_000  # Observations that measure the noise, roughly and then precisely.
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
@@ -325,8 +313,7 @@ def _median(values: Array, otherwise: float) -> float:
 STAGE = "Triangulating"
 LARGEST_SIGMA_M = 0.3
 """Largest standard deviation of a located point."""
-_CHUNK = 32_000
-"""Observations processed at once, few enough to stay in the cache."""
+_CHUNK = 32_000  # Observations processed at once, few enough to stay in the cache.
 
 
 @dataclass(frozen=True)
@@ -439,8 +426,7 @@ def _check(cameras: Cameras, xy: Array, confidence: Array) -> None:
 
 DEPTH_SIGMA_M = 0.5
 """Standard deviation of a point around its first guess, which bounds the depth of a single other view."""
-BLOCK_FRAMES = 256
-"""Frames processed at a time."""
+BLOCK_FRAMES = 256  # Frames processed at a time.
 
 
 @dataclass(frozen=True)

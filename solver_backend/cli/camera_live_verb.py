@@ -27,10 +27,8 @@ if TYPE_CHECKING:
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
 
-MOST_CAMERAS = 4
-"""More are no help to one person, and a load, chosen by hand."""
-_SWITCH_S = 5e-4
-"""Seconds after which one thread lets another one on, chosen by hand."""
+MOST_CAMERAS = 4  # More are no help to one person, and a load, chosen by hand.
+_SWITCH_S = 5e-4  # Seconds after which one thread lets another one on, chosen by hand.
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -18,14 +18,10 @@ if TYPE_CHECKING:
     from solver_backend.fitters.motion_import.import_motion import ImportedMotion
     from solver_backend.types import SkeletonMotion
 
-_FAR_MM = 20.0
-"""Least mean distance of a joint from its source that is noted, chosen by hand."""
-_RAISED_M = 0.02
-"""Least change of a motion's height that is noted, metres, chosen by hand."""
-_STRANGE = 5.0
-"""Standard deviations of a rare shape coefficient, chosen by hand."""
-_LOOSE = ("_toe", "head")
-"""Joints that are not fitted by place."""
+_FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
+_RAISED_M = 0.02  # Least change of a motion's height that is noted, metres, chosen by hand.
+_STRANGE = 5.0  # Standard deviations of a rare shape coefficient, chosen by hand.
+_LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
@@ -78,14 +74,10 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
 class ForeignMotion:
     """A clip on our body."""
 
-    source: SkeletonMotion
-    """The clip as its file has it."""
-    roles: dict[str, str]
-    """Its joints by role."""
-    done: ImportedMotion
-    """On our body."""
-    diagnostics: tuple[Diagnostic, ...]
-    """Of the file and the fit."""
+    source: SkeletonMotion  # The clip as its file has it.
+    roles: dict[str, str]  # Its joints by role.
+    done: ImportedMotion  # On our body.
+    diagnostics: tuple[Diagnostic, ...]  # Of the file and the fit.
 
     @property
     def limbs_mm(self) -> float:

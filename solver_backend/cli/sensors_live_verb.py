@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from solver_backend.sensors.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.views import Coverage
 
-COVERAGE_INTERVAL_S = 0.5
-"""Seconds between two reports of the wand's coverage, chosen by hand."""
+COVERAGE_INTERVAL_S = 0.5  # Seconds between two reports of the wand's coverage, chosen by hand.
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -7,8 +7,7 @@ import sys
 from collections.abc import Mapping
 from pathlib import Path
 
-SHIPPED = "neutral"
-"""Name of the body that ships with the solver."""
+SHIPPED = "neutral"  # Name of the body that ships with the solver.
 SUFFIXES = (".npz", ".pkl")
 FOLDER_VARIABLE = "MANIFOLD_MOCAP_BODIES"
 """Environment variable that names another folder of bodies."""

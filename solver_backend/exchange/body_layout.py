@@ -19,10 +19,8 @@ _X, _Y = 0, 1
 class JointLimit:
     """Range of motion of a joint."""
 
-    twist: int
-    """Axis of the twist: 0, 1 or 2."""
-    low_deg: tuple[float, float, float]
-    """Least angle about x, y and z in degrees."""
+    twist: int  # Axis of the twist: 0, 1 or 2.
+    low_deg: tuple[float, float, float]  # Least angle about x, y and z in degrees.
     high_deg: tuple[float, float, float]
 
     @property
@@ -247,10 +245,8 @@ def _smpl() -> BodyLayout:
     return BodyLayout("SMPL", joints, parents, groups, ("left_hand", "right_hand"), limits=limits_of(joints[1:-2]))
 
 
-SMPL = _smpl()
-"""SMPL's joints in SMPL's order (Loper et al. 2015)."""
-SMPL_H = _with_fingers("SMPL-H", ())
-"""SMPL with fingers (Romero et al. 2017)."""
+SMPL = _smpl()  # SMPL's joints in SMPL's order (Loper et al. 2015).
+SMPL_H = _with_fingers("SMPL-H", ())  # SMPL with fingers (Romero et al. 2017).
 SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
 """SMPL with fingers, jaw and eyes (Pavlakos et al. 2019)."""
 SMPL_HANDS = replace(SMPL_H, name="SMPL with hands", resting=(), recorded_as=None)
@@ -259,14 +255,10 @@ FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, 
 """Layouts of the SMPL family by number of joints, which is how its files differ."""
 
 
-AMASS_POSE_WIDTH = 156
-"""SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
-AMASS_WIDTHS = (AMASS_POSE_WIDTH, 165)
-"""The same, and SMPL-X: jaw and eyes are before the fingers."""
-BODY_COLUMNS = 3 + 3 * SMPL.num_solved
-"""Columns of root and body joints, the first."""
-FINGER_COLUMNS = 90
-"""Columns of the fingers, the last."""
+AMASS_POSE_WIDTH = 156  # SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019).
+AMASS_WIDTHS = (AMASS_POSE_WIDTH, 165)  # The same, and SMPL-X: jaw and eyes are before the fingers.
+BODY_COLUMNS = 3 + 3 * SMPL.num_solved  # Columns of root and body joints, the first.
+FINGER_COLUMNS = 90  # Columns of the fingers, the last.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:

@@ -9,18 +9,13 @@ from dataclasses import dataclass
 class NamedDetector:
     """A detector that is chosen by its name."""
 
-    label: str
-    """In a panel."""
-    description: str
-    """A sentence without a full stop."""
-    worker: str
-    """Module of ``pose_workers``."""
-    own_environment: bool = False
-    """It runs in the Python that Set Up Detector makes; else in that of the solver."""
+    label: str  # In a panel.
+    description: str  # A sentence without a full stop.
+    worker: str  # Module of ``pose_workers``.
+    own_environment: bool = False  # It runs in the Python that Set Up Detector makes; else in that of the solver.
 
 
-MEDIAPIPE = "mediapipe"
-"""The default."""
+MEDIAPIPE = "mediapipe"  # The default.
 DETECTORS = {
     MEDIAPIPE: NamedDetector(
         "MediaPipe",

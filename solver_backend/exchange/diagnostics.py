@@ -14,40 +14,31 @@ from typing import Any, NamedTuple, TypedDict
 from .errors import JobInvalid, ResultRefused
 from .plain_text import plain
 
-Frames = tuple[tuple[int, int], ...]
-"""First and last frame, included, of one or more frame ranges."""
+Frames = tuple[tuple[int, int], ...]  # First and last frame, included, of one or more frame ranges.
 _TABLE = Path(__file__).with_name("diagnostics.json")
 _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
 """Names or frame ranges that a sentence lists; the rest is counted."""
-MOST_DOUBTS = 3
-"""Warnings of the reader that a refusal repeats."""
+MOST_DOUBTS = 3  # Warnings of the reader that a refusal repeats.
 
 
 class Severity(StrEnum):
     """How grave a diagnostic is; the value is the name written to files."""
 
-    ERROR = "error"
-    """It cannot be: the input or the result is refused."""
-    WARNING = "warning"
-    """The result may be wrong."""
-    NOTE = "note"
-    """Worth knowing: what was assumed, measured or corrected."""
+    ERROR = "error"  # It cannot be: the input or the result is refused.
+    WARNING = "warning"  # The result may be wrong.
+    NOTE = "note"  # Worth knowing: what was assumed, measured or corrected.
 
 
 class Remedy(StrEnum):
     """What the program did about it; the value is the name written to files."""
 
-    REPORTED = "reported"
-    """Nothing was changed."""
-    REPAIRED = "repaired"
-    """The detections, labels or the camera were corrected."""
-    EXCLUDED = "excluded"
-    """The data are not used there."""
-    BRIDGED = "bridged"
-    """The motion was interpolated."""
+    REPORTED = "reported"  # Nothing was changed.
+    REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
+    EXCLUDED = "excluded"  # The data are not used there.
+    BRIDGED = "bridged"  # The motion was interpolated.
 
 
 _DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used there", "bridged": ": interpolated"}

@@ -7,8 +7,7 @@ import signal
 import sys
 from types import FrameType
 
-CANCELLED = 130
-"""Exit code (128 + SIGINT, as shells have it)."""
+CANCELLED = 130  # Exit code (128 + SIGINT, as shells have it).
 _MESSAGE, _HINT = "The work was cancelled.", "Nothing was left half-written."
 _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "where": "", "hint": "{_HINT}"}}'
 """Written without ``json``, which a bare Blender has not loaded when add-ons are registered."""

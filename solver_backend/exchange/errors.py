@@ -45,10 +45,8 @@ class MocapError(Exception):
         hint: one sentence that states what to try.
     """
 
-    code = "error"
-    """Stable identifier in the progress stream: the snake case of the class below ``MocapError``."""
-    exit_code = ExitCode.BAD_INPUT
-    """How a command line ends with it."""
+    code = "error"  # Stable identifier in the progress stream: the snake case of the class below ``MocapError``.
+    exit_code = ExitCode.BAD_INPUT  # How a command line ends with it.
 
     def __init_subclass__(cls) -> None:
         if cls.__base__ is MocapError:

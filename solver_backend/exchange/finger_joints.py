@@ -12,22 +12,17 @@ from .errors import BodyInvalid
 
 HANDS_FILE = "hands_neutral.npz"
 """Of the body that ships, beside its file: finger joints, weights and correctives of its hands."""
-HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")
-"""Arrays of that file that are read."""
-FIRST_FINGER = 1 + SMPL.num_solved
-"""The first finger joint of ``SMPL_HANDS``."""
+HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")  # Arrays of that file that are read.
+FIRST_FINGER = 1 + SMPL.num_solved  # The first finger joint of ``SMPL_HANDS``.
 
 
 @dataclass(frozen=True, eq=False)
 class Skinning:
     """How J joints carry a skin of V vertices."""
 
-    weights: np.ndarray
-    """(V, J), rows sum to 1."""
-    J_regressor: np.ndarray
-    """(J, V), rows sum to 1."""
-    posedirs: np.ndarray | None
-    """(V, 3, 9 (J - 1)) metres per unit of pose feature; None: the body has none."""
+    weights: np.ndarray  # (V, J), rows sum to 1.
+    J_regressor: np.ndarray  # (J, V), rows sum to 1.
+    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature; None: the body has none.
 
 
 def needs_hands_file(layout: BodyLayout) -> bool:

@@ -13,8 +13,7 @@ from .outputs import write_text
 from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
 from .setting import values_that_differ
 
-VERSION = 1
-"""Of the schema; a job of another version is refused."""
+VERSION = 1  # Of the schema; a job of another version is refused.
 MOTION_SUFFIX = ".npz"
 _PATHS = ("report", "subject", "start", "labels")
 

@@ -8,16 +8,12 @@ from typing import Self
 
 from .body_layout import SMPL
 
-SMPL_JOINTS: tuple[str, ...] = SMPL.joints
-"""SMPL's joints in SMPL's order."""
-SMPL_PARENTS: tuple[int, ...] = SMPL.parents
-"""Parent of each SMPL joint; -1 at the root."""
-NUM_JOINTS = SMPL.num_joints
-"""Joints of SMPL."""
+SMPL_JOINTS: tuple[str, ...] = SMPL.joints  # SMPL's joints in SMPL's order.
+SMPL_PARENTS: tuple[int, ...] = SMPL.parents  # Parent of each SMPL joint; -1 at the root.
+NUM_JOINTS = SMPL.num_joints  # Joints of SMPL.
 NUM_BODY_JOINTS = SMPL.num_solved
 """Joints after the root that solves turn and the priors that ship with the code model: no hands."""
-NUM_BETAS = 10
-"""Numbers of a shape."""
+NUM_BETAS = 10  # Numbers of a shape.
 
 _COCO = (
     "nose", "left_eye", "right_eye", "left_ear", "right_ear", "left_shoulder", "right_shoulder",

@@ -16,10 +16,8 @@ from .lens_fisheye import FISHEYE
 from .lens_model import LensModel
 from .lens_opencv import OPENCV
 
-LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}
-"""By their names in files."""
-DEFAULT_MODEL = OPENCV.name
-"""Of lenses whose files name no model."""
+LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FISHEYE)}  # By their names in files.
+DEFAULT_MODEL = OPENCV.name  # Of lenses whose files name no model.
 _MOST_STEPS = 20
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 """Normalised units; at a focal length of 1000 px, 1e-7 is 0.0001 px."""

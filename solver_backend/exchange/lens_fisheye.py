@@ -13,10 +13,8 @@ import numpy as np
 
 from .lens_model import LensModel, Terms
 
-_STEPS = 20
-"""Newton steps of the inverse at most."""
-_SMALL_SQUARE = 1e-8
-"""Squared angle in radians below which a series is exact to double precision."""
+_STEPS = 20  # Newton steps of the inverse at most.
+_SMALL_SQUARE = 1e-8  # Squared angle in radians below which a series is exact to double precision.
 
 
 def _arctan(values: Any, xp: Any) -> Any:

@@ -10,8 +10,7 @@ import numpy as np
 
 Terms = Sequence[Any] | np.ndarray
 """Coefficients in the model's order: numbers, or arrays that broadcast against the coordinates."""
-MOST_TERMS = 8
-"""Coefficients of a lens at most; models with fewer are padded with zeros."""
+MOST_TERMS = 8  # Coefficients of a lens at most; models with fewer are padded with zeros.
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ def _listed(*names: str) -> str:
     return f"{', '.join(first)} or {end}" if first else end
 
 
-FORMAT_NAMES = _listed(*(name for name, _ in MARKER_FORMATS.values()))
-"""Names of all formats, for sentences."""
+FORMAT_NAMES = _listed(*(name for name, _ in MARKER_FORMATS.values()))  # Names of all formats, for sentences.
 
 
 def file_names(stem: str, *others: str) -> str:
@@ -60,10 +59,8 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
     return FileDamaged(f"The file is not {wanted}: {stated}.", where=where)
 
 
-REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'
-"""Stands in the head of every report."""
-_HEAD_BYTES = 2000
-"""Bytes of a page in which the mark stands; chosen by hand."""
+REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Stands in the head of every report.
+_HEAD_BYTES = 2000  # Bytes of a page in which the mark stands; chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:

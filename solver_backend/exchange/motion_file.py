@@ -28,8 +28,7 @@ from .schema import Fields, Shape, fits
 FORMAT, VERSION = "manifold_mocap_motion", 1
 FLAG_UNSEEN = 1
 """The frame has no usable observation: its pose was bridged from its neighbours."""
-FLAG_UNSURE = 2
-"""The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here."""
+FLAG_UNSURE = 2  # The frame's residual, or the uncertainty of one of its joints, is far above the take's: look here.
 FLAG_RESTING = 4
 """Nothing measured informs some part of the body in the frame: it is shown at rest, see ``MotionFile.resting``."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
@@ -37,8 +36,7 @@ MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
-_PARENTS = "joint_parents"
-"""Parent of each joint, -1 at the root."""
+_PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "resting", "markers", "marker_labels",

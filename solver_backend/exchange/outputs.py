@@ -395,8 +395,7 @@ def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
         os.close(handle)
 
 
-_CHUNK = 1 << 20
-"""Bytes that are read at once of a file that states no size."""
+_CHUNK = 1 << 20  # Bytes that are read at once of a file that states no size.
 
 
 def _opened(path: Path | str) -> tuple[int, int]:

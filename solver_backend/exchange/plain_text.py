@@ -5,8 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 
-_JOINERS = frozenset("\u200c\u200d")
-"""Invisible, but part of how Persian, Indic scripts and emoji are written."""
+_JOINERS = frozenset("\u200c\u200d")  # Invisible, but part of how Persian, Indic scripts and emoji are written.
 _STEERING = frozenset({"Cc", "Cf", "Cs", "Zl", "Zp"})
 """Control characters, invisible ones that format or turn the direction, halves of pairs, breaks."""
 _SHOWN = "\ufffd"

@@ -25,8 +25,7 @@ def silent(stage: str, done: int, total: int) -> None:
     """Ignore progress."""
 
 
-_STAGES = 16
-"""Stages whose beginning is remembered: a batch's own goes on between those of its takes."""
+_STAGES = 16  # Stages whose beginning is remembered: a batch's own goes on between those of its takes.
 
 
 class _Clock:

@@ -9,8 +9,7 @@ from typing import Any
 from .errors import JobInvalid
 from .setting import Choice, Setting, check_settings, setting, settings_of_class
 
-READING, TIME, WORLD = "Reading", "Time", "World"
-"""Groups."""
+READING, TIME, WORLD = "Reading", "Time", "World"  # Groups.
 AUTO, ON, OFF = "auto", "on", "off"
 LEVELS = (
     Choice(AUTO, "Where Sure", "Level the world where balance, floor and cameras show that it is tilted"),
@@ -124,8 +123,7 @@ ROWS: dict[str, Setting] = {
     name: row for one in (ReadingSettings, TimeSettings, WorldSettings) for name, row in settings_of_class(one).items()
 }
 """Every setting of how a capture is read."""
-DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}
-"""Their defaults."""
+DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # Their defaults.
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:

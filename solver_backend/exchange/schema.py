@@ -16,8 +16,7 @@ from .npz import read_npz
 if TYPE_CHECKING:
     from .joint_sets import JointSet
 
-Shape = tuple[int | str | None, ...]
-"""Lengths of an array's axes; a name or None stands for any length."""
+Shape = tuple[int | str | None, ...]  # Lengths of an array's axes; a name or None stands for any length.
 
 
 @dataclass(frozen=True)

@@ -17,10 +17,8 @@ Kind = Literal["switch", "flag", "whole", "number", "choice", "text", "path", "f
 """A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
 one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
 last whole number."""
-POSITIVE = 1e-12
-"""Lower bound of numbers that must be greater than 0."""
-REQUIRED = MISSING
-"""Default of a setting that must be given."""
+POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
+REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"
 _EXPECTED = {"switch": "true or false", "flag": "true or false", "text": "text", "path": _FILE, "file": _FILE,
              "folder": "the path of a folder", "name_or_file": f"a name or {_FILE}",
@@ -32,12 +30,9 @@ _EXPECTED = {"switch": "true or false", "flag": "true or false", "text": "text",
 class Choice:
     """One of the values that a setting of the kind "choice" may have."""
 
-    value: str
-    """As in a job file and on the command line."""
-    label: str
-    """In a panel."""
-    description: str
-    """A sentence without a full stop."""
+    value: str  # As in a job file and on the command line.
+    label: str  # In a panel.
+    description: str  # A sentence without a full stop.
 
 
 @dataclass(frozen=True)

@@ -81,8 +81,7 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 class SkeletonFile(SkeletonMotion):
     """A motion as a file holds it."""
 
-    roles: dict[str, str]
-    """Joint by role; empty where its writer did not know them."""
+    roles: dict[str, str]  # Joint by role; empty where its writer did not know them.
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:

@@ -6,14 +6,10 @@ import numpy as np
 
 SPEED_M_S = 0.25
 """A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
-HEIGHT_M = 0.04
-"""A planted point is at most this far above its own lowest stand."""
-SHORTEST_S = 0.12
-"""A foot that touches the floor for less does not stand."""
-BREAK_S = 0.1
-"""A foot that leaves its place for less did not: no step is so short."""
-_HALF_S = 0.03
-"""Seconds before and after a frame over which a speed is measured."""
+HEIGHT_M = 0.04  # A planted point is at most this far above its own lowest stand.
+SHORTEST_S = 0.12  # A foot that touches the floor for less does not stand.
+BREAK_S = 0.1  # A foot that leaves its place for less did not: no step is so short.
+_HALF_S = 0.03  # Seconds before and after a frame over which a speed is measured.
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:

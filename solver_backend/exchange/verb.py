@@ -151,8 +151,7 @@ def parse_script(description: str | None, *settings: Setting, argv: Sequence[str
 class Program:
     """A command line of several verbs."""
 
-    name: str
-    """What stands before the verb."""
+    name: str  # What stands before the verb.
     description: str
     verbs: Mapping[str, Verb]
     common: tuple[Setting, ...]

@@ -25,8 +25,7 @@ SOLVING = tuple(row for name, row in SOLVE_ROWS.items() if name != "sync")
 _TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
 """Texts of other tables that descriptions hold in braces."""
 
-Named = Mapping[str, Sequence[Setting]]
-"""Settings by the names that a table refers to them by."""
+Named = Mapping[str, Sequence[Setting]]  # Settings by the names that a table refers to them by.
 
 
 def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:

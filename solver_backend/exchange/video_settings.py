@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from .setting import Choice, check_settings, setting, settings_of_class
 
-VIDEOS = "Videos"
-"""The group."""
+VIDEOS = "Videos"  # The group.
 CAMERAS = (
     Choice("auto", "Automatic", "A calibration beside the videos, else the board that was filmed, else the person"),
     Choice(
@@ -55,5 +54,4 @@ class VideoSettings:
         check_settings(self)
 
 
-ROWS = settings_of_class(VideoSettings)
-"""Every setting of videos."""
+ROWS = settings_of_class(VideoSettings)  # Every setting of videos.

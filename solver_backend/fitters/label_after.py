@@ -22,10 +22,8 @@ from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
-UNSURE_SHARE = 0.05
-"""Share of unnamed points from which the take needs a review."""
-LEAST_SEEN = 10
-"""Fewest frames of a marker in the labelled take."""
+UNSURE_SHARE = 0.05  # Share of unnamed points from which the take needs a review.
+LEAST_SEEN = 10  # Fewest frames of a marker in the labelled take.
 
 
 def labelled_like(

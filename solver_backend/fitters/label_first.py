@@ -27,8 +27,7 @@ if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
     from solver_backend.labelling.point_network import PointNetwork
 
-UserLabels = Mapping[tuple[int, int], str]
-"""Marker's name by (column, frame), assigned by the user."""
+UserLabels = Mapping[tuple[int, int], str]  # Marker's name by (column, frame), assigned by the user.
 
 
 LEAST_NAMED = 0.75

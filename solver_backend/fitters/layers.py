@@ -34,8 +34,7 @@ class SolvedLayer:
 class Layer(SolvedLayer):
     """One kind of measurement: its part in the solve of a body, and its results in the motion."""
 
-    SETTINGS: ClassVar[frozenset[str]] = frozenset()
-    """Settings that it reads in addition to the method's."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()  # Settings that it reads in addition to the method's.
 
     def terms(self) -> FrameObjective:
         """Return the terms that it adds to the objective of every frame, by default none."""
@@ -90,22 +89,17 @@ class PointSource(Layer):
 class RestWords:
     """How parts of the body that nothing informs are reported."""
 
-    severity: Severity
-    """Of the diagnostic."""
-    one: str
-    """What one part lacks."""
-    several: str
-    """What several parts lack."""
+    severity: Severity  # Of the diagnostic.
+    one: str  # What one part lacks.
+    several: str  # What several parts lack.
 
 
 @dataclass(frozen=True)
 class RoughMotion:
     """Poses of some frames of a take."""
 
-    frames: np.ndarray
-    """(S,) frame numbers, ascending."""
-    states: FrameStates
-    """S poses as codes."""
+    frames: np.ndarray  # (S,) frame numbers, ascending.
+    states: FrameStates  # S poses as codes.
 
 
 @dataclass(frozen=True)

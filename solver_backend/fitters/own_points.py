@@ -38,10 +38,8 @@ LOOSE_M = 0.06
 without the point the bone's turn about itself is the prior's guess. Chosen by hand."""
 PLACE_SIGMA_M = 0.05
 """Error of the first place, per axis: a turn of 45° moves a point on a limb's skin as far. Chosen by hand."""
-SAMPLE_FRAMES = 48
-"""Frames from which places are fitted."""
-_STEPS = LMSettings(40, 1e-4)
-"""Settings of that fit."""
+SAMPLE_FRAMES = 48  # Frames from which places are fitted.
+_STEPS = LMSettings(40, 1e-4)  # Settings of that fit.
 
 
 @dataclass(frozen=True)

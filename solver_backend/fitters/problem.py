@@ -21,10 +21,8 @@ from solver_backend.residuals.terms import PoseTerm
 from solver_backend.solver.levenberg_marquardt import LMResult
 from solver_backend.types import Motion
 
-REFERENCE_FPS = 60.0
-"""Settings count windows in frames of this rate, because people move independently of the camera."""
-SAMPLE_FRAMES = 200
-"""Largest number of frames from which shape, bias and noise are learned between passes."""
+REFERENCE_FPS = 60.0  # Settings count windows in frames of this rate, because people move independently of the camera.
+SAMPLE_FRAMES = 200  # Largest number of frames from which shape, bias and noise are learned between passes.
 
 
 @dataclass(frozen=True)
@@ -134,5 +132,4 @@ class SolvedFrames:
     """Diagnostics of these poses for the motion."""
 
 
-MethodResult = tuple[SolvedFrames, Convergence]
-"""What a method returns."""
+MethodResult = tuple[SolvedFrames, Convergence]  # What a method returns.

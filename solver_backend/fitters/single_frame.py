@@ -130,12 +130,10 @@ _START_POSES: tuple[dict[str, Angles], ...] = (
 STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
 """Error of points of a body with unknown shape, added to their own."""
-BLOCK_FRAMES = 64
-"""Frames fitted at a time."""
+BLOCK_FRAMES = 64  # Frames fitted at a time.
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
 """Robust scales and linearisations of a fit from the lifter's pose, or from a start pose."""
-TOLERANCE = 1e-2
-"""A start is good enough if no frame's cost falls by more than this share."""
+TOLERANCE = 1e-2  # A start is good enough if no frame's cost falls by more than this share.
 
 
 def sample_frames(measurements: Measurements, count: int) -> np.ndarray:

@@ -6,18 +6,12 @@ import numpy as np
 
 from solver_backend.geometry.arrays import quantile, true_runs
 
-NEIGHBOURS = 6
-"""Markers around each one, which move nearly as it does."""
-NEAREST = 2
-"""Number of the nearest of them, mostly on the same bone: distances to others change over gaps."""
-JUMP_M = 0.025
-"""A marker jumps if it leaves its neighbours by so much more in one frame than before and after."""
-GAP_JUMP_M = 0.06
-"""It also jumps if its distance to them changes so much over a gap."""
-STILL_S = 0.5
-"""A marker without any motion for so long is frozen if its neighbours move ..."""
-MOVED_M = 0.02
-"""... this far."""
+NEIGHBOURS = 6  # Markers around each one, which move nearly as it does.
+NEAREST = 2  # Number of the nearest of them, mostly on the same bone: distances to others change over gaps.
+JUMP_M = 0.025  # A marker jumps if it leaves its neighbours by so much more in one frame than before and after.
+GAP_JUMP_M = 0.06  # It also jumps if its distance to them changes so much over a gap.
+STILL_S = 0.5  # A marker without any motion for so long is frozen if its neighbours move ...
+MOVED_M = 0.02  # ... this far.
 
 
 def neighbours_of(points: np.ndarray, count: int = NEIGHBOURS) -> np.ndarray:

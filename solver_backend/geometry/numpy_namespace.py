@@ -151,5 +151,4 @@ class NumpyNamespace:
         return value
 
 
-NUMPY = NumpyNamespace()
-"""The namespace of NumPy's arrays."""
+NUMPY = NumpyNamespace()  # The namespace of NumPy's arrays.

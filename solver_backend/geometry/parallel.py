@@ -13,10 +13,8 @@ from solver_backend.geometry.arrays import array_namespace, is_torch
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-MAX_THREADS = 8
-"""More share one memory bus and gain nothing."""
-TORCH_BLOCK = 2
-"""Torch divides each operation among threads, which pays where blocks are this many times as large."""
+MAX_THREADS = 8  # More share one memory bus and gain nothing.
+TORCH_BLOCK = 2  # Torch divides each operation among threads, which pays where blocks are this many times as large.
 
 
 def map_blocks(

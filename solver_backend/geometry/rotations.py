@@ -9,8 +9,7 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.small_matrices import dot, squared_length
 from solver_backend.types.shapes import Float
 
-_SMALL_SQUARE = 1e-8
-"""Squared angle below which two terms of a series are exact in float64 (the third is below 1e-19)."""
+_SMALL_SQUARE = 1e-8  # Squared angle below which two terms of a series are exact in float64 (the third is below 1e-19).
 
 
 def quat_multiply(a: Float[Array, "*#batch 4"], b: Float[Array, "*#batch 4"]) -> Float[Array, "... 4"]:
@@ -130,8 +129,7 @@ _SERIES = (
     (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000),
 )
 """Taylor coefficients, by the squared angle, of the four functions of ``_coefficients``."""
-_TINY = 1e-12
-"""Shortest column a 6D representation is divided by."""
+_TINY = 1e-12  # Shortest column a 6D representation is divided by.
 
 
 def skew(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:

@@ -19,32 +19,25 @@ from solver_backend.geometry.rotations import (
     skew,
 )
 
-_TERMS = 40
-"""Of the series of the Jacobian; its last is below 1e-14 for turns of up to two circles."""
+_TERMS = 40  # Of the series of the Jacobian; its last is below 1e-14 for turns of up to two circles.
 
 
 @dataclass(frozen=True)
 class _Moved:
     """Rigid motions of F frames and their derivatives by the keys, both as twists of the moved body."""
 
-    rotation: Array
-    """(F, 3, 3)."""
-    transl: Array
-    """(F, 3)."""
-    by_keys: Array
-    """(F, k, 6, 6)."""
+    rotation: Array  # (F, 3, 3).
+    transl: Array  # (F, 3).
+    by_keys: Array  # (F, k, 6, 6).
 
 
 @dataclass(frozen=True)
 class ScrewPath:
     """Rotations and translations of W·n frames, row after row, through the k keys of W windows."""
 
-    rotation: Array
-    """(W·n, 3, 3)."""
-    transl: Array
-    """(W·n, 3) metres."""
-    by_keys: Array
-    """(W, n, k, 6, 6): turns from the left and translations of frames, by those of keys."""
+    rotation: Array  # (W·n, 3, 3).
+    transl: Array  # (W·n, 3) metres.
+    by_keys: Array  # (W, n, k, 6, 6): turns from the left and translations of frames, by those of keys.
 
     @classmethod
     def through(cls, rotation: Array, transl: Array, time: Array) -> ScrewPath:

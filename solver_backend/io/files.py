@@ -23,8 +23,7 @@ LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 _LARGEST_TOML = 2_000_000
 LONGEST_HEADING = 200
 """Characters of a column's heading at most, because patterns take time that grows with the square of the length."""
-_MOST_KEY_PARTS = 32
-"""Dotted parts of a TOML key at most, chosen by hand."""
+_MOST_KEY_PARTS = 32  # Dotted parts of a TOML key at most, chosen by hand.
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 

@@ -22,10 +22,8 @@ from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.camera_names import name_key, natural_key
 
-_LARGEST_HEADER = 1 << 26
-"""Bytes of a header at most. Ten hours of video have less."""
-_MOST_BOXES = 10_000
-"""Boxes of a file that are examined, chosen by hand."""
+_LARGEST_HEADER = 1 << 26  # Bytes of a header at most. Ten hours of video have less.
+_MOST_BOXES = 10_000  # Boxes of a file that are examined, chosen by hand.
 _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
 _UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)
 """Errors of damaged files."""
@@ -279,8 +277,7 @@ _FORMATS = {21: _SIGNED, 22: _UNSIGNED, 23: {4: ">f"}, 24: {8: ">d"}}
 """Number formats by their type and length (QuickTime File Format, well-known types)."""
 _FORMATS |= {kind: {size: _SIGNED[size]} for kind, size in ((65, 1), (66, 2), (67, 4), (74, 8))}
 _FORMATS |= {kind: {size: _UNSIGNED[size]} for kind, size in ((75, 1), (76, 2), (77, 4), (78, 8))}
-PLAUSIBLE_MM = (8.0, 1000.0)
-"""Range of focal lengths, from fisheye to telescope."""
+PLAUSIBLE_MM = (8.0, 1000.0)  # Range of focal lengths, from fisheye to telescope.
 
 
 def recorded_focal_mm(footage: Path) -> float | None:

@@ -25,12 +25,9 @@ from solver_backend.io.recognition.marker_up_axis import find_up_axis, rotation_
 from solver_backend.io.text_table import LARGEST
 from solver_backend.types import MarkerCloud
 
-MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})
-"""Reading options that ``interpret_markers`` applies."""
-STILL_FRAMES = 10
-"""A marker that does not move at all over this many frames was not measured."""
-WIDEST_ARRAY_M = 60.0
-"""Cameras further apart than this many units are not in metres."""
+MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that ``interpret_markers`` applies.
+STILL_FRAMES = 10  # A marker that does not move at all over this many frames was not measured.
+WIDEST_ARRAY_M = 60.0  # Cameras further apart than this many units are not in metres.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
 """Distance of one camera, as a multiple of the width of the others, from which it is in another unit, and cameras that
 show it."""
@@ -213,14 +210,10 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
 
 OUTSIDE = 1.0
 """Distance of a sentinel from the box of most positions, in its longest sides. -9999 mm is two or more away."""
-FAR = 100.0
-"""Distance in sides from which any number is a sentinel. The box contains a person's walk."""
-OFTEN = 3
-"""Repetitions of one number on all three axes from which it was not measured, wherever it is."""
-SHARES = (0.05, 0.3)
-"""Share of the positions at either end that the box leaves out, and the share if more is missing."""
-_NINES = 9999.0
-"""Least number with only the digit nine, which programs write for missing values."""
+FAR = 100.0  # Distance in sides from which any number is a sentinel. The box contains a person's walk.
+OFTEN = 3  # Repetitions of one number on all three axes from which it was not measured, wherever it is.
+SHARES = (0.05, 0.3)  # Share of the positions at either end that the box leaves out, and the share if more is missing.
+_NINES = 9999.0  # Least number with only the digit nine, which programs write for missing values.
 
 
 def without_sentinels(

@@ -28,8 +28,7 @@ Item = TypeVar("Item")
 class Readers(Iterable[Reader[Item]], Generic[Item]):
     """Readers in the order in which they are asked, whose modules are imported on demand."""
 
-    rows: tuple[tuple[str, str], ...]
-    """Module of this package, and the name of its reader or readers."""
+    rows: tuple[tuple[str, str], ...]  # Module of this package, and the name of its reader or readers.
 
     def __iter__(self) -> Iterator[Reader[Item]]:
         for module, name in self.rows:

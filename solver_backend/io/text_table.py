@@ -18,10 +18,8 @@ from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
 """Cells without a value, besides every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
-ROWS_LOOKED_AT = 100
-"""Rows that show how numbers are written."""
-_START_BYTES = 1 << 16
-"""Bytes within which the first line of a table ends, chosen by hand."""
+ROWS_LOOKED_AT = 100  # Rows that show how numbers are written.
+_START_BYTES = 1 << 16  # Bytes within which the first line of a table ends, chosen by hand.
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
 """A number with separated thousands, as spreadsheets format them: ``-1,779.458``."""
 _EXCHANGED = str.maketrans(",.", ".,")
@@ -32,8 +30,7 @@ _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
 """Relative difference from which the rate of a time column contradicts the stated rate. Times have few decimals, and a
 step of 4 ms may be written as 0.00 or 0.01."""
-LARGEST = 1e30
-"""Larger or infinite numbers are missing values, because nothing in a recording is that large."""
+LARGEST = 1e30  # Larger or infinite numbers are missing values, because nothing in a recording is that large.
 
 
 def delimiter_of(line: str) -> str:
@@ -273,12 +270,9 @@ def different_count(items: str, stated: float | None, count: int) -> tuple[Diagn
 class FrameFacts:
     """Statements of a table about its frames."""
 
-    first: int
-    """The file's number of the first frame."""
-    rate: float | None
-    """Frames per second, None if neither header nor times give it."""
-    problems: tuple[Diagnostic, ...]
-    """Contradictions of frame numbers, counts and times."""
+    first: int  # The file's number of the first frame.
+    rate: float | None  # Frames per second, None if neither header nor times give it.
+    problems: tuple[Diagnostic, ...]  # Contradictions of frame numbers, counts and times.
 
 
 def frame_facts(

@@ -6,8 +6,7 @@ import numpy as np
 
 from solver_backend.labelling.outputs import GHOST
 
-_TAKEN = -1e9
-"""Evidence of a label that is taken: below any log-probability."""
+_TAKEN = -1e9  # Evidence of a label that is taken: below any log-probability.
 _ROUNDS, _EXCHANGES, _GAIN = 4, 200, 1e-6
 """Most rounds of exchange, most pairs of one round, and the least gain of an exchange, chosen by hand."""
 

@@ -21,10 +21,8 @@ FRAMES, LEAST_COMMON = 240, 5
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
 """Standard deviation of a rigid pair's distance by sliding skin, and of one farther apart than ``NEAR_M``, as a share
 of the distance: another take bends joints that this one holds still."""
-RIGID_M = 0.02
-"""Deviation of a pair that weighs half."""
-VOLUME = 0.12
-"""Additional standard deviation of a triple product of unit vectors between takes."""
+RIGID_M = 0.02  # Deviation of a pair that weighs half.
+VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
 
 
 @dataclass(frozen=True)
@@ -79,17 +77,14 @@ def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
-BEAM, FIRST_BEAM, SEED = 150, 3000, 5
-"""Hypotheses to keep, and while fewer labels than ``SEED`` are laid."""
+BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Hypotheses to keep, and while fewer labels than ``SEED`` are laid.
 CAP, SKIP = 6.0, 2.0
 """Largest cost of one pair in halves of squared deviations, such as a bent joint or a wrong pair, and the cost of a
 pair with a label that is laid on no point; a right one costs 0.5."""
-VOLUMES, VOLUME_WEIGHT = 3, 3.0
-"""Triple products of each new label, and the weight of each against a rigid pair."""
+VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products of each new label, and the weight of each against a rigid pair.
 FITS, CLEAR = 4.0, 0.2
 """Largest mean cost of a tracklet that fits a label, and the least by which the next label is worse."""
-SAMPLES, ROUNDS = 24, 6
-"""Frames of a tracklet to use, and rounds in which names spread."""
+SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which names spread.
 
 
 @dataclass(frozen=True)

@@ -26,14 +26,11 @@ from solver_backend.labelling.point_network import (
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
 from solver_backend.types import MarkerCloud
 
-UNKNOWN = -1
-"""Label of a point that stays unnamed."""
-MEMORY_S = 0.15
-"""Seconds within which readings share their error and count as one."""
+UNKNOWN = -1  # Label of a point that stays unnamed.
+MEMORY_S = 0.15  # Seconds within which readings share their error and count as one.
 NETWORK_MOST = 4.0
 """Most independent readings that the network counts as: it takes a marker for the same one throughout a take."""
-DISTANCE_SHARE = 1.5
-"""Weight of the distances."""
+DISTANCE_SHARE = 1.5  # Weight of the distances.
 BODY_SHARE, BODY_MOST = 0.3, 2.5
 """Weight of the body's evidence against one reading, and the most readings it counts as."""
 PASSING, PASSING_S = 5.0, 0.4
@@ -41,30 +38,22 @@ PASSING, PASSING_S = 5.0, 0.4
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
 SELDOM_COST = 1.5
 """Markers that common layouts lack, and the prior log likelihood that they lose."""
-SURE, TRUSTED = 0.8, 0.6
-"""Least probability of a label that is given, and of one whose chain helps to name others."""
+SURE, TRUSTED = 0.8, 0.6  # Least probability of a label that is given, and of one whose chain helps to name others.
 FIRST_AGREED, AGREED = 0.5, 0.4
 """Least mean probability by the network of these: in the first round, and always where a body is laid over them."""
-_ROWS = 512
-"""Tracklets that are compared with all others at once."""
+_ROWS = 512  # Tracklets that are compared with all others at once.
 
 
 @dataclass(frozen=True)
 class Votes:
     """The network's reading of K frames, and its votes on C chains."""
 
-    frames: np.ndarray
-    """(K,) frames read."""
-    landmarks: np.ndarray
-    """(K, 77, 3) metres, markers and joints."""
-    covariance: np.ndarray
-    """(K, 77, 3, 3) m²."""
-    evidence: np.ndarray
-    """(C, 54) sums of log probabilities."""
-    mean: np.ndarray
-    """(C, 54) mean probabilities."""
-    count: np.ndarray
-    """(C,) readings."""
+    frames: np.ndarray  # (K,) frames read.
+    landmarks: np.ndarray  # (K, 77, 3) metres, markers and joints.
+    covariance: np.ndarray  # (K, 77, 3, 3) m².
+    evidence: np.ndarray  # (C, 54) sums of log probabilities.
+    mean: np.ndarray  # (C, 54) mean probabilities.
+    count: np.ndarray  # (C,) readings.
 
 
 def voted(
@@ -113,14 +102,12 @@ def seen_together(tracklets: Tracklets) -> np.ndarray:
     return together
 
 
-AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))
-"""The head's markers, in order."""
+AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))  # The head's markers, in order.
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
 """Least mean turn of a head against shoulders and waist that shows wrong names. In 158 takes of UI-PRMD it is 43
 degrees at most, in 28 other files 56; names a quarter turn off add 90."""
-LEAST_FRAMES = 10
-"""Least frames that show the four."""
+LEAST_FRAMES = 10  # Least frames that show the four.
 
 
 def with_head_forward(
@@ -175,19 +162,16 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     return float(np.arctan2(across[there].mean(), along[there].mean()))
 
 
-CHECK_FPS = 8.0
-"""Frames per second over which a body is laid."""
+CHECK_FPS = 8.0  # Frames per second over which a body is laid.
 SIGMA_M, FREEDOM = 0.03, 3.0
 """Deviation per axis of a marker from its place on an uncalibrated body, and degrees of freedom of Student's
 distribution of these distances: where a limb is posed wrongly, all are off."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
 """Distance from every place at which a point is as likely no marker, and the largest distance that counts."""
-GUESS_WIDER, STEPS = 3.0, 5
-"""Factor of the network's deviation of unsure markers, and steps per frame."""
+GUESS_WIDER, STEPS = 3.0, 5  # Factor of the network's deviation of unsure markers, and steps per frame.
 BAD_FIT_M = 0.06
 """Largest distance of a body from its markers, the median of all or of a limb: a worse fit is not used."""
-_FEWEST = 12
-"""Least sure markers of a frame."""
+_FEWEST = 12  # Least sure markers of a frame.
 
 
 class FittedBody(Protocol):
@@ -287,17 +271,13 @@ def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np
     return mean < BAD_FIT_M**2
 
 
-READ_FPS = 30.0
-"""Frames per second that the network reads: votes nearer to each other repeat each other."""
+READ_FPS = 30.0  # Frames per second that the network reads: votes nearer to each other repeat each other.
 CROWD = 200
 """Points of a frame up to which the network reads ``READ_FPS`` frames per second. Of more points it reads as many pairs
 per second: 1.3 s of CPU for a second of a take. Chosen by hand, beyond the number that one person's cameras see."""
-ROUNDS, BODY_FROM = 5, 2
-"""Rounds of voting with the names of the round before, and the first round with a body."""
-_FLOOR = -8.0
-"""Least log probability of one reading: no single frame rules a label out."""
-MOST_CHAINS = 5000
-"""Most chains of tracklets: every pair of them is compared, 2 GB at this number."""
+ROUNDS, BODY_FROM = 5, 2  # Rounds of voting with the names of the round before, and the first round with a body.
+_FLOOR = -8.0  # Least log probability of one reading: no single frame rules a label out.
+MOST_CHAINS = 5000  # Most chains of tracklets: every pair of them is compared, 2 GB at this number.
 
 
 @dataclass(frozen=True)

@@ -16,10 +16,8 @@ from solver_backend.priors.weights import ASSETS, read_weights
 NAME = "marker_distances"
 FLOOR_M, PLACED_M = 0.004, 0.006
 """Metres: noise floor of a change, which logarithms of changes add, and the spread of a distance by skin and glue."""
-FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution: one wrongly named partner must not decide."""
-LONG_S = 3.0
-"""Seconds seen together from which the change of a distance is fully informative."""
+FREEDOM = 4.0  # Degrees of freedom of Student's distribution: one wrongly named partner must not decide.
+LONG_S = 3.0  # Seconds seen together from which the change of a distance is fully informative.
 ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
 """Share of the pairs that are placed alike on both sides of a person, and the difference of their distances: metres,
 and a share of their change."""
@@ -29,8 +27,7 @@ partner, and least partners of a named tracklet, chosen by hand."""
 _BLOCK, _PAIRS, _CELLS = 256, 256 * 60**2, 2**22
 """Frames, pairs of points, and chains times places times partners at a time, which bound memory (32 MB of each
 intermediate array), chosen by hand. A thousand points are compared frame by frame."""
-_SCALE_FROM_M = 0.3
-"""Least distance of pairs that count for the body's size, metres, chosen by hand."""
+_SCALE_FROM_M = 0.3  # Least distance of pairs that count for the body's size, metres, chosen by hand.
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 
@@ -39,14 +36,10 @@ _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name)
 class DistanceTable:
     """Normal distributions of P places' distances in windows of takes: the markers, then places of other layouts."""
 
-    mean: np.ndarray
-    """(P, P) metres, of a person of middle size."""
-    spread: np.ndarray
-    """(P, P) metres: between people, placements and windows."""
-    change: np.ndarray
-    """(P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``."""
-    change_spread: np.ndarray
-    """(P, P) deviation of that logarithm."""
+    mean: np.ndarray  # (P, P) metres, of a person of middle size.
+    spread: np.ndarray  # (P, P) metres: between people, placements and windows.
+    change: np.ndarray  # (P, P) mean logarithm of the standard deviation over a window and ``FLOOR_M``.
+    change_spread: np.ndarray  # (P, P) deviation of that logarithm.
 
 
 @dataclass(frozen=True)

@@ -16,28 +16,21 @@ from solver_backend.geometry.small_matrices import unit
 from solver_backend.labelling.label_like import BEND, CAP, NEAR_M, RIGID_M, VOLUME, distance_statistics
 from solver_backend.types import MarkerCloud
 
-FRAMES, LEAST_FRAMES = 120, 8
-"""Most frames of a take to use, and least frames that show a marker."""
-SKIN_M = 0.01
-"""Standard deviation of a rigid pair's distance between takes: markers are put on anew, and skin slides."""
+FRAMES, LEAST_FRAMES = 120, 8  # Most frames of a take to use, and least frames that show a marker.
+SKIN_M = 0.01  # Standard deviation of a rigid pair's distance between takes: markers are put on anew, and skin slides.
 CONFUSED_M = 0.35
 """Largest distance of two markers that are confused: the farthest that were, a forearm's and an upper arm's."""
-OTHERS = 3
-"""Further markers, the most rigid with both of a pair, that show its side."""
-OPEN = -4.0
-"""Gain by distances below which sides are not compared."""
+OTHERS = 3  # Further markers, the most rigid with both of a pair, that show its side.
+OPEN = -4.0  # Gain by distances below which sides are not compared.
 
 
 @dataclass(frozen=True)
 class TakeShape:
     """Places and distances of M markers in a take."""
 
-    points: np.ndarray
-    """(F, M, 3) metres, NaN where missing."""
-    distance: np.ndarray
-    """(M, M) metres, the means, NaN where too few frames show both."""
-    variance: np.ndarray
-    """(M, M) m², of the distances and of their changes between takes."""
+    points: np.ndarray  # (F, M, 3) metres, NaN where missing.
+    distance: np.ndarray  # (M, M) metres, the means, NaN where too few frames show both.
+    variance: np.ndarray  # (M, M) m², of the distances and of their changes between takes.
 
 
 def shape_of(points: np.ndarray, skin_m: float = SKIN_M) -> TakeShape:
@@ -120,14 +113,11 @@ CLEAR, CLEAR_OF_TWO = 3.0, 6.0
 """Least gain of an exchange against every other take (see ``exchange_gains``), and where the layout decides. Of five
 takes each of UI-PRMD's eight people, rightly named, none gains more than 1.3 against all others, and 2 to 22 against a
 single one; C7 and T10 exchanged gain at least 23, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
-CLEAR_BY_LAYOUT = 3.0
-"""Least gain against the layout's places, where as many takes are for an exchange as against it."""
-ROUNDS = 12
-"""Most exchanges in one take: takes are compared again after each."""
+CLEAR_BY_LAYOUT = 3.0  # Least gain against the layout's places, where as many takes are for an exchange as against it.
+ROUNDS = 12  # Most exchanges in one take: takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
 """Most takes that are compared in pairs, and those of them with which each further one is compared."""
-_PLACED_M = 0.03
-"""Standard deviation of the distance between two markers at known places of a layout."""
+_PLACED_M = 0.03  # Standard deviation of the distance between two markers at known places of a layout.
 
 
 @dataclass(frozen=True)

@@ -8,8 +8,7 @@ from solver_backend.exchange.joint_sets import SMPL_JOINTS
 
 MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
 """Places that a point can be, by column of the network's labels. Layouts are subsets of them."""
-GHOST = len(MARKERS)
-"""Label of a point that is none of the markers."""
+GHOST = len(MARKERS)  # Label of a point that is none of the markers.
 JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
 """Markers, then joints, in the order of the estimated positions."""

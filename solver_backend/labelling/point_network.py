@@ -21,12 +21,9 @@ FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
 """Angular frequencies of the coordinates' sines and cosines, 1/m: wavelengths from 2 m to 0.125 m."""
 NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
 """Roots of the distances whose bumps make the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
-NEARNESS_WIDTH = 0.13
-"""Width of a bump, in roots of metres."""
-FREEDOM = 4.0
-"""Degrees of freedom of Student's distribution of the positions' errors, as trained."""
-_DM = 0.1
-"""Metres in a decimetre, the unit that the network's positions and spreads have."""
+NEARNESS_WIDTH = 0.13  # Width of a bump, in roots of metres.
+FREEDOM = 4.0  # Degrees of freedom of Student's distribution of the positions' errors, as trained.
+_DM = 0.1  # Metres in a decimetre, the unit that the network's positions and spreads have.
 
 
 @dataclass(frozen=True)
@@ -158,8 +155,7 @@ def load_network(path: Path | None = None) -> PointNetwork:
 
 FEWEST_POINTS, MOST_POINTS = 6, 2000
 """Least points of a person, and most points of one frame: the network weighs every pair, 0.6 GB at this number."""
-_PART, _PAIRS = 64, 64 * 100**2
-"""Most frames and pairs of points that the network reads at once."""
+_PART, _PAIRS = 64, 64 * 100**2  # Most frames and pairs of points that the network reads at once.
 
 
 @dataclass(frozen=True)

@@ -9,22 +9,19 @@ import numpy as np
 
 from solver_backend.geometry.arrays import true_runs
 
-SPLIT_GAP_S = 0.1
-"""A point that is missing for longer may come back as another."""
+SPLIT_GAP_S = 0.1  # A point that is missing for longer may come back as another.
 JUMP_M, JUMP_M_S2 = 0.03, 300.0
 """Largest change of a step: metres, and an acceleration that no marker on a person exceeds."""
 JOIN_S, JOIN_M = 0.1, 0.02
 """Longest gap between a tracklet and its continuation, and the largest distance from the extrapolated place."""
-CLEAR = 0.5
-"""Factor by which every other beginning is farther away than the chosen one."""
+CLEAR = 0.5  # Factor by which every other beginning is farther away than the chosen one.
 
 
 @dataclass(frozen=True)
 class Tracklets:
     """T tracklets of points in a cloud: column, first and last frame, and chain of tracklets that continue (T,)."""
 
-    number: np.ndarray
-    """(F, N) int: tracklet of each point, -1 where there is none."""
+    number: np.ndarray  # (F, N) int: tracklet of each point, -1 where there is none.
     column: np.ndarray
     first: np.ndarray
     last: np.ndarray

@@ -28,10 +28,8 @@ from solver_backend.exchange.vmc.sender import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, rounded_face
 from solver_backend.live.recordings import FaceRecorder
 
-VERSION = 6
-"""Version of Live Link Face's packets."""
-_LONGEST_NAME = 256
-"""Longest name of a device or subject, in bytes. Chosen by hand."""
+VERSION = 6  # Version of Live Link Face's packets.
+_LONGEST_NAME = 256  # Longest name of a device or subject, in bytes. Chosen by hand.
 _OF_EYE = ("Blink", "LookDown", "LookIn", "LookOut", "LookUp", "Squint", "Wide")
 
 
@@ -59,10 +57,8 @@ class FacePacketInvalid(ValueError):
 class FacePacket(NamedTuple):
     """A face at one moment."""
 
-    channels: dict[str, float]
-    """Value of each channel, usually 0 to 1. Empty where the app sees no face."""
-    time: float | None = None
-    """Seconds on the app's clock, None if it has no clock."""
+    channels: dict[str, float]  # Value of each channel, usually 0 to 1. Empty where the app sees no face.
+    time: float | None = None  # Seconds on the app's clock, None if it has no clock.
 
 
 def decode_live_link(packet: bytes) -> FacePacket:
@@ -124,12 +120,9 @@ _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_li
 class FaceFrame(NamedTuple):
     """A face of one frame."""
 
-    time: float
-    """Seconds since the first frame."""
-    arrived: float
-    """``time.perf_counter()`` when it arrived."""
-    channels: dict[str, float]
-    """Value of each channel, empty where no face is seen."""
+    time: float  # Seconds since the first frame.
+    arrived: float  # ``time.perf_counter()`` when it arrived.
+    channels: dict[str, float]  # Value of each channel, empty where no face is seen.
 
 
 class FaceAssembly(OneSender):

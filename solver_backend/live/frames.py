@@ -17,27 +17,19 @@ import numpy as np
 from solver_backend.io.markers.live_recording import MOST_POINTS
 from solver_backend.types import MarkerCloud
 
-FARTHEST = 1e8
-"""Largest plausible coordinate in any unit: 100 km in millimetres."""
-
-_LONGEST_LINE = 1 << 17
-"""Longest line in bytes: 400 points of three numbers with 100 digits."""
+FARTHEST = 1e8  # Largest plausible coordinate in any unit: 100 km in millimetres.
+_LONGEST_LINE = 1 << 17  # Longest line in bytes: 400 points of three numbers with 100 digits.
 
 
 @dataclass(frozen=True)
 class PointFrame:
     """Points of one frame."""
 
-    time: float
-    """Seconds on the source's clock."""
-    points: np.ndarray
-    """(N, 3) in the source's unit and axes."""
-    arrived: float
-    """``time.perf_counter()`` when it arrived, or when a replay read it."""
-    fault: str = ""
-    """Fault of a line without points, or an empty text."""
-    due: float | None = None
-    """``time.perf_counter()`` when its pose is due, if later than the arrival."""
+    time: float  # Seconds on the source's clock.
+    points: np.ndarray  # (N, 3) in the source's unit and axes.
+    arrived: float  # ``time.perf_counter()`` when it arrived, or when a replay read it.
+    fault: str = ""  # Fault of a line without points, or an empty text.
+    due: float | None = None  # ``time.perf_counter()`` when its pose is due, if later than the arrival.
 
     @property
     def lag_s(self) -> float:
@@ -125,14 +117,10 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
     return at, points
 
 
-LATE_S = 0.1
-"""Frames with a larger delay are dropped, in seconds. People notice a delay of this size."""
-IN_TIME_S = 0.02
-"""Dropping ends at this delay in seconds, so a slow machine does not stay at ``LATE_S``."""
-_MOST_WAITING = 512
-"""Most waiting frames. A faster source must wait."""
-_LOOK_S = 0.2
-"""Longest uninterrupted wait in seconds, so that signals and a lost reader are noticed."""
+LATE_S = 0.1  # Frames with a larger delay are dropped, in seconds. People notice a delay of this size.
+IN_TIME_S = 0.02  # Dropping ends at this delay in seconds, so a slow machine does not stay at ``LATE_S``.
+_MOST_WAITING = 512  # Most waiting frames. A faster source must wait.
+_LOOK_S = 0.2  # Longest uninterrupted wait in seconds, so that signals and a lost reader are noticed.
 
 
 class KeepUp:

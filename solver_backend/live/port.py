@@ -15,16 +15,11 @@ from solver_backend.exchange.live_lines import EventLine, event_line
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.sender import VmcAddress
 
-SILENT_S = 2.0
-"""A sender is reported as silent after this time without a packet, in seconds. Chosen by hand."""
-_LOOK_S = 0.2
-"""Longest uninterrupted wait, in seconds. Chosen by hand."""
-_ASK_S = 1.0
-"""Time between requests while the sender is silent, in seconds. Chosen by hand."""
-_RETRY_S = 0.5
-"""Time between attempts at a busy port, in seconds. Chosen by hand."""
-_BUFFER = 1 << 20
-"""Receive buffer of the system in bytes: one second of the largest bundles."""
+SILENT_S = 2.0  # A sender is reported as silent after this time without a packet, in seconds. Chosen by hand.
+_LOOK_S = 0.2  # Longest uninterrupted wait, in seconds. Chosen by hand.
+_ASK_S = 1.0  # Time between requests while the sender is silent, in seconds. Chosen by hand.
+_RETRY_S = 0.5  # Time between attempts at a busy port, in seconds. Chosen by hand.
+_BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
 
 Frame = TypeVar("Frame", covariant=True)
 Ask = Callable[[socket.socket], None]
@@ -34,8 +29,7 @@ Ask = Callable[[socket.socket], None]
 class Assembly(Protocol[Frame]):
     """Assembles frames from packets and collects faults."""
 
-    news: list[tuple[str, str]]
-    """Kind and sentence of each new kind of fault."""
+    news: list[tuple[str, str]]  # Kind and sentence of each new kind of fault.
 
     def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
         """Yield the frames that a packet completes. ``arrived`` is its ``time.perf_counter()``."""
@@ -116,17 +110,11 @@ def _bound(address: VmcAddress) -> socket.socket | None:
     return there
 
 
-SENDER_GONE_S = 1.0
-"""Another sender is accepted after this silence in seconds. Chosen by hand."""
-JUMP_S = 1.0
-"""Largest clock step of a sender in seconds. A larger one means that its clock was reset. Chosen by hand."""
-_LATEST = 8
-"""Number of recent packets that are compared to find repeated ones. Chosen by hand."""
-
-MOST_CHANNELS = 256
-"""Most channels of a face. ARKit has 52."""
-LARGEST_CHANNEL = 10.0
-"""Values of face channels must be smaller. Usual values are 0 to 1."""
+SENDER_GONE_S = 1.0  # Another sender is accepted after this silence in seconds. Chosen by hand.
+JUMP_S = 1.0  # Largest clock step of a sender in seconds. A larger one means that its clock was reset. Chosen by hand.
+_LATEST = 8  # Number of recent packets that are compared to find repeated ones. Chosen by hand.
+MOST_CHANNELS = 256  # Most channels of a face. ARKit has 52.
+LARGEST_CHANNEL = 10.0  # Values of face channels must be smaller. Usual values are 0 to 1.
 
 
 def rounded_face(channels: dict[str, float]) -> dict[str, float]:

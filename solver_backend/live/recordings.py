@@ -172,14 +172,10 @@ _FRAMES_AT_ONCE = 512
 _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
 """Usual frame rates of senders."""
-_NEAR = 0.03
-"""Largest difference of a measured rate from a usual one, a share."""
-_NEIGHBOURS = 4.0
-"""Intervals of more usual intervals than this are silences and not lost frames. Chosen by hand."""
-_SILENCE_S, _CUT_TO_S = 10.0, 1.0
-"""A longer silence is not part of a take and is cut to the second value."""
-_GAP_S = 0.1
-"""Frames with a larger distance from a received pose were interpolated."""
+_NEAR = 0.03  # Largest difference of a measured rate from a usual one, a share.
+_NEIGHBOURS = 4.0  # Intervals of more usual intervals than this are silences and not lost frames. Chosen by hand.
+_SILENCE_S, _CUT_TO_S = 10.0, 1.0  # A longer silence is not part of a take and is cut to the second value.
+_GAP_S = 0.1  # Frames with a larger distance from a received pose were interpolated.
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,7 @@ UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
 _PEOPLE_M = (0.5, 3.5)
 """Plausible extent of a person's markers, in metres."""
-_CLEARLY = 0.08
-"""Least gain in certainty of an up axis other than z."""
+_CLEARLY = 0.08  # Least gain in certainty of an up axis other than z.
 _UPRIGHT = 0.1
 """Weight of a standing person in that certainty. In eight recorded takes the true axis is surer than the next one by
 -0.001 to 0.21. Along wrong axes the head is at most 0.16 trunk lengths above the pelvis."""
@@ -59,12 +58,9 @@ def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
 REACH_M, REACH_M_S = 0.03, 2.0
 """A point continues a track within this distance of its expected place, in metres and metres per second. Chosen by
 hand."""
-MEMORY_S = 0.7
-"""Time constant of earlier labels, in seconds."""
-UNSEEN_S = 0.15
-"""A lost point may return within this time, in seconds."""
-_FLOOR = -6.0
-"""Evidence of one frame at least, a log-probability: one frame does not outweigh a track. Chosen by hand."""
+MEMORY_S = 0.7  # Time constant of earlier labels, in seconds.
+UNSEEN_S = 0.15  # A lost point may return within this time, in seconds.
+_FLOOR = -6.0  # Evidence of one frame at least, a log-probability: one frame does not outweigh a track. Chosen by hand.
 
 
 class PointTracks:
@@ -121,20 +117,13 @@ class PointTracks:
         return found
 
 
-FEWEST = 8
-"""Fewest points, and fewest labelled points, of a frame with a pose."""
-MOST_READ = 90
-"""Most points that the network reads, nearest to the body or to their middle."""
-FROZEN_S = 0.5
-"""A stream counts as frozen after this time with equal points, in seconds."""
-BAD_M = 0.08
-"""Largest median distance of markers from the body in a good pose, in metres."""
-SURE = 0.6
-"""Least share of a point's evidence for its label. Chosen by hand."""
-_WORLD_FRAMES = 5
-"""Number of frames that decide the up axis. Chosen by hand."""
-_TRIAL_FRAMES = 6
-"""Number of frames that are fitted before the first real one, to warm up. Chosen by hand."""
+FEWEST = 8  # Fewest points, and fewest labelled points, of a frame with a pose.
+MOST_READ = 90  # Most points that the network reads, nearest to the body or to their middle.
+FROZEN_S = 0.5  # A stream counts as frozen after this time with equal points, in seconds.
+BAD_M = 0.08  # Largest median distance of markers from the body in a good pose, in metres.
+SURE = 0.6  # Least share of a point's evidence for its label. Chosen by hand.
+_WORLD_FRAMES = 5  # Number of frames that decide the up axis. Chosen by hand.
+_TRIAL_FRAMES = 6  # Number of frames that are fitted before the first real one, to warm up. Chosen by hand.
 
 
 class LiveSession(SessionLoop[PointFrame, LiveFit]):

@@ -19,12 +19,9 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import PointFrame, ViewMoment
 
-NEVER = 1.0 / 120.0
-"""Assumed time step of the first frame, in seconds."""
-LOST_S = 0.4
-"""The pose starts again after this time without a good pose or without a frame, in seconds."""
-_LONGEST_S, _SHORTEST_S = 0.1, 1e-3
-"""Limits of a time step, in seconds. Chosen by hand."""
+NEVER = 1.0 / 120.0  # Assumed time step of the first frame, in seconds.
+LOST_S = 0.4  # The pose starts again after this time without a good pose or without a frame, in seconds.
+_LONGEST_S, _SHORTEST_S = 0.1, 1e-3  # Limits of a time step, in seconds. Chosen by hand.
 
 
 Shown = TypeVar("Shown", PointFrame, ViewMoment)
@@ -118,12 +115,9 @@ def millimetres(values_m: np.ndarray) -> list[float | None]:
     return [round(1e3 * value, 1) if math.isfinite(value) else None for value in values_m.tolist()]
 
 
-UNEXPLAINED = 10
-"""A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit."""
-OFF_M = 0.08
-"""A pose is unsure if the median distance of a limb's markers is larger, in metres."""
-_FEWEST = 3
-"""A limb is judged by at least this many points."""
+UNEXPLAINED = 10  # A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit.
+OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, in metres.
+_FEWEST = 3  # A limb is judged by at least this many points.
 _PARTS = {
     "arm": ("UPA", "ELB", "ELM", "FRM", "WRA", "WRB", "FIN"),
     "leg": ("THI", "KNE", "KNM", "SHN", "ANK", "ANM", "HEE", "MT5", "MT1", "TOE"),
@@ -170,10 +164,8 @@ def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
     return line
 
 
-KEPT = 16384
-"""Number of recent latencies in the statistics."""
-RATE_S = 1.0
-"""Time window of the rate, in seconds."""
+KEPT = 16384  # Number of recent latencies in the statistics.
+RATE_S = 1.0  # Time window of the rate, in seconds.
 
 
 class LiveStatistics:

@@ -19,10 +19,8 @@ from solver_backend.live.frames import ViewMoment
 from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, keypoint_limbs, pose_of
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
-CLEARLY = 0.5
-"""A limb pair is exchanged if that reduces its distance to this share."""
-FAR = 0.08
-"""Pairs closer than this share of the person's size are never exchanged: crossing limbs are as close."""
+CLEARLY = 0.5  # A limb pair is exchanged if that reduces its distance to this share.
+FAR = 0.08  # Pairs closer than this share of the person's size are never exchanged: crossing limbs are as close.
 _PARTS = {
     "arms": ("shoulder", "elbow", "wrist", "thumb", "index", "pinky"),
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
@@ -67,16 +65,11 @@ class ExchangedSides:
         return found, count
 
 
-WORLD_MOMENTS = 12
-"""Number of moments with a person that decide up axis and floor, before the first pose."""
-BAD_M = 0.12
-"""Largest median distance of keypoints from the body in a good pose, in metres. Detectors differ by 3 cm."""
-STARTS_WITH = 0.8
-"""Least share of common keypoints with two agreeing views at the start. Later the pose decides."""
-_TRIAL_MOMENTS = 6
-"""Number of trial moments that run every part once."""
-SAME_PERSON = 0.5
-"""Largest median distance of the person's detection, as a share of their size in the picture."""
+WORLD_MOMENTS = 12  # Number of moments with a person that decide up axis and floor, before the first pose.
+BAD_M = 0.12  # Largest median distance of keypoints from the body in a good pose, in metres. Detectors differ by 3 cm.
+STARTS_WITH = 0.8  # Least share of common keypoints with two agreeing views at the start. Later the pose decides.
+_TRIAL_MOMENTS = 6  # Number of trial moments that run every part once.
+SAME_PERSON = 0.5  # Largest median distance of the person's detection, as a share of their size in the picture.
 
 
 class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):

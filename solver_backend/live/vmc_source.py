@@ -25,8 +25,7 @@ from solver_backend.live.port import LARGEST_CHANNEL, MOST_CHANNELS, OneSender, 
 from solver_backend.live.recordings import FaceRecorder, PoseRecorder
 from solver_backend.live.sending import pose_values
 
-FARTHEST_M = 1e4
-"""Largest plausible distance from the origin, in metres."""
+FARTHEST_M = 1e4  # Largest plausible distance from the origin, in metres.
 FACE = "/VMC/Ext/Blend/Val"
 _LONGEST_NAME = 40
 """Longest foreign name in messages. Chosen by hand."""
@@ -37,18 +36,12 @@ _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 class BoneFrame:
     """Unity's humanoid of the sender at one moment."""
 
-    time: float
-    """Seconds since the first frame, on the sender's clock if it has one."""
-    arrived: float
-    """``time.perf_counter()`` when its first packet arrived."""
-    quat: dict[str, np.ndarray]
-    """(4,) unit quaternion wxyz of each received bone, relative to its parent."""
-    place: dict[str, np.ndarray]
-    """(3,) metres of the same bones, relative to their parents."""
-    root: tuple[np.ndarray, np.ndarray]
-    """Unit quaternion wxyz and (3,) metres of the root, in Unity's world."""
-    face: dict[str, float]
-    """Value of each face channel, usually 0 to 1."""
+    time: float  # Seconds since the first frame, on the sender's clock if it has one.
+    arrived: float  # ``time.perf_counter()`` when its first packet arrived.
+    quat: dict[str, np.ndarray]  # (4,) unit quaternion wxyz of each received bone, relative to its parent.
+    place: dict[str, np.ndarray]  # (3,) metres of the same bones, relative to their parents.
+    root: tuple[np.ndarray, np.ndarray]  # Unit quaternion wxyz and (3,) metres of the root, in Unity's world.
+    face: dict[str, float]  # Value of each face channel, usually 0 to 1.
 
 
 class FrameAssembly(OneSender):
@@ -140,12 +133,9 @@ def _shown(name: object) -> str:
     return plain(str(name)[:_LONGEST_NAME])
 
 
-_OURS_M = 1e-4
-"""Largest bone error of our own body, in metres. Other bodies differ by centimetres."""
-_ROUNDS = 6
-"""Number of Gauss-Newton steps. Chosen by hand."""
-_PULL = 1e-11
-"""Weight of the mean shape, in square metres, for directions that joints do not determine."""
+_OURS_M = 1e-4  # Largest bone error of our own body, in metres. Other bodies differ by centimetres.
+_ROUNDS = 6  # Number of Gauss-Newton steps. Chosen by hand.
+_PULL = 1e-11  # Weight of the mean shape, in square metres, for directions that joints do not determine.
 
 
 def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:

@@ -140,8 +140,7 @@ def angle_mae_deg(
     return mean_or_nan(geodesic_deg(found, truth))
 
 
-SKATING_HEIGHT_M = 0.025
-"""Height below which a toe counts as standing (thesis 6.3.4, H_thr)."""
+SKATING_HEIGHT_M = 0.025  # Height below which a toe counts as standing (thesis 6.3.4, H_thr).
 
 
 def accelerations_m_s2(points: Track, fps: float) -> Float[np.ndarray, "accelerations points 3"]:
@@ -179,8 +178,7 @@ def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m:
     return mean_or_nan(np.where(np.isfinite(height), way_cm * weight, np.nan))
 
 
-_FRAMES = 2000
-"""Frames projected at a time."""
+_FRAMES = 2000  # Frames projected at a time.
 
 
 def reprojection_px(

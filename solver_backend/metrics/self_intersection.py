@@ -28,22 +28,17 @@ BONES: tuple[tuple[str, str], ...] = (
 """Joints that the capsules' axes run between."""
 _INNER = 0.1
 """Share of the skin of a bone that lies nearer to its axis than the capsule is wide: capsules stay within the skin."""
-_APART = 3
-"""Joints between two bones from which on they are compared: an upper arm leans on the chest it grows from."""
-_AT_A_TIME = 2000
-"""Poses looked at at a time, which bounds memory."""
+_APART = 3  # Joints between two bones from which on they are compared: an upper arm leans on the chest it grows from.
+_AT_A_TIME = 2000  # Poses looked at at a time, which bounds memory.
 
 
 @dataclass(frozen=True)
 class Capsules:
     """A body as capsules of its rest shape, and the pairs that a pose could bring together."""
 
-    ends: tuple[tuple[int, int], ...]
-    """SMPL's joints at the ends of each axis."""
-    radii: Float[np.ndarray, " bones"]
-    """Metres."""
-    pairs: tuple[tuple[int, int], ...]
-    """Capsules that are three bones apart or more and do not meet in the T-pose."""
+    ends: tuple[tuple[int, int], ...]  # SMPL's joints at the ends of each axis.
+    radii: Float[np.ndarray, " bones"]  # Metres.
+    pairs: tuple[tuple[int, int], ...]  # Capsules that are three bones apart or more and do not meet in the T-pose.
 
 
 @lru_cache(maxsize=4)

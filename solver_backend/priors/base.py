@@ -13,8 +13,7 @@ from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
 from solver_backend.types.shapes import Float
 
-Poses = Float[Array, "poses joints 3 3"]
-"""Local rotations of the joints that a prior models."""
+Poses = Float[Array, "poses joints 3 3"]  # Local rotations of the joints that a prior models.
 Codes = Float[Array, "poses d"]
 Energies = Float[Array, " poses"]
 CodeJacobian = Float[Array, "poses joints 3 d"]

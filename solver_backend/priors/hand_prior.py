@@ -13,8 +13,7 @@ from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.weights import ASSETS, read_weights
 from solver_backend.types.shapes import Float
 
-PRIOR = "hands"
-"""Name in its weight file."""
+PRIOR = "hands"  # Name in its weight file.
 LIMIT_SIGMA = float(np.deg2rad(1.0))
 """Standard deviation of what is beyond a range, radians. Ranges hold what people differ by; with 3 degrees, detections
 that contradict each other bend a joint up to 17 degrees beyond (docs/research-log/hands.md)."""
@@ -24,16 +23,11 @@ that contradict each other bend a joint up to 17 degrees beyond (docs/research-l
 class HandPrior:
     """``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles a, radians."""
 
-    mean: Float[np.ndarray, " a"]
-    """(A,) μ: a relaxed hand."""
-    covariance: Float[np.ndarray, "a a"]
-    """(A, A) Σ."""
-    low: Float[np.ndarray, " a"]
-    """(A,) end of the range."""
-    high: Float[np.ndarray, " a"]
-    """(A,) end of the range."""
-    precision: Float[np.ndarray, "a a"]
-    """(A, A) Σ⁻¹."""
+    mean: Float[np.ndarray, " a"]  # (A,) μ: a relaxed hand.
+    covariance: Float[np.ndarray, "a a"]  # (A, A) Σ.
+    low: Float[np.ndarray, " a"]  # (A,) end of the range.
+    high: Float[np.ndarray, " a"]  # (A,) end of the range.
+    precision: Float[np.ndarray, "a a"]  # (A, A) Σ⁻¹.
 
     @classmethod
     def of(cls, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray) -> HandPrior:

@@ -16,14 +16,11 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.view_lifter import LiftedView, load_view_lifter
 from solver_backend.types import Cameras, Keypoints2D
 
-_ROUNDS = 6
-"""Number of reweighted solves."""
-_SCALE_M = 0.12
-"""Distance from its ray at which a point loses weight: the error of lifted limbs."""
+_ROUNDS = 6  # Number of reweighted solves.
+_SCALE_M = 0.12  # Distance from its ray at which a point loses weight: the error of lifted limbs.
 _SMOOTH_S = 0.15
 """Standard deviation in time of the average of places: a single frame's distance varies by a few percent."""
-_NEAREST_M = 0.3
-"""Smallest depth of a person in front of a camera, metres; chosen by hand."""
+_NEAREST_M = 0.3  # Smallest depth of a person in front of a camera, metres; chosen by hand.
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:
@@ -98,8 +95,7 @@ class LiftedTake:
         return points + places[:, None], places
 
 
-LEAST_POINTS = 6
-"""Keypoints from which a frame shows a person."""
+LEAST_POINTS = 6  # Keypoints from which a frame shows a person.
 
 
 def lift_take(
@@ -126,15 +122,12 @@ def lift_take(
     return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)
 
 
-UP_RAD = 0.17
-"""Error of the lifter's up over a take, per axis: 10 degrees, common to most frames."""
-FLOOR_M, FEET_ALIKE_S = 0.1, 0.5
-"""Error of a lower sole's height, metres, and its correlation time."""
+UP_RAD = 0.17  # Error of the lifter's up over a take, per axis: 10 degrees, common to most frames.
+FLOOR_M, FEET_ALIKE_S = 0.1, 0.5  # Error of a lower sole's height, metres, and its correlation time.
 STANDING_PERCENT = 20.0
 """Percentile of the lower sole's heights at which it stands. Against the median, feet of four takes of subjects 08
 and 60 and of four training takes skate 0.003 instead of 0.005 cm per frame, with equal joint errors."""
-SOLE_M, ANKLE_M = 0.02, 0.08
-"""Heights of a standing foot's heel or toe, and of its ankle."""
+SOLE_M, ANKLE_M = 0.02, 0.08  # Heights of a standing foot's heel or toe, and of its ankle.
 _FEET = {
     f"{side}_{part}": height
     for side in ("left", "right")

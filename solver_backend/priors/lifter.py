@@ -26,38 +26,28 @@ POINTS: tuple[str, ...] = (
     "nose",
 )
 """Inputs of the network; points that a detector lacks are missing."""
-OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS
-"""Code, root rotation (6 numbers), translation and shape."""
-_SMALLEST_M = 1e-3
-"""Smallest width of the trunk with a known front, metres; chosen by hand."""
+OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS  # Code, root rotation (6 numbers), translation and shape.
+_SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres; chosen by hand.
 
 
 @dataclass(frozen=True)
 class Lifted:
     """Network results for F frames; meaningless where ``usable`` is False."""
 
-    z: Array
-    """(F, 32) unit zero-mean codes of SPoser."""
-    root: Array
-    """(F, 3, 3) body to world."""
-    pelvis: Array
-    """(F, 3) metres."""
-    betas: Array
-    """(F, 10) shape by each frame alone."""
-    usable: Array
-    """(F,) bool: shoulders and hips are known."""
+    z: Array  # (F, 32) unit zero-mean codes of SPoser.
+    root: Array  # (F, 3, 3) body to world.
+    pelvis: Array  # (F, 3) metres.
+    betas: Array  # (F, 10) shape by each frame alone.
+    usable: Array  # (F,) bool: shoulders and hips are known.
 
 
 @dataclass(frozen=True)
 class TrunkFrame:
     """Trunk frames of F people: ``x_world = R x + origin``."""
 
-    R: Array
-    """(F, 3, 3): x to the person's left, y up the spine, z to the front."""
-    origin: Array
-    """(F, 3) middle of shoulders and hips, metres."""
-    valid: Array
-    """(F,) bool."""
+    R: Array  # (F, 3, 3): x to the person's left, y up the spine, z to the front.
+    origin: Array  # (F, 3) middle of shoulders and hips, metres.
+    valid: Array  # (F,) bool.
 
 
 def trunk_frame(points: Array, seen: Array) -> TrunkFrame:

@@ -15,8 +15,7 @@ from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.networks.nearest_codes import nearer_codes
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
-LATENT_DIM = 32
-"""Numbers of the code, as VPoser's (Pavlakos et al. 2019)."""
+LATENT_DIM = 32  # Numbers of the code, as VPoser's (Pavlakos et al. 2019).
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 
 

@@ -19,14 +19,12 @@ from solver_backend.report.markup import facts, figure, heat_table, number, sect
 from solver_backend.report.plots import WIDTH, strip_plot
 from solver_backend.types import Capture, Motion
 
-MOMENTS = 4
-"""Moments that are drawn, one of each equal part of the take: where it knows least along the line of sight."""
+MOMENTS = 4  # Moments that are drawn, one of each equal part of the take: where it knows least along the line of sight.
 ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
 """Height of a row of drawings, its edges and the line of text above, in units of the drawing."""
 ELLIPSE = 5.991**0.5
 """Standard deviations of an ellipse that holds 95 % of a normal distribution in the plane (chi square, 2 degrees)."""
-OPEN_CODES = ("limb_depth_open",)
-"""Diagnostics that name limbs whose depth is open."""
+OPEN_CODES = ("limb_depth_open",)  # Diagnostics that name limbs whose depth is open.
 TRUNK = "pelvis"
 _LEAD = (
     "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
@@ -35,8 +33,7 @@ _LEAD = (
 )
 
 
-Floor = float | None
-"""Height of the floor about the pelvis, metres; None where it is not drawn."""
+Floor = float | None  # Height of the floor about the pelvis, metres; None where it is not drawn.
 
 
 @dataclass(frozen=True)
@@ -178,12 +175,9 @@ def _limb_of(joint: str) -> str:
     return f"{side} {limb}" if limb else ("head" if joint == "head" else "")
 
 
-HAND_MOMENTS = 3
-"""Moments at which the hands are drawn."""
-_JOINTS = 3
-"""Joints of a finger that a motion has."""
-_FIST_DEG = 180.0
-"""Bend of knuckle and middle joint together that is a whole curl: a fist has 90° each."""
+HAND_MOMENTS = 3  # Moments at which the hands are drawn.
+_JOINTS = 3  # Joints of a finger that a motion has.
+_FIST_DEG = 180.0  # Bend of knuckle and middle joint together that is a whole curl: a fist has 90° each.
 _SURE_MM, _UNSURE_MM = 3.0, 20.0
 """Standard deviations of a finger's joints at which its cell begins to be tinted, and is so wholly."""
 _SIZE, _SPAN_M = 150.0, 0.24
@@ -321,18 +315,12 @@ def _unit(vector: np.ndarray) -> np.ndarray:
     return vector / max(float(np.linalg.norm(vector)), 1e-12)
 
 
-CELL_M = 0.006
-"""Of the raster that the body is drawn on."""
-TONES = 4
-"""Shades of the body, by how far its surface is turned away."""
-SAMPLES = 9
-"""Points along an edge of a triangle; triangles are some centimetres large."""
-BEHIND_M = 0.03
-"""A marker that lies so far behind what is seen of the body is on the other side."""
-PX_PER_M = 330.0
-"""CSS pixels a metre; chosen by hand."""
-MARGIN_M = 0.1
-"""Around the body, metres; chosen by hand."""
+CELL_M = 0.006  # Of the raster that the body is drawn on.
+TONES = 4  # Shades of the body, by how far its surface is turned away.
+SAMPLES = 9  # Points along an edge of a triangle; triangles are some centimetres large.
+BEHIND_M = 0.03  # A marker that lies so far behind what is seen of the body is on the other side.
+PX_PER_M = 330.0  # CSS pixels a metre; chosen by hand.
+MARGIN_M = 0.1  # Around the body, metres; chosen by hand.
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from solver_backend.report.sections import diagnostics_section
 from solver_backend.report.statistics import detected_share, located_share, share
 from solver_backend.types import Capture
 
-MOST_FRAMES = 400
-"""Frames of a take that are triangulated for the page, spread over it."""
+MOST_FRAMES = 400  # Frames of a take that are triangulated for the page, spread over it.
 
 
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:

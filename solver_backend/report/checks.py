@@ -29,8 +29,7 @@ BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
 """Height of a foot joint, under the floor and over it, beyond which the floor is doubted."""
 DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
 """Metres by which the lowest joint is elsewhere in the last half second than in the first."""
-SKATING_CM_S = 15.0
-"""Of feet on the floor."""
+SKATING_CM_S = 15.0  # Of feet on the floor.
 
 
 def _feet(motion: Motion) -> Iterator[Diagnostic]:
@@ -76,15 +75,13 @@ FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
 ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
 """Median residual of one marker, and that of some frames and how long these last, from which on its label or place is
 doubted: of 60 recordings those that look right have medians up to 19, and 50 for 0.24 s at most."""
-STANDS_OUT = 2.0
-"""A marker that is far stands out where its residual is so many times the take's."""
+STANDS_OUT = 2.0  # A marker that is far stands out where its residual is so many times the take's.
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
 """Metres by which the middle of hips moves at most where positions are relative to it, as far as files round; and by
 which some other point moves then."""
-USELESS = 5.0
-"""So many times as far is a result useless."""
+USELESS = 5.0  # So many times as far is a result useless.
 
 
 def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
@@ -162,12 +159,10 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
             yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)
 
 
-STATURES_M = (1.2, 2.2)
-"""Of people who are recorded: children of seven years to the tallest athletes."""
+STATURES_M = (1.2, 2.2)  # Of people who are recorded: children of seven years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Beyond babies who stand and the tallest man who was measured (2.72 m): the scale is wrong by half or more."""
-LEAST_AGREEMENT_PERCENT = 75.0
-"""Of the detections that are no outliers; where the tile of the report turns red."""
+LEAST_AGREEMENT_PERCENT = 75.0  # Of the detections that are no outliers; where the tile of the report turns red.
 LEAST_VIEWS_PERCENT = 75.0
 """Of the views that should see the person and see somebody. Real captures and the demo reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
@@ -181,8 +176,7 @@ DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distance over the person's extent that no detector has, and that makes a result useless."""
 TILT_DEGREES, TILT_SIGMAS = 8.0, 3.0
 """Between a person's stance and the world's up; both must be surpassed. Levelled takes stay within 5 degrees."""
-STANDS_SHARE = 0.5
-"""Of the frames: who is upright within half a right angle for less is no witness of what is up."""
+STANDS_SHARE = 0.5  # Of the frames: who is upright within half a right angle for less is no witness of what is up.
 
 
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
@@ -201,10 +195,8 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
 class ViewAgreement:
     """Which views have the person where the body is."""
 
-    counted: np.ndarray
-    """(C, F) bool: the view sees the person, or somebody else where the person should be seen."""
-    agrees: np.ndarray
-    """(C, F) bool: what it sees is the person."""
+    counted: np.ndarray  # (C, F) bool: the view sees the person, or somebody else where the person should be seen.
+    agrees: np.ndarray  # (C, F) bool: what it sees is the person.
 
     @property
     def percent(self) -> float:
@@ -320,10 +312,8 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
 
 
-MOST_FRAMES = 0.9
-"""Share of the take with a correction, from which the correction explains the camera."""
-LEAST_OTHERS = 3
-"""Other cameras that a comparison needs without the corrected one."""
+MOST_FRAMES = 0.9  # Share of the take with a correction, from which the correction explains the camera.
+LEAST_OTHERS = 3  # Other cameras that a comparison needs without the corrected one.
 
 
 def without_explained(
@@ -358,10 +348,8 @@ def without_explained(
             yield item
 
 
-UNSURE_SHARE = 0.02
-"""Of the frames; where more are unsure, an animator has more than single frames to look at."""
-DISAGREES = 1.6
-"""A camera's median residual over the median of the others'."""
+UNSURE_SHARE = 0.02  # Of the frames; where more are unsure, an animator has more than single frames to look at.
+DISAGREES = 1.6  # A camera's median residual over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Of a keypoint's frames in which two cameras detect it; of its detections in one view that are outliers."""
 

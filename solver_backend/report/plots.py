@@ -192,13 +192,9 @@ def _figure(parts: list[str], width: float, height: float, reading: dict[str, ob
     return f'<figure data-plot="{packed}">{drawing}<div class="reading"></div></figure>'
 
 
-SIZE = 420.0
-"""Width and height of the plan, CSS pixels; chosen by hand."""
-PLAN_MARGIN = 34.0
-"""Around what is drawn, CSS pixels; chosen by hand."""
-
-Place = Callable[[np.ndarray], tuple[float, float]]
-"""From world metres to the drawing."""
+SIZE = 420.0  # Width and height of the plan, CSS pixels; chosen by hand.
+PLAN_MARGIN = 34.0  # Around what is drawn, CSS pixels; chosen by hand.
+Place = Callable[[np.ndarray], tuple[float, float]]  # From world metres to the drawing.
 
 
 def plan(cameras: Cameras | None, way: np.ndarray) -> str:
@@ -262,8 +258,7 @@ def _draw_wedge(cameras: Cameras, c: int, length: float, at: Place) -> str:
 SPACE_WIDTH, TALLEST, SPACE_MARGIN = 860.0, 560.0, 30.0
 TURN_DEG, DOWN_DEG = 25.0, 22.0
 """The direction that is looked along: turned from world +Y, and downwards."""
-MOMENTS = 3
-"""Moments at which the person is drawn."""
+MOMENTS = 3  # Moments at which the person is drawn.
 _BONES = tuple(
     (f"{side}_{a}", f"{side}_{b}")
     for side in ("left", "right")

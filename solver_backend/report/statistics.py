@@ -20,10 +20,8 @@ RAYLEIGH_MEDIAN = 1.1774
 class KeypointResiduals:
     """Distances between detections and solved keypoints of C views, F frames and K keypoints."""
 
-    error_px: np.ndarray
-    """(C, F, K) pixels, NaN where nothing was detected."""
-    limit_px: np.ndarray
-    """(K,) beyond it the solver counts a detection as an outlier."""
+    error_px: np.ndarray  # (C, F, K) pixels, NaN where nothing was detected.
+    limit_px: np.ndarray  # (K,) beyond it the solver counts a detection as an outlier.
 
     @property
     def by_camera_and_keypoint(self) -> np.ndarray:

@@ -9,11 +9,8 @@ import numpy as np
 
 from solver_backend.residuals.terms import PointEvidence
 
-LARGEST_EXPONENT = 300.0
-"""Log-variances are cut here, so that no trial step of a line search overflows."""
-
-UNCERTAINTY_WEIGHT = 0.3
-"""λ_σ of the log-variances' prior (thesis 5.5); tuned on training motions."""
+LARGEST_EXPONENT = 300.0  # Log-variances are cut here, so that no trial step of a line search overflows.
+UNCERTAINTY_WEIGHT = 0.3  # λ_σ of the log-variances' prior (thesis 5.5); tuned on training motions.
 BEST_STEPS = 4
 """Newton's steps to the best log-variances: within 1e-13 of them for distances up to 1e6 standard deviations."""
 
@@ -22,12 +19,9 @@ BEST_STEPS = 4
 class LandmarkCost:
     """A loss of F frames of L landmarks, and its derivatives."""
 
-    cost: np.ndarray
-    """(F,)."""
-    by_squared: np.ndarray
-    """(F, L) by the squared distances."""
-    by_own: np.ndarray
-    """(F, n) by the loss's own unknowns."""
+    cost: np.ndarray  # (F,).
+    by_squared: np.ndarray  # (F, L) by the squared distances.
+    by_own: np.ndarray  # (F, n) by the loss's own unknowns.
 
 
 class LandmarkLoss(Protocol):
@@ -66,8 +60,7 @@ class FixedVariances:
 class LearnedVariances:
     """``½ Σ (exp(-s) r² + s) + λ |s|²`` with log-variances s of each frame's landmarks (thesis 5.2, 5.3, 5.5)."""
 
-    weight: float = UNCERTAINTY_WEIGHT
-    """λ of the prior that draws s to 0, the first variance (thesis 5.5)."""
+    weight: float = UNCERTAINTY_WEIGHT  # λ of the prior that draws s to 0, the first variance (thesis 5.5).
 
     def best(self, squared: np.ndarray) -> np.ndarray:
         """Return the log-variances that minimise the cost of squared distances r².
@@ -141,12 +134,9 @@ class LearnedPositionTerm:
     information ``exp(-s_i) w_i``.
     """
 
-    positions: np.ndarray
-    """(F, L, 3) metres, finite."""
-    weight: np.ndarray
-    """(F, L) inverse first variance in 1/m²."""
-    loss: LearnedVariances = field(default_factory=LearnedVariances)
-    """λ."""
+    positions: np.ndarray  # (F, L, 3) metres, finite.
+    weight: np.ndarray  # (F, L) inverse first variance in 1/m².
+    loss: LearnedVariances = field(default_factory=LearnedVariances)  # λ.
 
     def select(self, frames: Any) -> LearnedPositionTerm:
         """Return the term of the frames at these indices or of this slice."""

@@ -17,8 +17,7 @@ from solver_backend.residuals.terms import PoseEvidence
 
 WIDENING_RAD = 0.12
 """Standard deviation added to every direction of the mixture: people differ more than those it was fitted to."""
-WEIGHT = 0.3
-"""Of one frame's mixture against one frame's data; tuned on simulated captures of training motions."""
+WEIGHT = 0.3  # Of one frame's mixture against one frame's data; tuned on simulated captures of training motions.
 _SPREAD_RAD = {
     "spine1": 0.26, "spine2": 0.26, "spine3": 0.26, "neck": 0.39, "head": 0.52, "collar": 0.32, "shoulder": 1.55,
     "elbow": 1.55, "wrist": 0.32, "hip": 1.55, "knee": 1.55, "ankle": 0.52, "foot": 0.6,
@@ -34,14 +33,10 @@ _UNKNOWN_SPREAD_RAD = 0.5
 class PoseMixture:
     """A mixture of K Gaussians over the rotation vectors of n of a pose's joints (Bogo et al. 2016, eq. 4)."""
 
-    means: np.ndarray
-    """(K, 3 n) rad."""
-    precisions: np.ndarray
-    """(K, 3 n, 3 n) 1/rad²."""
-    log_peaks: np.ndarray
-    """(K,) logarithm of each component's density at its mean; the largest is 0."""
-    columns: np.ndarray
-    """(3 n,) of the pose's rotation vectors."""
+    means: np.ndarray  # (K, 3 n) rad.
+    precisions: np.ndarray  # (K, 3 n, 3 n) 1/rad².
+    log_peaks: np.ndarray  # (K,) logarithm of each component's density at its mean; the largest is 0.
+    columns: np.ndarray  # (3 n,) of the pose's rotation vectors.
 
 
 def read_mixture(path: Path = ASSETS / "gmm.npz") -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:

@@ -19,12 +19,9 @@ class PositionTerm(Rows):
     ``w M`` is the inverse of the noise's covariance; isotropic noise has M = 1 and ``w = 1/sigma²``.
     """
 
-    positions: Array
-    """(F, L, 3) metres, finite; arbitrary where the weight is 0."""
-    weight: Array
-    """(F, L) inverse variance in 1/m², the mean over the axes; 0 = not observed."""
-    metric: Array | None = None
-    """(F, L, 3, 3) M, symmetric, without unit; None = the identity."""
+    positions: Array  # (F, L, 3) metres, finite; arbitrary where the weight is 0.
+    weight: Array  # (F, L) inverse variance in 1/m², the mean over the axes; 0 = not observed.
+    metric: Array | None = None  # (F, L, 3, 3) M, symmetric, without unit; None = the identity.
 
     @classmethod
     def of(cls, positions: np.ndarray, covariance: np.ndarray, like: Array) -> PositionTerm:
@@ -81,12 +78,9 @@ class RelativePositionTerm:
     ``t = S⁻¹ Σ_i W_i (y_i - m_i)``, ``S = Σ_i W_i``, is the best common shift of all points, which costs nothing.
     """
 
-    positions: Array
-    """(F, L, 3) metres, finite everywhere."""
-    precision: Array
-    """(F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is unknown."""
-    share: float
-    """c, the weight of one frame where errors of frames are correlated."""
+    positions: Array  # (F, L, 3) metres, finite everywhere.
+    precision: Array  # (F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is unknown.
+    share: float  # c, the weight of one frame where errors of frames are correlated.
 
     @classmethod
     def of(cls, positions: np.ndarray, precision: np.ndarray, share: float, like: Array) -> RelativePositionTerm:
@@ -133,8 +127,7 @@ def without_shift(across: Array, total: Array) -> Array:
     return xp.matmul(xp.matrix_transpose(across), xp.matmul(inverse, across))
 
 
-SIGMA_M = 0.006
-"""Standard deviation of a planted point on its skin and shoe, metres; chosen by hand."""
+SIGMA_M = 0.006  # Standard deviation of a planted point on its skin and shoe, metres; chosen by hand.
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:

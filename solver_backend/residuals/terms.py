@@ -55,12 +55,9 @@ class PointTerm(FrameTerm, Protocol):
 class Residuals:
     """Errors of V views' measurements in d dimensions; markers are one view."""
 
-    error: Array
-    """(V, F, L, d) in the measurement's unit, 0 where nothing was measured."""
-    squared: Array
-    """(V, F, L) squared length of the error in variances of the noise."""
-    measured: Array
-    """(V, F, L) bool."""
+    error: Array  # (V, F, L, d) in the measurement's unit, 0 where nothing was measured.
+    squared: Array  # (V, F, L) squared length of the error in variances of the noise.
+    measured: Array  # (V, F, L) bool.
 
     def inliers(self, scale: float) -> Array:
         """Return (V, F, L) bool: measured, and less than ``scale`` standard deviations off."""
@@ -96,12 +93,9 @@ class DataTerm(PointTerm, Protocol):
 class PoseEvidence:
     """Model of a term around F poses."""
 
-    cost: Array
-    """(F,)."""
-    gradient: Array
-    """(F, 3 J) by the joints' left tangents, 1/rad."""
-    factors: Array
-    """(F, n) input of the term's ``hessian``."""
+    cost: Array  # (F,).
+    gradient: Array  # (F, 3 J) by the joints' left tangents, 1/rad.
+    factors: Array  # (F, n) input of the term's ``hessian``.
 
 
 class PoseTerm(FrameTerm, Protocol):

@@ -30,8 +30,7 @@ from solver_backend.sensors.fusion.moments import (
 )
 from solver_backend.types import Cameras
 
-KEPT = 4096
-"""Number of recent latencies in the statistics."""
+KEPT = 4096  # Number of recent latencies in the statistics.
 
 
 @dataclass
@@ -70,8 +69,7 @@ class ChainStatistics:
         return data
 
 
-RETRY_S = 1.0
-"""Time between attempts to open a lost sensor, in seconds."""
+RETRY_S = 1.0  # Time between attempts to open a lost sensor, in seconds.
 
 
 @dataclass(frozen=True)
@@ -180,14 +178,10 @@ class _SensorRun:
             self._out.close()
 
 
-WAIT_S = 0.012
-"""Longest wait of a moment for its last sensor, in seconds."""
-LISTEN_S = 0.005
-"""Longest wait for messages in one step, in seconds."""
-MOST_WAITING = 1
-"""Number of complete moments that are fused, the newest: a late moment would delay all later ones."""
-MOST_AHEAD = 8
-"""Most waiting frames per sensor if all sensors can wait."""
+WAIT_S = 0.012  # Longest wait of a moment for its last sensor, in seconds.
+LISTEN_S = 0.005  # Longest wait for messages in one step, in seconds.
+MOST_WAITING = 1  # Number of complete moments that are fused, the newest: a late moment would delay all later ones.
+MOST_AHEAD = 8  # Most waiting frames per sensor if all sensors can wait.
 READY_S, AHEAD_S = 60.0, 0.05
 """Time limit for starting the sensors, and time from readiness to the start of a replay, in seconds."""
 END_S, END_RECORDING_S = 5.0, 15.0

@@ -25,8 +25,7 @@ from solver_backend.videos.sync.clocks import Clocks
 class SensorTake:
     """Point cloud of a folder of sensors."""
 
-    cloud: MarkerCloud
-    """Unnamed points with covariances. The residual is each point's standard deviation."""
+    cloud: MarkerCloud  # Unnamed points with covariances. The residual is each point's standard deviation.
     frames: dict[str, int]
     findings: tuple[Diagnostic, ...]
 
@@ -132,8 +131,7 @@ def _moments(
 INTERLEAVE_S = 160e-6
 """Exposure delay between successive time-of-flight sensors, so that the light of one does not reach another
 (thesis 5.3.2, after the Azure Kinect's documentation)."""
-LARGEST_INTERLEAVE_S = 0.02
-"""Largest exposure delay between two sensors, in seconds. Chosen by hand."""
+LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay between two sensors, in seconds. Chosen by hand.
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:

@@ -11,8 +11,7 @@ import numpy as np
 from solver_backend.geometry.arrays import Array, array_namespace, empty, identity, index, solved
 from solver_backend.geometry.parallel import map_blocks
 
-BATCH = 16
-"""Blocks whose inner unknowns are eliminated together; affects time and memory only."""
+BATCH = 16  # Blocks whose inner unknowns are eliminated together; affects time and memory only.
 
 
 @dataclass(frozen=True)
@@ -25,12 +24,9 @@ class BlockTridiagonal:
     linear algebra"). Steps are as precise as the blocks.
     """
 
-    diagonal: Array
-    """(N, n, n)."""
-    upper: Array
-    """(N - 1, n, m)."""
-    g: Array
-    """(N, n) gradient."""
+    diagonal: Array  # (N, n, n).
+    upper: Array  # (N - 1, n, m).
+    g: Array  # (N, n) gradient.
 
     def solve(self, damping: Array) -> Array:
         """Return the (1, N·n) step of ``(H + damping diag(H)) step = -g``.
@@ -123,12 +119,9 @@ class BlockTridiagonal:
 class _Inner:
     """Inner unknowns A as functions of the outer ones of their own block, by B, and of the next, by C."""
 
-    inverse: Array
-    """(N, k, k) ``A⁻¹``."""
-    own: Array
-    """(N, k, m) ``A⁻¹ B``."""
-    further: Array
-    """(N - 1, k, m) ``A⁻¹ C``."""
+    inverse: Array  # (N, k, k) ``A⁻¹``.
+    own: Array  # (N, k, m) ``A⁻¹ B``.
+    further: Array  # (N - 1, k, m) ``A⁻¹ C``.
 
     def carried(self, g: Array, g_inner: Array) -> Array:
         """Return the (N, m) gradient of the outer unknowns after elimination of the inner ones, (N, k)."""
@@ -176,10 +169,8 @@ def _times(matrices: Array, vectors: Array) -> Array:
 class _Outer:
     """The outer unknowns: N fully coupled blocks."""
 
-    diagonal: Array
-    """(N, m, m)."""
-    upper: Array
-    """(N - 1, m, m)."""
+    diagonal: Array  # (N, m, m).
+    upper: Array  # (N - 1, m, m).
 
     def swept(self, right: Sequence[Array], *, carry: bool = True) -> _Sweeps:
         """Eliminate the blocks from both ends; ``carry`` the N right-hand sides (m, k) from block to block."""

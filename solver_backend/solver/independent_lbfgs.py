@@ -30,14 +30,10 @@ class QuasiNewtonSettings:
 class QuasiNewtonResult:
     """Where B problems ended."""
 
-    x: np.ndarray
-    """(B, n)."""
-    cost: np.ndarray
-    """(B,)."""
-    iterations: int
-    """Steps of the problem that took most."""
-    converged: np.ndarray
-    """(B,) bool: a step no longer lowered the cost by more than the tolerance."""
+    x: np.ndarray  # (B, n).
+    cost: np.ndarray  # (B,).
+    iterations: int  # Steps of the problem that took most.
+    converged: np.ndarray  # (B,) bool: a step no longer lowered the cost by more than the tolerance.
 
 
 def independent_lbfgs(
@@ -102,18 +98,12 @@ def _wolfe_step(
 
 @dataclass
 class _StepPairs:
-    steps: np.ndarray
-    """(m, B, n)."""
-    changes: np.ndarray
-    """(m, B, n)."""
-    curvature: np.ndarray
-    """(m, B) 1 / (sᵀ y), 0 where there is no pair."""
-    gamma: np.ndarray
-    """(B,) scale of H_0."""
-    scale: np.ndarray
-    """(B, n) its diagonal."""
-    newest: int = 0
-    """Where the last pair stands."""
+    steps: np.ndarray  # (m, B, n).
+    changes: np.ndarray  # (m, B, n).
+    curvature: np.ndarray  # (m, B) 1 / (sᵀ y), 0 where there is no pair.
+    gamma: np.ndarray  # (B,) scale of H_0.
+    scale: np.ndarray  # (B, n) its diagonal.
+    newest: int = 0  # Where the last pair stands.
 
     @classmethod
     def empty(cls, memory: int, x: np.ndarray, scale: np.ndarray) -> _StepPairs:

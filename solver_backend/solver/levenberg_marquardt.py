@@ -14,12 +14,10 @@ State = TypeVar("State")
 LESS, MORE, MORE_OF_PART = 0.3, 6.0, 1e3
 """What damping is multiplied by after a step that was taken, and after one that was refused: of a whole problem, and of
 the parts that it made worse."""
-LEAST_DAMPING = 1e-7
-"""Damping does not fall further: such a step is Gauss-Newton's. Chosen by hand."""
+LEAST_DAMPING = 1e-7  # Damping does not fall further: such a step is Gauss-Newton's. Chosen by hand.
 HELD_BACK = 1.0
 """A part that is damped so has not had its step: the whole may still change when it gets it. Chosen by hand."""
-MOST_DAMPING = 1e4
-"""Where even a step so damped raises the cost, none lowers it. Chosen by hand."""
+MOST_DAMPING = 1e4  # Where even a step so damped raises the cost, none lowers it. Chosen by hand.
 
 
 @dataclass(frozen=True)

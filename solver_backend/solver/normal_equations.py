@@ -57,10 +57,8 @@ class LazyNormalEquations:
 class DenseBlocks:
     """B independent small problems."""
 
-    H: Array
-    """(B, n, n) symmetric positive semi-definite."""
-    g: Array
-    """(B, n) gradient."""
+    H: Array  # (B, n, n) symmetric positive semi-definite.
+    g: Array  # (B, n) gradient.
 
     def solve(self, damping: Array) -> Array:
         """Return the (B, n) steps of the damped systems; ``damping`` is (B,)."""
@@ -85,16 +83,11 @@ class DenseBlocks:
 class Arrowhead:
     """B blocks that meet only through m shared unknowns, which are found first (Schur complement)."""
 
-    blocks: Array
-    """(B, n, n)."""
-    coupling: Array
-    """(B, n, m)."""
-    shared: Array
-    """(m, m)."""
-    g_blocks: Array
-    """(B, n)."""
-    g_shared: Array
-    """(m,)."""
+    blocks: Array  # (B, n, n).
+    coupling: Array  # (B, n, m).
+    shared: Array  # (m, m).
+    g_blocks: Array  # (B, n).
+    g_shared: Array  # (m,).
 
     def solve(self, damping: Array) -> Array:
         """Return the (1, m + B·n) step, shared unknowns first; ``damping`` is (1,)."""

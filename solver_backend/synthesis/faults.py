@@ -51,38 +51,25 @@ class DetectorFaults:
 class CameraFaults:
     """Faults of cameras."""
 
-    calibration_mm: float = 0.0
-    """Standard deviation per axis of the person's apparent shift in a view."""
-    delay_frames: float = 0.0
-    """Largest delay of a camera; each but the first draws its own, uniformly from 0."""
+    calibration_mm: float = 0.0  # Standard deviation per axis of the person's apparent shift in a view.
+    delay_frames: float = 0.0  # Largest delay of a camera; each but the first draws its own, uniformly from 0.
 
 
 @dataclass(frozen=True)
 class MarkerFaults:
     """Differences of a recording from markers that are at their places and move with the bones."""
 
-    measurement_mm: float = 0.0
-    """Standard deviation per axis of the measurement."""
-    placement_mm: float = 0.0
-    """Standard deviation per axis of a marker's place on the body."""
-    skin_mm: float = 0.0
-    """Standard deviation per axis of sliding skin, correlated over ``skin_s``."""
-    skin_s: float = 0.3
-    """Time constant of the skin; chosen by hand."""
-    hidden: float = 0.0
-    """Share of samples lost in gaps."""
-    hidden_s: float = 0.25
-    """Mean length of a gap; chosen by hand."""
-    least_views: float = 0.0
-    """Fewest cameras that must see a marker."""
-    swaps_per_minute: float = 0.0
-    """Exchanges of two markers' labels."""
-    swap_s: float = 0.4
-    """Length of an exchange; chosen by hand."""
-    ghosts: float = 0.0
-    """Share of a marker's samples that are a ghost near the body."""
-    ghost_m: float = 0.15
-    """Standard deviation per axis of a ghost's distance from the marker; chosen by hand."""
+    measurement_mm: float = 0.0  # Standard deviation per axis of the measurement.
+    placement_mm: float = 0.0  # Standard deviation per axis of a marker's place on the body.
+    skin_mm: float = 0.0  # Standard deviation per axis of sliding skin, correlated over ``skin_s``.
+    skin_s: float = 0.3  # Time constant of the skin; chosen by hand.
+    hidden: float = 0.0  # Share of samples lost in gaps.
+    hidden_s: float = 0.25  # Mean length of a gap; chosen by hand.
+    least_views: float = 0.0  # Fewest cameras that must see a marker.
+    swaps_per_minute: float = 0.0  # Exchanges of two markers' labels.
+    swap_s: float = 0.4  # Length of an exchange; chosen by hand.
+    ghosts: float = 0.0  # Share of a marker's samples that are a ghost near the body.
+    ghost_m: float = 0.15  # Standard deviation per axis of a ghost's distance from the marker; chosen by hand.
 
 
 @dataclass(frozen=True)

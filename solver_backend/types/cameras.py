@@ -11,8 +11,7 @@ from solver_backend.exchange.lens import DEFAULT_MODEL, require_models
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
-_LARGEST_SIZE = 2.0**31
-"""Pixels per side below which sizes fit whole numbers of 32 bits."""
+_LARGEST_SIZE = 2.0**31  # Pixels per side below which sizes fit whole numbers of 32 bits.
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,7 @@ class Cameras:
         return Cameras(names=names, models=models, **arrays)
 
 
-ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")
-"""Parts of a picture."""
+ROWS, COLUMNS = ("top", "centre", "bottom"), ("left", "middle", "right")  # Parts of a picture.
 
 
 @dataclass(frozen=True)

@@ -42,8 +42,7 @@ class OwnPoint:
     """A key of ``BONES``."""
 
 
-UNSEEN_POINT = (np.nan, np.nan, 0.0)
-"""x, y and confidence of an unseen point."""
+UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an unseen point.
 
 
 def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
@@ -308,5 +307,4 @@ class Capture:
 
 LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
 """Joints of each side that every detector finds, from the trunk outwards."""
-FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")
-"""Points of each side's foot in some joint sets."""
+FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")  # Points of each side's foot in some joint sets.

@@ -19,5 +19,4 @@ else:
 
 __all__ = ["Array", "Bool", "Float", "Int", "Num"]
 
-Array = Any
-"""A NumPy array or a torch tensor."""
+Array = Any  # A NumPy array or a torch tensor.

@@ -28,8 +28,7 @@ from tests.benchmarks.spoiled_views import kinds, lies
 from tests.benchmarks.spoiled_views.kinds import Recording
 from tests.benchmarks.spoiled_views.motion_takes import FITTED, HELD_OUT, Filmed, MotionTake, film
 
-WITHIN, LEAST_MM = 1.15, 1.0
-"""Times the unspoiled error, and error that no case is asked to stay below."""
+WITHIN, LEAST_MM = 1.15, 1.0  # Times the unspoiled error, and error that no case is asked to stay below.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 

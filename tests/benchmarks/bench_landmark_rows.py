@@ -20,8 +20,7 @@ from tests.benchmarks.landmark_rows.row_tables import read_figures
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
 from tests.benchmarks.seed_spread import ratio_spread
 
-KIND = "fixed"
-"""Clouds that the rows were trained on, and are compared on."""
+KIND = "fixed"  # Clouds that the rows were trained on, and are compared on.
 COLUMNS = {"rmse_mm": "mm", "mpjpe_mm": "mm"}
 BASES = {"democap bmse": "democap", "democap ortho": "democap"}
 """Rows that are compared with another network than ``base``."""

@@ -37,8 +37,7 @@ from tests.benchmarks.metric import Metric
 from tests.support.unlabelled_takes import UnlabelledTake, in_the_superset, score, stripped
 from tests.support.worn_markers import worn_markers
 
-IOR_FRAMES = 300
-"""Frames of the IOR set, at 60 Hz."""
+IOR_FRAMES = 300  # Frames of the IOR set, at 60 Hz.
 _UI_PRMD = ("m01_s07_e02", "m06_s07_e05", "m03_s08_e05", "m08_s08_e02")
 
 

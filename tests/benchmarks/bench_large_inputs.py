@@ -37,8 +37,7 @@ python3 dev.py bench large_inputs --update
 """
 
 
-_LONGEST = 36_000
-"""Frames of the longest take."""
+_LONGEST = 36_000  # Frames of the longest take.
 
 
 def run() -> list[Metric]:

@@ -21,8 +21,7 @@ from solver_backend.exchange.outputs import write_text
 from tests.benchmarks.metric import Metric, key_of
 from tests.benchmarks.spoiled_views.lie_rows import FULL, ROWS, Found, found_of
 
-WITHIN = 1.15
-"""Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it."""
+WITHIN = 1.15  # Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it.
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
 MENDED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "mended", "harmless", "named", "refused", "stated", "silent"
 _HEAD = """# Lies

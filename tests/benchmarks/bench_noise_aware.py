@@ -43,8 +43,7 @@ FRAMES, STEP = 20, 2
 SEEDS = (0, 1, 2)
 TAKES = (("13_29", 700), ("03_03", 100), ("salsa_07", 100))
 """Held-out clips and their first frames."""
-SEARCHED = ("09_01", 20, 24)
-"""Training clip of the grid search, its first frame, and how many."""
+SEARCHED = ("09_01", 20, 24)  # Training clip of the grid search, its first frame, and how many.
 ALPHAS = (-7.0, -4.5, -2.0, -1.0, 0.0, 1.0, 2.0)
 """The coarse grid within the thesis's range; halves of the way to the best's neighbours follow."""
 COLUMNS = {"rmse_mm": "RMSE mm", "mae_deg": "MAE °", "pck1": "PCK1 %", "pck3": "PCK3 %", "pck7": "PCK7 %"}

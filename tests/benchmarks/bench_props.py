@@ -29,8 +29,7 @@ FRAMES, FPS, SEEDS = 400, 100.0, 5
 NOISE_M, MISSING, AWAY_S = 1e-3, 0.2, 0.25
 FIXED_BY = 3
 """Markers that fix a pose."""
-CHI_95 = 7.815
-"""Squared radius of a Gaussian's 95 % ellipsoid in space."""
+CHI_95 = 7.815  # Squared radius of a Gaussian's 95 % ellipsoid in space.
 
 
 def run() -> list[Metric]:

@@ -88,12 +88,9 @@ def described(frames: int, size: tuple[int, int], film: list[str], **more: Any) 
 class Held:
     """What a process took."""
 
-    peak_mb: float
-    """The most that it held at any time."""
-    early_mb: float
-    """The most that it held in the first third of its time."""
-    late_mb: float
-    """The same of the last third."""
+    peak_mb: float  # The most that it held at any time.
+    early_mb: float  # The most that it held in the first third of its time.
+    late_mb: float  # The same of the last third.
     cpu_s: float
 
     def said(self) -> str:

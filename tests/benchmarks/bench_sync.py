@@ -42,14 +42,10 @@ UNKNOWN_FRAMES = 100.0
 class FilmedByHand:
     """A filmed take and its true clocks."""
 
-    filmed: FilmedTracks
-    """What four views show."""
-    offset_s: np.ndarray
-    """(C,) true offsets at the middle of the take."""
-    rate: np.ndarray
-    """(C,) true rates."""
-    middle_s: float
-    """Middle, on the first camera's clock."""
+    filmed: FilmedTracks  # What four views show.
+    offset_s: np.ndarray  # (C,) true offsets at the middle of the take.
+    rate: np.ndarray  # (C,) true rates.
+    middle_s: float  # Middle, on the first camera's clock.
 
     def error_frames(self, clocks: Clocks) -> np.ndarray:
         """Return (C,) the largest error within the take, frames."""

@@ -18,14 +18,10 @@ from solver_backend.types import Cameras, Capture
 class HeldOut:
     """Distance between what a camera detected and what the others predict there."""
 
-    cameras: tuple[str, ...]
-    """Names of the cameras, each held out once."""
-    solver_px: np.ndarray
-    """(C,) median error of the solve."""
-    baseline_px: np.ndarray
-    """(C,) median error of triangulation + Butterworth."""
-    pooled_px: tuple[float, float]
-    """Median over all detections of all cameras: solve, baseline."""
+    cameras: tuple[str, ...]  # Names of the cameras, each held out once.
+    solver_px: np.ndarray  # (C,) median error of the solve.
+    baseline_px: np.ndarray  # (C,) median error of triangulation + Butterworth.
+    pooled_px: tuple[float, float]  # Median over all detections of all cameras: solve, baseline.
 
 
 def leave_one_camera_out(

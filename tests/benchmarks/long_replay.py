@@ -25,8 +25,7 @@ from solver_backend.live.session_loop import LiveStatistics
 from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
 from solver_backend.sensors.devices.recorded import open_folder
 
-TOLD = 60
-"""Lines that are told in all."""
+TOLD = 60  # Lines that are told in all.
 
 
 def main() -> int:

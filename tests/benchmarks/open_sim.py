@@ -7,8 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-LENGTHS = re.compile(r"time|.*_t[xyz]")
-"""Columns that are no angles."""
+LENGTHS = re.compile(r"time|.*_t[xyz]")  # Columns that are no angles.
 
 
 def read_mot(path: Path) -> dict[str, np.ndarray]:

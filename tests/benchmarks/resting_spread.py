@@ -28,17 +28,13 @@ from tests.benchmarks.marker_takes.takes import ui_prmd
 from tests.support.recordings import recordings_folder
 from training.data.sources.clips import read_clip, with_shoulder_rhythm
 
-EVERY = 9
-"""Of CMU's frames, which are 30 a second."""
-UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""The recordings' Y is up."""
-BOUNDS = np.array([2.366, 4.642, 7.815])
-"""Squared distances of the 50, 80 and 95 % ellipsoids, in deviations."""
+EVERY = 9  # Of CMU's frames, which are 30 a second.
+UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # The recordings' Y is up.
+BOUNDS = np.array([2.366, 4.642, 7.815])  # Squared distances of the 50, 80 and 95 % ellipsoids, in deviations.
 PROMISED, TOLERANCE = np.array([0.50, 0.80, 0.95]), np.array([0.05, 0.05, 0.03])
 WEIGHTS = {"cmu": 0.45, "ui_prmd": 0.40, "nimble": 0.15}
 """What each group of recordings counts, however many its frames."""
-STEPS, FACTOR = 400, 3.0
-"""Tries of the search for three deviations, and how far each may be from the root mean square."""
+STEPS, FACTOR = 400, 3.0  # Tries of the search for three deviations, and how far each may be from the root mean square.
 RATE, FRAMES, KEPT = 25.0, 400, 60
 """Frames a second and frames at most that are solved of a take, and about as many are looked at."""
 RESTING = {
@@ -56,10 +52,8 @@ NIMBLE = (
 class Poses:
     """N poses of several takes."""
 
-    rotations: np.ndarray
-    """(N, 22, 3, 3), the pelvis' world first, Z up."""
-    shown: Stance
-    """By the pelvis."""
+    rotations: np.ndarray  # (N, 22, 3, 3), the pelvis' world first, Z up.
+    shown: Stance  # By the pelvis.
 
 
 def joined(takes: list[tuple[np.ndarray, Stance]], every: list[int]) -> Poses:

@@ -36,28 +36,20 @@ BIAS_MM2 = 9.0**2 * np.array([0.2, 0.4, 0.4, 0.4, 0.4])
 """Variance of a bias by direction: constant, cosine and sine of the angle and of its double."""
 TURN_SIGMA, SHIFT_SIGMA_M, POINT_SIGMA_M = 0.02, 0.05, 1.0
 """Of the cameras' poses and of points, before anything is seen."""
-KNOWN, DRAWS = 1e6, 100_000
-"""Factor on the precision of what is told, and how often errors are drawn for the chance."""
+KNOWN, DRAWS = 1e6, 100_000  # Factor on the precision of what is told, and how often errors are drawn for the chance.
 
 
 @dataclass(frozen=True)
 class Filmed:
     """A seed's detections and what is true of them; lengths in millimetres at the person, F moments that all see."""
 
-    error: np.ndarray
-    """(C, F, K, 2) NaN where missing or elsewhere."""
-    spread: np.ndarray
-    """(C, F, K) of the noise, in standard deviations of the detector's model."""
-    velocity: np.ndarray
-    """(C, F, K, 2) a second."""
-    by_point: np.ndarray
-    """(C, F, K, 2, 3) a metre."""
-    by_pose: np.ndarray
-    """(C, F, K, 2, 6) a radian and a metre of the camera's pose."""
-    facing: np.ndarray
-    """(C, F, 5) what biases by direction are made of."""
-    rate: np.ndarray
-    """(C,) true rates."""
+    error: np.ndarray  # (C, F, K, 2) NaN where missing or elsewhere.
+    spread: np.ndarray  # (C, F, K) of the noise, in standard deviations of the detector's model.
+    velocity: np.ndarray  # (C, F, K, 2) a second.
+    by_point: np.ndarray  # (C, F, K, 2, 3) a metre.
+    by_pose: np.ndarray  # (C, F, K, 2, 6) a radian and a metre of the camera's pose.
+    facing: np.ndarray  # (C, F, 5) what biases by direction are made of.
+    rate: np.ndarray  # (C,) true rates.
     fps: float
 
 

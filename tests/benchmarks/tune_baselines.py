@@ -17,8 +17,7 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import training_take
 
-TAKES = (("49_02", 120, 600), ("06_02", 120, 60))
-"""Name, frames, first frame."""
+TAKES = (("49_02", 120, 600), ("06_02", 120, 60))  # Name, frames, first frame.
 TRIED: dict[str, list[Baseline]] = {
     "MuVS": [MuVS(latent_weight=w) for w in (0.3, 1.0, 3.0, 10.0)],
     "DCT": [DCT(sigma_m=s) for s in (0.003, 0.01, 0.03)],

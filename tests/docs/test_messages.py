@@ -66,8 +66,7 @@ def test_every_argument_of_a_verb_has_a_line_of_help() -> None:
     assert not [line for line in rows if re.search(r"\| (?:–|\(required\)) \|$", line)]
 
 
-OTHERS_WORDS = ("No space left on device",)
-"""Of the system."""
+OTHERS_WORDS = ("No space left on device",)  # Of the system.
 _VALUES = re.compile(r"…|\{…\}|[\d.,]*\d ?%?|\b[A-Z]\b(?:, [A-Z]\b)*|\b(?:left|right) \w+\b")
 """What stands in a quoted message for a value."""
 

@@ -65,8 +65,7 @@ def test_a_page_is_read_in_one_sitting_and_its_tables_fit(page: Path) -> None:
     assert not wide
 
 
-MOST_WORDS = 30
-"""Of a sentence; a piece of code counts as one."""
+MOST_WORDS = 30  # Of a sentence; a piece of code counts as one.
 
 
 def sentences(text: str) -> list[str]:

@@ -17,8 +17,7 @@ from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import Capture, Motion
 from tests.support.own_points import PLACES, own_capture, write_own_points
 
-BENT = ("left_elbow", "right_elbow", "left_knee", "right_knee")
-"""Joints that the eight keypoints leave to the prior."""
+BENT = ("left_elbow", "right_elbow", "left_knee", "right_knee")  # Joints that the eight keypoints leave to the prior.
 
 
 @cache

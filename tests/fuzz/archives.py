@@ -7,8 +7,7 @@ import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-_LONG_AGO = 0x21
-"""1 January 1980 in the days of DOS, so that the same members are the same bytes."""
+_LONG_AGO = 0x21  # 1 January 1980 in the days of DOS, so that the same members are the same bytes.
 _STORED, _DEFLATED = 0, 8
 _MADE_BY, _WITH_UTF8 = 20, 0x800
 

@@ -20,12 +20,9 @@ from tests.fuzz.run import BYTES, Homes, how_it_ends, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import GOOD, Tried
 
-_LARGEST = 20_000
-"""Bytes of an input."""
-_FILES, _SAVED = 40, 500
-"""Files of a folder that are seeds; inputs after which the counts are saved."""
-_PATIENCE_S, _LOOK_S = 120.0, 0.2
-"""A reader that is not over so long after its time hangs."""
+_LARGEST = 20_000  # Bytes of an input.
+_FILES, _SAVED = 40, 500  # Files of a folder that are seeds; inputs after which the counts are saved.
+_PATIENCE_S, _LOOK_S = 120.0, 0.2  # A reader that is not over so long after its time hangs.
 KEPT = Path(tempfile.gettempdir()) / "mocap-fuzz"
 """What broke a reader is written there, not into the folder that somebody happens to stand in."""
 

@@ -15,8 +15,7 @@ from tests.fuzz.run import drawn_input, how_it_ends, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import GOOD
 
-_LARGEST = 8_192
-"""Bytes of a new file: the corpus is a part of every clone."""
+_LARGEST = 8_192  # Bytes of a new file: the corpus is a part of every clone.
 BY_LINES = "lines"
 """How the number of a file begins that is kept for the lines it reaches; others broke a reader once, and stay."""
 Lines = frozenset[tuple[str, int]]

@@ -44,8 +44,7 @@ def _end_of_section(data: bytes) -> bytes:
     return data[:_BLOCK] + section.ljust(_BLOCK, b"\0") + data[_BLOCK:]
 
 
-_FRAME = 16 * len(LABELS)
-"""Bytes of a frame."""
+_FRAME = 16 * len(LABELS)  # Bytes of a frame.
 _CHANNELS = tuple(f"F{i}" for i in range(10))
 _FAR = np.full((2, 300, 3), 500.0)
 C3D: tuple[Write, ...] = (

@@ -118,5 +118,4 @@ def _folder(folder: Path) -> None:
     _nothing(folder)
 
 
-NO_JOBS: tuple[Write, ...] = (_nothing, _folder)
-"""Where a job file should be there is none."""
+NO_JOBS: tuple[Write, ...] = (_nothing, _folder)  # Where a job file should be there is none.

@@ -17,8 +17,7 @@ from tests.support.calibration_files import json_text, qca_text, toml_text, yaml
 from tests.support.scenes import detected, ring_of_cameras, walker
 from tests.support.trial_files import mp4_bytes, renamed, write_trial
 
-People = list[dict[str, Any]]
-"""OpenPose's people of one frame."""
+People = list[dict[str, Any]]  # OpenPose's people of one frame.
 _NAMES, _CALIBRATED = ("cam01", "cam02"), ("cam_1", "cam_2")
 _CAMERAS = renamed(ring_of_cameras(2), _CALIBRATED)
 

@@ -25,15 +25,12 @@ from tests.fuzz.sense import broken_sense
 from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
-_WAITING_S = 100
-"""Seconds on the wall after which a reader that takes no processor time waits for what never comes."""
+_WAITING_S = 100  # Seconds on the wall after which a reader that takes no processor time waits for what never comes.
 CHANGES, GRAMMAR, BYTES = "changes", "grammar", "bytes"
 MUTATORS = (CHANGES, GRAMMAR)
 """Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
-BATCH = 20_000
-"""Inputs a child, which take values of one stock."""
-_LINE = 100
-"""Characters of the line that names the input being tried."""
+BATCH = 20_000  # Inputs a child, which take values of one stock.
+_LINE = 100  # Characters of the line that names the input being tried.
 _MEMORY_FOLDER = Path("/dev/shm")
 
 

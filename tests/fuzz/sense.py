@@ -33,8 +33,7 @@ _WORDS = (
 )  # fmt: skip
 _AXES = 3
 """Lengths up to this are coordinates as likely as counts of something."""
-_LONGEST_LABEL = 60
-"""Letters of a label; C3D counts its bytes in one byte."""
+_LONGEST_LABEL = 60  # Letters of a label; C3D counts its bytes in one byte.
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 _TEXT_NUMBERS = ("0", "-1", "nan", "inf", "1e30", "-1e30", "1e-30", "1e300", "0.5", "100000")
 Arrays = dict[str, np.ndarray]

@@ -6,8 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-Write = Callable[[Path], object]
-"""Writes sound files into an empty folder."""
+Write = Callable[[Path], object]  # Writes sound files into an empty folder.
 
 
 @dataclass(frozen=True)

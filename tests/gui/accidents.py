@@ -12,10 +12,8 @@ import numpy as np
 
 from tests.gui.scene import OUT, PACKAGE, extension, joints, mocap
 
-_PINNED, _RANGE = 60, (50, 70)
-"""Scene frame of the pin, and the range that is solved again around it."""
-_TURN = 0.3
-"""Radians by which the pinned elbow is turned."""
+_PINNED, _RANGE = 60, (50, 70)  # Scene frame of the pin, and the range that is solved again around it.
+_TURN = 0.3  # Radians by which the pinned elbow is turned.
 _CAST = OUT / "Besetzung ü.blend"
 
 

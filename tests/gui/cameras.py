@@ -13,10 +13,8 @@ from mathutils import Vector
 
 from tests.gui.scene import TRIAL, empty, file_of, mocap
 
-_CHECKBOX, _CLOCK, _EYE, _ARROW = 0.07, 0.83, 0.91, 0.91
-"""Where in a row of the panel its buttons are."""
-_WIDE_PX = 280
-"""From this width on a range stands in one row with its camera."""
+_CHECKBOX, _CLOCK, _EYE, _ARROW = 0.07, 0.83, 0.91, 0.91  # Where in a row of the panel its buttons are.
+_WIDE_PX = 280  # From this width on a range stands in one row with its camera.
 
 
 def steps(user: Any) -> Any:

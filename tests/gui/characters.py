@@ -18,8 +18,7 @@ import numpy as np
 from tests.gui.recordings import FIGURES
 from tests.gui.scene import OUT, empty, extension, mocap
 
-SHOWN = 60
-"""Frame of the pictures."""
+SHOWN = 60  # Frame of the pictures.
 Made = tuple[bpy.types.Object, Any]
 
 

@@ -13,8 +13,7 @@ import numpy as np
 
 from tests.gui.scene import PACKAGE, empty, extension, file_of, joints, mocap
 
-_GAP = (101, 120)
-"""First and last scene frame that nobody sees."""
+_GAP = (101, 120)  # First and last scene frame that nobody sees.
 _TOLERANCE_MM = 15.0
 
 

@@ -9,8 +9,7 @@ from typing import Any
 
 import bpy
 
-Steps = Generator[float | None, None, Any]
-"""Yields seconds to wait, None for one round of the event loop."""
+Steps = Generator[float | None, None, Any]  # Yields seconds to wait, None for one round of the event loop.
 
 _DIGITS = ("ZERO", "ONE", "TWO", "THREE", "FOUR", "FIVE", "SIX", "SEVEN", "EIGHT", "NINE")
 _KEYS = {".": "PERIOD", **{str(number): name for number, name in enumerate(_DIGITS)}}

@@ -12,10 +12,8 @@ import numpy as np
 
 from tests.gui.scene import PACKAGE, empty, joints, mocap
 
-_EDITED, _RANGE = 80, (40, 60)
-"""Scene frame of the edit, and the range that is solved again beside it."""
-_TURN = 0.5
-"""Radians by which the elbow is turned."""
+_EDITED, _RANGE = 80, (40, 60)  # Scene frame of the edit, and the range that is solved again beside it.
+_TURN = 0.5  # Radians by which the elbow is turned.
 
 
 def steps(user: Any) -> Any:

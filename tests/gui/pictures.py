@@ -15,8 +15,7 @@ from tests.gui.scene import PACKAGE, extension, mocap
 _SHOWN_FRAME = 200
 _SETTLED_S = 3.0
 """A screen without a graphics card needs a while."""
-_SHOWN_STAGE = "Global bundle"
-"""The longest of a solve, and the last before the report."""
+_SHOWN_STAGE = "Global bundle"  # The longest of a solve, and the last before the report.
 _NEAR_M, _BESIDE_M = 3.4, 1.2
 
 

@@ -8,16 +8,11 @@ from pathlib import Path
 
 SENSORS, WAND = "Sensoren ü", "Stab"
 """Folders of two sensors before markers that rise, and of a wand that is waved before two."""
-KATA = "Kata ü.c3d"
-"""A recording of markers that is long enough to be stopped by hand."""
-WALK = "Gang ü.c3d"
-"""A short recording of markers."""
-FIGURES = "Figuren ü"
-"""Folder of characters of other programs, written by their exporters."""
-WHEELS = "Räder ü"
-"""Folder of wheels that hold next to nothing, of LiteRT."""
-LONG_DEMO = "demo_1000.npz"
-"""Capture of the demo's person, 1,000 frames long."""
+KATA = "Kata ü.c3d"  # A recording of markers that is long enough to be stopped by hand.
+WALK = "Gang ü.c3d"  # A short recording of markers.
+FIGURES = "Figuren ü"  # Folder of characters of other programs, written by their exporters.
+WHEELS = "Räder ü"  # Folder of wheels that hold next to nothing, of LiteRT.
+LONG_DEMO = "demo_1000.npz"  # Capture of the demo's person, 1,000 frames long.
 _WAVED_S, _LONG = 20.0, 1000
 
 

@@ -9,10 +9,8 @@ import cv2
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 _LEFT, _TOP, _RIGHT, _BOTTOM = 0, 22, 1316, 896
 """Pixels of the window that show menus, viewport, sidebar and timeline; the outliner is left out."""
-_QUALITY = 80
-"""Of WebP: about 50 kB a picture, with letters that stay sharp."""
-MOST_BYTES = 150_000
-"""Of one picture."""
+_QUALITY = 80  # Of WebP: about 50 kB a picture, with letters that stay sharp.
+MOST_BYTES = 150_000  # Of one picture.
 
 
 def renew(pictures: Path, images: Path) -> list[Path]:

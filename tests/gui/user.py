@@ -17,12 +17,9 @@ _STEP_PX = 14
 _NEAR_PX = 20
 _SCROLL_WAITS = 12
 """Tenths of a second after which the wheel has moved nothing."""
-_ROW_PX = 20
-"""Height of a button; the stages stand in two rows where the sidebar is narrow."""
-_MARGIN_PX = 12
-"""From the sidebar's edge to where no list or field takes the wheel for itself."""
-_LAG = 8
-"""Moves of the mouse by which a slow screen may lag behind."""
+_ROW_PX = 20  # Height of a button; the stages stand in two rows where the sidebar is narrow.
+_MARGIN_PX = 12  # From the sidebar's edge to where no list or field takes the wheel for itself.
+_LAG = 8  # Moves of the mouse by which a slow screen may lag behind.
 STAGES = {
     "CAPTURE": (
         "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
@@ -42,8 +39,7 @@ STAGES = {
     ),
 }  # fmt: skip
 """Where a button stands, by a part of what it does; several stages where each has it."""
-_TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14
-"""Turns of the wheel to the top and for a page, and pages at most."""
+_TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14  # Turns of the wheel to the top and for a page, and pages at most.
 
 
 class User(Hands):

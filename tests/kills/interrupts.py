@@ -27,8 +27,7 @@ ROOT = Path(__file__).resolve().parents[2]
 EARLIEST_S, LATEST_S = 0.05, 12.0
 """CPU time after which the signal comes, by the logarithm: from the first imports to the longest work.
 Before that Python itself starts, and its own traceback names the signal."""
-SOONEST_S = 0.2
-"""CPU time below which ``--each`` no longer looks for a moment at which a short verb is at work."""
+SOONEST_S = 0.2  # CPU time below which ``--each`` no longer looks for a moment at which a short verb is at work.
 CANCELLED = 130
 ENDS = (0, 3, CANCELLED)
 """Exit codes: it had done its work already, or had refused its input by name, or was cancelled."""

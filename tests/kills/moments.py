@@ -13,22 +13,17 @@ _LOOK_S = 0.003
 EARLY, WORKING, WRITING, ENDING = "early", "working", "writing", "ending"
 SHARES = {EARLY: (0.0, 0.35), WORKING: (0.35, 0.9), ENDING: (0.9, 1.1)}
 """Of an operation's time, from which a moment is drawn; the last kills come when it has ended."""
-_AFTER_WRITING_S = 0.03
-"""A kill while it writes comes so long after a change of the folder, at most."""
+_AFTER_WRITING_S = 0.03  # A kill while it writes comes so long after a change of the folder, at most.
 
 
 @dataclass(frozen=True)
 class Moment:
     """A moment of an operation."""
 
-    kind: str
-    """``early``, ``working``, ``writing`` or ``ending``."""
-    share: float = 0.0
-    """Of the operation's time."""
-    change: int = 0
-    """Number of the change of its folder after which it is killed; 0: by its time."""
-    delay_s: float = 0.0
-    """Seconds after that change."""
+    kind: str  # ``early``, ``working``, ``writing`` or ``ending``.
+    share: float = 0.0  # Of the operation's time.
+    change: int = 0  # Number of the change of its folder after which it is killed; 0: by its time.
+    delay_s: float = 0.0  # Seconds after that change.
 
     def __str__(self) -> str:
         """Return it as it stands in the list of kills."""

@@ -29,8 +29,7 @@ ROOT = Path(__file__).resolve().parents[2]
 _LONG_AGO_S = 120.0
 _KEPT = ("already there", "there already")
 """Of the sentences by which an operation refuses to replace what is whole."""
-_BLEND_BEGINS = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
-"""Plain, and packed by Zstandard or gzip."""
+_BLEND_BEGINS = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")  # Plain, and packed by Zstandard or gzip.
 
 
 @dataclass(frozen=True)

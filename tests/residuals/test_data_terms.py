@@ -11,8 +11,7 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import DataTerm
 from tests.support.filmed_points import POINTS, reprojection
 
-PLAIN = 1e6
-"""A robust scale so large that every residual counts fully."""
+PLAIN = 1e6  # A robust scale so large that every residual counts fully.
 
 
 @pytest.fixture(params=["views", "positions", "whitened positions"])

@@ -20,8 +20,7 @@ from solver_backend.sensors.wand.views import Moments, Wand, distances, read_poi
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.clocks import Clocks
 
-WAND = Wand(0.13, 0.26)
-"""The lengths in the recordings' own program."""
+WAND = Wand(0.13, 0.26)  # The lengths in the recordings' own program.
 
 
 @pytest.fixture(scope="module")

@@ -16,16 +16,13 @@ from jaxtyping._storage import pop_shape_memo, push_shape_memo
 
 CONF = BeartypeConf(is_pep484_tower=True, violation_type=jaxtyping.TypeCheckError)
 """An int is a number wherever a float is asked for."""
-_ARRAY = np.ndarray
-"""Looked for in every argument."""
-_UNKNOWN = object()
-"""Stands for what may hold anything, such as a list: it is checked in every call."""
+_ARRAY = np.ndarray  # Looked for in every argument.
+_UNKNOWN = object()  # Stands for what may hold anything, such as a list: it is checked in every call.
 
 _MOST = 500
 """Signatures that a function keeps; a name or number that differs in every call would fill the memory. By hand."""
 
-_DEEPEST = 3
-"""Tuples within tuples that are looked into: what a file holds may nest without end. By hand."""
+_DEEPEST = 3  # Tuples within tuples that are looked into: what a file holds may nest without end. By hand.
 
 
 def install(packages: list[str]) -> None:

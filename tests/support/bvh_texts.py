@@ -13,8 +13,7 @@ from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 
-Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-"""World (Z up) to a file's axes (Y up)."""
+Y_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])  # World (Z up) to a file's axes (Y up).
 _DOWN = {16: (0, 0, -1), 17: (0, 0, 1), 1: (0, 0, 0.3), 2: (0, 0, -0.3)}
 """Axes by which arms hang and legs spread at rest."""
 

@@ -13,8 +13,7 @@ try:
 except ImportError:  # Windows: they collect at once
     fcntl = None
 
-IN_TURN = "MOCAP_COLLECT_IN_TURN"
-"""Set by ``supply.checks`` in a new environment."""
+IN_TURN = "MOCAP_COLLECT_IN_TURN"  # Set by ``supply.checks`` in a new environment.
 
 
 @contextmanager

@@ -20,15 +20,13 @@ from tests.support.bvh_texts import KnownMotion, write_bvh
 from tests.support.moving_hand import smooth
 from tests.support.open_hand import open_hand
 
-FINE, BODY_FPS, GLOVE_FPS = 600, 30.0, 100.0
-"""Samples a second of the truth, and what each recording keeps of them."""
+FINE, BODY_FPS, GLOVE_FPS = 600, 30.0, 100.0  # Samples a second of the truth, and what each recording keeps of them.
 SECONDS = 6.0
 OFFSET_S = 0.85
 """Second of the motion at which the gloves begin."""
 _AROUND = exp_so3(np.array([[0.0, np.pi / 2, 0.0], [0.0, -np.pi / 2, 0.0]]))
 """A flat hand's axes to those of a person's T-pose, left and right."""
-_WORLD = exp_so3(np.array([0.4, -1.1, 0.7]))
-"""The gloves' world is another than the body's."""
+_WORLD = exp_so3(np.array([0.4, -1.1, 0.7]))  # The gloves' world is another than the body's.
 
 
 @dataclass(frozen=True)

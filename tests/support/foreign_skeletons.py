@@ -76,22 +76,14 @@ class _Drawing:
 class Naming:
     """How a system names and hangs its bones."""
 
-    middle: dict[str, list[str]]
-    """``root``, ``pelvis``, ``spine``, ``neck``, ``head``, ``top``: names from below up."""
-    side: Callable[[str, str], str]
-    """Name of a part on a side; "" leaves it out."""
-    before_thigh: str = ""
-    """Part between pelvis and thigh that has no length."""
-    twists: tuple[str, ...] = ()
-    """Parts with a twist bone halfway: a leaf beside the next part."""
-    inline: tuple[str, ...] = ()
-    """Parts in two pieces, the second of which carries on."""
-    extras: tuple[str, ...] = ()
-    """``ik``, ``hair``, ``skirt``, ``face``, ``breasts``."""
-    fingers: int = 3
-    """Bones of a finger; 0 for none."""
-    palms: bool = False
-    """Bones of the palm before the fingers."""
+    middle: dict[str, list[str]]  # ``root``, ``pelvis``, ``spine``, ``neck``, ``head``, ``top``: names from below up.
+    side: Callable[[str, str], str]  # Name of a part on a side; "" leaves it out.
+    before_thigh: str = ""  # Part between pelvis and thigh that has no length.
+    twists: tuple[str, ...] = ()  # Parts with a twist bone halfway: a leaf beside the next part.
+    inline: tuple[str, ...] = ()  # Parts in two pieces, the second of which carries on.
+    extras: tuple[str, ...] = ()  # ``ik``, ``hair``, ``skirt``, ``face``, ``breasts``.
+    fingers: int = 3  # Bones of a finger; 0 for none.
+    palms: bool = False  # Bones of the palm before the fingers.
 
 
 def draw(naming: Naming, arms_down_deg: float = 0.0, legs: float = 1.0) -> ForeignSkeleton:

@@ -17,10 +17,8 @@ from typing import IO
 
 from tests.support.cpu_time import cpu_of, states_of
 
-WAIT_S = 60.0
-"""On the wall: a program that takes no CPU time and does not end is stuck."""
-GONE_S = 5.0
-"""In which children that were also interrupted are gone after the program itself."""
+WAIT_S = 60.0  # On the wall: a program that takes no CPU time and does not end is stuck.
+GONE_S = 5.0  # In which children that were also interrupted are gone after the program itself.
 _LOOK_S = 0.01
 
 
@@ -28,22 +26,14 @@ _LOOK_S = 0.01
 class Interrupted:
     """How a program ended after its signal."""
 
-    code: int
-    """Exit code."""
-    cpu_s: float
-    """CPU time from the signal to the end, that of the program's children with it."""
-    wall_s: float
-    """The same on the clock, which also counts what other programs took."""
-    errors: str
-    """What it wrote to standard error."""
-    left_running: bool
-    """Whether a process of it is still there."""
-    before_end: bool
-    """Whether the signal came before it had ended."""
-    stage: str
-    """What its last line of progress was about; empty where it had written none as JSON."""
-    reported: bool
-    """Whether it had written its result as JSON."""
+    code: int  # Exit code.
+    cpu_s: float  # CPU time from the signal to the end, that of the program's children with it.
+    wall_s: float  # The same on the clock, which also counts what other programs took.
+    errors: str  # What it wrote to standard error.
+    left_running: bool  # Whether a process of it is still there.
+    before_end: bool  # Whether the signal came before it had ended.
+    stage: str  # What its last line of progress was about; empty where it had written none as JSON.
+    reported: bool  # Whether it had written its result as JSON.
 
 
 def interrupt(

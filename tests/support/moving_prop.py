@@ -17,8 +17,7 @@ STICK = np.array([(0.0, -0.5, 0.0), (0.0, -0.1, 0.0), (0.0, 0.4, 0.0), (0.0, 0.5
 class MovingProp:
     """F frames of a rigid body."""
 
-    shape: np.ndarray
-    """(M, 3) markers in its own frame, metres."""
+    shape: np.ndarray  # (M, 3) markers in its own frame, metres.
     rotvec: np.ndarray
     transl: np.ndarray
     fps: float

@@ -21,8 +21,7 @@ _SPLIT = 0.4
 _NUMBER, _SLIDER, _MENU = 48.0, 60.0, 28.0
 """What a value of three digits needs beside its name, and in a slider; what a menu has around its text."""
 
-spoken: dict[str, str] = {}
-"""The language's label of each English one; empty for English."""
+spoken: dict[str, str] = {}  # The language's label of each English one; empty for English.
 
 
 @dataclass(frozen=True)

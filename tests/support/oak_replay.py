@@ -22,10 +22,8 @@ GRACE_S = 0.5
 class OakReplay(OpenedDevice):
     """Another device's frames, sent as depthai's messages, paired by its ``Sync`` node and read as an OAK's."""
 
-    source: Device
-    """Whose frames are played, such as a recorded sensor."""
-    fps: float
-    """Frames a second of the recording, by which pictures are paired."""
+    source: Device  # Whose frames are played, such as a recorded sensor.
+    fps: float  # Frames a second of the recording, by which pictures are paired.
     _pipeline: Any = field(default=None, init=False, repr=False)
     _stream: PairStream | None = field(default=None, init=False, repr=False)
 

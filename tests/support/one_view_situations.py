@@ -13,8 +13,7 @@ from tests.support.walking_take import circling, walk
 FRAMES = 120
 PACE = 420
 """Frames around the circle of 7.5 m: 1.1 m/s, as long as the steps are."""
-JUMP_S = 0.7
-"""From one landing to the next."""
+JUMP_S = 0.7  # From one landing to the next.
 LEGS = ("hip", "knee", "ankle", "heel", "big_toe", "small_toe")
 
 

@@ -16,8 +16,7 @@ _MAY_MIX = ("aten::copy_", "aten::index", "aten::index_put_", "aten::index_put",
 """Operations that take indices or values of the CPU beside tensors of a device."""
 
 
-DEVICE = "cuda"
-"""What the tensors say; nothing of CUDA is started."""
+DEVICE = "cuda"  # What the tensors say; nothing of CUDA is started.
 
 _ASKED_IN_C = tuple(
     getattr(torch.Tensor, name) for name in ("__invert__", "__float__", "__int__", "__bool__", "item", "tolist")

@@ -36,12 +36,9 @@ class Limb:
 class Shown:
     """Bones in the world, metres."""
 
-    rest: dict[str, np.ndarray]
-    """(3,) heads at rest."""
-    heads: dict[str, np.ndarray]
-    """(F, 3) heads."""
-    turns: dict[str, np.ndarray]
-    """(F, 3, 3) rotations from rest."""
+    rest: dict[str, np.ndarray]  # (3,) heads at rest.
+    heads: dict[str, np.ndarray]  # (F, 3) heads.
+    turns: dict[str, np.ndarray]  # (F, 3, 3) rotations from rest.
 
 
 @dataclass(frozen=True)

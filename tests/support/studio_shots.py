@@ -14,8 +14,7 @@ from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
 
-QUIET = {"noise": 0.0}
-"""Colour settings without a sensor's noise."""
+QUIET = {"noise": 0.0}  # Colour settings without a sensor's noise.
 
 
 def colour_shot(folder: Path, **given: Any) -> Path:

@@ -17,8 +17,7 @@ from solver_backend.types import Cameras, JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker
 
-Person = tuple[np.ndarray, np.ndarray]
-"""xy (C, F, K, 2) and confidence (C, F, K)."""
+Person = tuple[np.ndarray, np.ndarray]  # xy (C, F, K, 2) and confidence (C, F, K).
 
 
 def frame_text(people: Sequence[np.ndarray]) -> str:

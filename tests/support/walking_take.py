@@ -10,8 +10,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.synthesis.simulation.cast import Take
 
-EXACT = DetectorFaults()
-"""A detector that errs nowhere."""
+EXACT = DetectorFaults()  # A detector that errs nowhere.
 
 
 def walk(num_frames: int = 90) -> Take:

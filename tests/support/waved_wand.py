@@ -14,10 +14,8 @@ from solver_backend.sensors.wand.views import Wand, WandView
 from solver_backend.synthesis.studio.sensor_pictures import TimeOfFlightModel
 from solver_backend.types import Cameras
 
-SIZE = (640, 576)
-"""Pixels of an Azure Kinect's narrow view, not binned."""
-RING_PIXELS = 12
-"""Depths that a marker's ring gives."""
+SIZE = (640, 576)  # Pixels of an Azure Kinect's narrow view, not binned.
+RING_PIXELS = 12  # Depths that a marker's ring gives.
 
 
 def sensors(count: int = 3, radius_m: float = 2.0) -> Cameras:

@@ -90,8 +90,7 @@ def close_gaps(
     return np.concatenate([points[~box], new]), np.concatenate([normals[~box], normal])
 
 
-STATURE_M = 1.70
-"""Stature that the reference is scaled to, metres; that of the mean shape."""
+STATURE_M = 1.70  # Stature that the reference is scaled to, metres; that of the mean shape.
 _PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
 """The reference body's place between the extremes that Anny's model names, 0 to 1; chosen by hand."""
 _DOWN, _OUT = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0])

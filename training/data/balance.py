@@ -12,8 +12,7 @@ from solver_backend.geometry.arrays import array_namespace, constant
 from solver_backend.geometry.interpolation import Keys, Times, slerp
 from solver_backend.geometry.sphere import Vectors, is_antipodal, orthogonal_axis
 
-_SMALL_SQUARE = 1e-8
-"""Squared angle in radians below which a series is exact to double precision."""
+_SMALL_SQUARE = 1e-8  # Squared angle in radians below which a series is exact to double precision.
 
 
 def sphere_exp(a: Vectors, v: Vectors) -> Vectors:
@@ -125,8 +124,7 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
     return ((1.0 - t) ** 3 * a + of_b * b + of_c * c + t**3 * d) / 6.0
 
 
-Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]
-"""How codes are blended: thesis eqs. 4.8 to 4.12."""
+Blend = Literal["lerp", "slerp", "squad", "bezier", "bspline"]  # How codes are blended: thesis eqs. 4.8 to 4.12.
 TWO_ANCHORS: tuple[Blend, ...] = ("lerp", "slerp")
 EXPONENTIAL_LIMIT = 3.0
 """Largest relevance of the exponential kernel."""
@@ -136,10 +134,8 @@ EXPONENTIAL_LIMIT = 3.0
 class CodeStatistics:
     """Mean and inverse covariance of the codes of a data set."""
 
-    mean: np.ndarray
-    """(d,)"""
-    precision: np.ndarray
-    """(d, d), the pseudo-inverse of the covariance: codes of SPoser fill a hyperplane only."""
+    mean: np.ndarray  # (d,)
+    precision: np.ndarray  # (d, d), the pseudo-inverse of the covariance: codes of SPoser fill a hyperplane only.
 
     @classmethod
     def of(cls, codes: np.ndarray) -> CodeStatistics:

@@ -17,18 +17,13 @@ from solver_backend.geometry.rotations import exp_so3
 from training.data.points import rotation_points
 from training.data.sources.clips import KEYED, UNKNOWN, Clip
 
-HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})
-"""Subjects nothing is trained on."""
-NEAR_REPEAT_M = 0.012
-"""Poses closer than this to a kept one (root mean square over the joints) are repeats."""
+HELD_OUT = frozenset({"03", "08", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08"})  # Subjects nothing is trained on.
+NEAR_REPEAT_M = 0.012  # Poses closer than this to a kept one (root mean square over the joints) are repeats.
 KEYED_REPEATS = 4
 """How often each pose of a hand-keyed animation counts, as they are few and hold what recordings lack."""
-SIMPLIFIED = "jump"
-"""Source whose skeleton has neither hands, toes nor a head of its own."""
-SIMPLIFIED_EVERY = 4
-"""Of its distinct poses one in so many counts."""
-_SAME_TAKE_M = 0.004
-"""Distance of poses that are the same frame, metres; chosen by hand."""
+SIMPLIFIED = "jump"  # Source whose skeleton has neither hands, toes nor a head of its own.
+SIMPLIFIED_EVERY = 4  # Of its distinct poses one in so many counts.
+_SAME_TAKE_M = 0.004  # Distance of poses that are the same frame, metres; chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -197,14 +192,10 @@ EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
 CLEARANCE_M = 0.07
 """Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
-LIMIT_SHARE = (0.6, 1.0)
-"""How much of a joint's range a joint is moved to."""
-MOVED_JOINTS = 2
-"""Joints of a window that are moved towards their limits."""
-_ALLOWED_DEG = 10.0
-"""Degrees beyond a joint's limits that a pose may be; chosen by hand."""
-_REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
-"""Largest angle of each joint, radians."""
+LIMIT_SHARE = (0.6, 1.0)  # How much of a joint's range a joint is moved to.
+MOVED_JOINTS = 2  # Joints of a window that are moved towards their limits.
+_ALLOWED_DEG = 10.0  # Degrees beyond a joint's limits that a pose may be; chosen by hand.
+_REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)  # Largest angle of each joint, radians.
 _COLLARS, _WRISTS = SMPL.both("collar"), SMPL.both("wrist")
 _MIDLINE = SMPL.numbers("spine1", "spine2", "spine3", "neck", "head")
 _ARM_POINTS = SMPL.both("elbow", "wrist", "hand")
@@ -318,14 +309,12 @@ LIMBS: tuple[tuple[int, ...], ...] = (
     SMPL.numbers("neck", "head"),
 )
 """Joints that are turned together: legs, arms, spine, neck and head."""
-LIMB_CHANCE = 0.4
-"""Of each limb of a window to be turned; at least one is."""
+LIMB_CHANCE = 0.4  # Of each limb of a window to be turned; at least one is.
 LIMB_SPREAD = (0.05, 0.3)
 """Standard deviation of a turned joint's angles as a share of their ranges: least and greatest, one draw a window."""
 ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
 """Ankles, toes and wrists, which recordings hold short of how far they reach."""
-END_CHANCE = 0.5
-"""Of each end of a window to be moved."""
+END_CHANCE = 0.5  # Of each end of a window to be moved.
 _LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
 
 
@@ -374,18 +363,15 @@ def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> t
     return torch.where(joints[:, None, :, None, None], moved, windows)
 
 
-MAX_SPACING = 9
-"""Largest distance of neighbouring keys in frames at 30 Hz (0.3 s)."""
+MAX_SPACING = 9  # Largest distance of neighbouring keys in frames at 30 Hz (0.3 s).
 
 
 @dataclass(frozen=True)
 class WindowBatch:
     """B windows."""
 
-    rotations: torch.Tensor
-    """(B, 4, 21, 3, 3): keys at 0, 1/2 and 1, and a frame between."""
-    time: torch.Tensor
-    """(B,) of the frame between, 0..1."""
+    rotations: torch.Tensor  # (B, 4, 21, 3, 3): keys at 0, 1/2 and 1, and a frame between.
+    time: torch.Tensor  # (B,) of the frame between, 0..1.
 
     def to(self, device: torch.device) -> WindowBatch:
         """Return the batch on a device."""

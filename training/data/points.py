@@ -13,20 +13,16 @@ from solver_backend.body.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
 from solver_backend.geometry.arrays import Array, array_namespace, device_of
 
-_TURNED = 1 + NUM_BODY_JOINTS
-"""Joints with a rotation, the pelvis among them."""
+_TURNED = 1 + NUM_BODY_JOINTS  # Joints with a rotation, the pelvis among them.
 
 
 @dataclass(frozen=True)
 class _PointLevel:
     """Joints that are as many bones away from the pelvis."""
 
-    parents: Array
-    """(k,) places among the joints of the level before."""
-    offsets: Array
-    """(k, 3, 1) metres from their parents at rest."""
-    columns: Array | None
-    """(k,) of their rotations; None where they have none."""
+    parents: Array  # (k,) places among the joints of the level before.
+    offsets: Array  # (k, 3, 1) metres from their parents at rest.
+    columns: Array | None  # (k,) of their rotations; None where they have none.
 
 
 @dataclass(frozen=True)

@@ -16,8 +16,7 @@ from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.dense_layers import stack_arrays
 
-VALIDATION_POSES = 4000
-"""Distinct poses that a training looks at now and then."""
+VALIDATION_POSES = 4000  # Distinct poses that a training looks at now and then.
 
 
 class Autoencoder(Protocol):
@@ -40,14 +39,10 @@ class Autoencoder(Protocol):
 class Accuracy:
     """Reconstruction errors over poses; joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
 
-    mpjpe_mm: float
-    """Mean joint distance."""
-    worst5_mpjpe_mm: float
-    """The same over the worst twentieth of poses."""
-    pck3_percent: float
-    """Joints within 3 cm."""
-    angle_deg: float
-    """Mean angle between local rotations."""
+    mpjpe_mm: float  # Mean joint distance.
+    worst5_mpjpe_mm: float  # The same over the worst twentieth of poses.
+    pck3_percent: float  # Joints within 3 cm.
+    angle_deg: float  # Mean angle between local rotations.
 
     def as_dict(self) -> dict[str, float]:
         """Return the figures by name."""

@@ -21,10 +21,8 @@ from solver_backend.exchange.errors import BackendMissing, FileDamaged, JobInval
 from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress, silent
 
-Draw = Callable[[torch.Generator], Any]
-"""Draws one batch, on the CPU."""
-_AHEAD = 4
-"""Batches that each process holds ready."""
+Draw = Callable[[torch.Generator], Any]  # Draws one batch, on the CPU.
+_AHEAD = 4  # Batches that each process holds ready.
 
 
 def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
@@ -139,10 +137,8 @@ def _summary_writer(folder: Path, step: int) -> Any:
     return SummaryWriter(str(folder / "events"), purge_step=step + 1)
 
 
-_CURVE_EVERY = 20
-"""Steps between the points of the loss's curve."""
-_FREE = ("checkpoint_s", "workers")
-"""Settings that change no weight, so that a run may go on with others."""
+_CURVE_EVERY = 20  # Steps between the points of the loss's curve.
+_FREE = ("checkpoint_s", "workers")  # Settings that change no weight, so that a run may go on with others.
 
 
 @dataclass(frozen=True)

@@ -59,16 +59,11 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 class Card:
     """What a card states that neither data nor settings do."""
 
-    title: str
-    """Name of the prior."""
-    summary: str
-    """A few sentences on what it is."""
-    method: str = ""
-    """How the metrics were measured, where that is not how the other priors' are."""
-    augmented: bool = True
-    """Whether training drew augmented poses."""
-    augmentation: str = ""
-    """What it drew besides what all augmented trainings draw."""
+    title: str  # Name of the prior.
+    summary: str  # A few sentences on what it is.
+    method: str = ""  # How the metrics were measured, where that is not how the other priors' are.
+    augmented: bool = True  # Whether training drew augmented poses.
+    augmentation: str = ""  # What it drew besides what all augmented trainings draw.
 
 
 def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
@@ -149,8 +144,7 @@ class Finished:
     """Held-out subjects that the recordings lack: the figures are without them."""
 
 
-Figures = dict[str, Any]
-"""``metrics``, the figures of the card by name, and perhaps ``by_source``."""
+Figures = dict[str, Any]  # ``metrics``, the figures of the card by name, and perhaps ``by_source``.
 
 
 def publish(

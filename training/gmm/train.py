@@ -22,12 +22,9 @@ from training.engine.publish import Card, Finished, TrainingJob, publish
 class Mixture:
     """K Gaussians in d dimensions."""
 
-    weights: np.ndarray
-    """(K,)"""
-    means: np.ndarray
-    """(K, d)"""
-    factors: np.ndarray
-    """(K, d, d) lower Cholesky factors of the covariances."""
+    weights: np.ndarray  # (K,)
+    means: np.ndarray  # (K, d)
+    factors: np.ndarray  # (K, d, d) lower Cholesky factors of the covariances.
 
     def log_densities(self, x: np.ndarray) -> np.ndarray:
         """Return (N, K) logarithms of ``w_k N(x; μ_k, Σ_k)`` at (N, d) points."""

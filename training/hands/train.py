@@ -39,12 +39,9 @@ _RIGHT = 1
 class HandPoses:
     """Angles of hands from one source."""
 
-    name: str
-    """Of the source."""
-    licence: str
-    """And who is to be named."""
-    angles: np.ndarray
-    """(n, A) radians."""
+    name: str  # Of the source.
+    licence: str  # And who is to be named.
+    angles: np.ndarray  # (n, A) radians.
 
 
 def load_sources(folder: Path | str) -> tuple[HandPoses, ...]:
@@ -138,10 +135,8 @@ RANGES_DEG = {
 }
 """Active ranges of healthy adults and the hyperextension of supple ones, rounded outwards (American Academy of
 Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
-OWN_SIGMA_DEG = 5.0
-"""What each angle does for itself at least: nothing that a few sources have in common is a law."""
-TWIST_SIGMA_DEG = 15.0
-"""Of the thumb's twist, which joint centres do not show."""
+OWN_SIGMA_DEG = 5.0  # What each angle does for itself at least: nothing that a few sources have in common is a law.
+TWIST_SIGMA_DEG = 15.0  # Of the thumb's twist, which joint centres do not show.
 HELD = 0.95
 """Share of every source's poses in the ellipsoid of that probability: the covariance is as small as that allows."""
 

@@ -109,12 +109,9 @@ OTHERS, FREE, PROP = 10, 4, 6
 class SpoiledClouds:
     """B clouds of N = 53 + 10 + 4 + 6 slots."""
 
-    points: torch.Tensor
-    """(B, N, 3)."""
-    seen: torch.Tensor
-    """(B, N) bool."""
-    labels: torch.Tensor
-    """(B, N), -1 where not seen."""
+    points: torch.Tensor  # (B, N, 3).
+    seen: torch.Tensor  # (B, N) bool.
+    labels: torch.Tensor  # (B, N), -1 where not seen.
 
 
 @dataclass(frozen=True)
@@ -246,8 +243,7 @@ def part_masks(weights: torch.Tensor) -> torch.Tensor:
     return torch.stack([torch.isin(joint, torch.tensor(part, device=joint.device)) for part in PARTS])
 
 
-DOMINANT = 3
-"""Coefficients of shape that 4.21 may draw anew: the first of them."""
+DOMINANT = 3  # Coefficients of shape that 4.21 may draw anew: the first of them.
 
 
 def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
@@ -337,48 +333,30 @@ _LIMBS = (
 class Clouds:
     """B clouds of up to N points, Z up, the median of the points at the origin, in metres."""
 
-    points: torch.Tensor
-    """(B, N, 3)."""
-    seen: torch.Tensor
-    """(B, N) bool: whether there is a point."""
-    labels: torch.Tensor
-    """(B, N) marker of each point, ``GHOST`` for none, -1 where there is no point."""
-    targets: torch.Tensor
-    """(B, 77, 3) markers and joints, seen or not."""
-    weight: torch.Tensor
-    """(B,) share of each sample in the loss."""
+    points: torch.Tensor  # (B, N, 3).
+    seen: torch.Tensor  # (B, N) bool: whether there is a point.
+    labels: torch.Tensor  # (B, N) marker of each point, ``GHOST`` for none, -1 where there is no point.
+    targets: torch.Tensor  # (B, 77, 3) markers and joints, seen or not.
+    weight: torch.Tensor  # (B,) share of each sample in the loss.
 
 
 @dataclass(frozen=True)
 class Variety:
     """How clouds differ besides their poses."""
 
-    layouts: bool = True
-    """Layouts and subsets of the superset; all 53 markers if False."""
-    ghosts: bool = True
-    """Points that are no markers."""
-    noise: bool = True
-    """Points off their places, and places that differ between people."""
-    pose_noise: float = 0.05
-    """Standard deviation of each joint's turn, rad."""
-    exchanged: float = 0.1
-    """Chance that a limb comes from another pose."""
-    thinned: float = 0.35
-    """Chance that a layout lacks up to half of its markers."""
-    parts: float = 0.12
-    """Chance that only a part of the body wears markers."""
-    tilted: float = 0.12
-    """Chance that the whole cloud is turned by up to 90° about a level axis."""
-    wobble_rad: float = 0.05
-    """Standard deviation of every cloud's lean."""
-    headings: bool = True
-    """People head anywhere; as they were recorded if False."""
-    sizes: float = 0.12
-    """People are scaled by up to this share."""
-    strayed: bool = True
-    """Markers are off their rules, by each place's spread."""
-    thesis: bool = False
-    """Shapes by 4.20 and 4.21, corruption by 4.22 to 4.27 alone, instead of ours."""
+    layouts: bool = True  # Layouts and subsets of the superset; all 53 markers if False.
+    ghosts: bool = True  # Points that are no markers.
+    noise: bool = True  # Points off their places, and places that differ between people.
+    pose_noise: float = 0.05  # Standard deviation of each joint's turn, rad.
+    exchanged: float = 0.1  # Chance that a limb comes from another pose.
+    thinned: float = 0.35  # Chance that a layout lacks up to half of its markers.
+    parts: float = 0.12  # Chance that only a part of the body wears markers.
+    tilted: float = 0.12  # Chance that the whole cloud is turned by up to 90° about a level axis.
+    wobble_rad: float = 0.05  # Standard deviation of every cloud's lean.
+    headings: bool = True  # People head anywhere; as they were recorded if False.
+    sizes: float = 0.12  # People are scaled by up to this share.
+    strayed: bool = True  # Markers are off their rules, by each place's spread.
+    thesis: bool = False  # Shapes by 4.20 and 4.21, corruption by 4.22 to 4.27 alone, instead of ours.
 
 
 class CloudStream:

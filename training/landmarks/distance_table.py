@@ -16,12 +16,9 @@ from training.landmarks.poses import PoseTable
 WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
 """Poses of a window at most: lengths are even in their logarithm, from standing still to a whole exercise."""
-STRAY = 1.2
-"""Placement, over that of the training of the network: recordings are of people who do not know our rules."""
-NOISE_M = 0.003
-"""Standard deviation of a marker's place, metres; chosen by hand."""
-_FAR_M = 0.3
-"""Distance from which pairs count for a body's size, metres, as labelling has it."""
+STRAY = 1.2  # Placement, over that of the training of the network: recordings are of people who do not know our rules.
+NOISE_M = 0.003  # Standard deviation of a marker's place, metres; chosen by hand.
+_FAR_M = 0.3  # Distance from which pairs count for a body's size, metres, as labelling has it.
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:

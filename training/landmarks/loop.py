@@ -17,10 +17,8 @@ from solver_backend.exchange.outputs import atomic_output
 from training.landmarks.models import LandmarkModel
 from training.landmarks.poses import Draw
 
-_WARM_UP = 3
-"""Steps before a graph is captured, so that libraries have chosen their kernels."""
-_SYNCHRONISED = 10
-"""Steps between looks at the clock."""
+_WARM_UP = 3  # Steps before a graph is captured, so that libraries have chosen their kernels.
+_SYNCHRONISED = 10  # Steps between looks at the clock.
 
 
 @dataclass(frozen=True)
@@ -47,8 +45,7 @@ class LandmarkTraining:
     """Times that the weights are evaluated in all, evenly over the training; the best are kept."""
 
 
-Evaluate = Callable[[LandmarkModel, float, int], None]
-"""Called with the averaged model, the seconds and the steps."""
+Evaluate = Callable[[LandmarkModel, float, int], None]  # Called with the averaged model, the seconds and the steps.
 
 
 def train_landmarks(

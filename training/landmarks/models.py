@@ -17,8 +17,7 @@ from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNE
 from training.engine.dense_layers import AttentionLayer, attention, split_heads
 from training.landmarks.cloud_stream import Clouds
 
-SIZE = 160
-"""Pixels of a map's side."""
+SIZE = 160  # Pixels of a map's side.
 MARGIN = 1.25
 """The map's half width is so many times the cloud's largest reach from its centre: hidden hands fall inside too."""
 _RADIUS = 1
@@ -30,10 +29,8 @@ _THINNEST = 1e-3
 class CanvasFrame:
     """Where normalised coordinates lie in metres: ``metres = centre + half * normalised``."""
 
-    centre: torch.Tensor
-    """(B, 1, 3)."""
-    half: torch.Tensor
-    """(B, 1, 1)."""
+    centre: torch.Tensor  # (B, 1, 3).
+    half: torch.Tensor  # (B, 1, 1).
 
     def normalised(self, points: torch.Tensor) -> torch.Tensor:
         """Return points in -1..1."""
@@ -109,14 +106,10 @@ def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torc
     return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
 
 
-SIGMA_PX = 2.0
-"""Spread of a drawn heatmap."""
-SKIPPED = 2
-"""Centres of maps so smooth are the same to 0.8 mm from every second pixel along each axis."""
-REACH_SIGMAS = 4.5
-"""Beyond so many spreads a Gaussian holds nothing."""
-WELSCH_NU = 0.05
-"""Scale of Welsch's loss, in normalised positions; chosen by hand."""
+SIGMA_PX = 2.0  # Spread of a drawn heatmap.
+SKIPPED = 2  # Centres of maps so smooth are the same to 0.8 mm from every second pixel along each axis.
+REACH_SIGMAS = 4.5  # Beyond so many spreads a Gaussian holds nothing.
+WELSCH_NU = 0.05  # Scale of Welsch's loss, in normalised positions; chosen by hand.
 HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 
@@ -131,14 +124,10 @@ def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
 class MapReading:
     """What is read of maps without making them: they are the softmax of (..., S, S) logits."""
 
-    across: torch.Tensor
-    """(...) centre of mass along columns, in -1..1."""
-    down: torch.Tensor
-    """(...) along rows."""
-    log_total: torch.Tensor
-    """(...) logarithm of the sum of exponentials: logits less this are the maps' logarithms."""
-    log_near: torch.Tensor
-    """(..., n) logarithms of the maps at the pixels that were asked for."""
+    across: torch.Tensor  # (...) centre of mass along columns, in -1..1.
+    down: torch.Tensor  # (...) along rows.
+    log_total: torch.Tensor  # (...) logarithm of the sum of exponentials: logits less this are the maps' logarithms.
+    log_near: torch.Tensor  # (..., n) logarithms of the maps at the pixels that were asked for.
 
 
 def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
@@ -245,8 +234,7 @@ def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
     return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))
 
 
-BLOCKS = 5
-"""Resolutions of the network, each half the one before; chosen by hand."""
+BLOCKS = 5  # Resolutions of the network, each half the one before; chosen by hand.
 
 
 class UNet(nn.Module):
@@ -321,8 +309,7 @@ class _SmoothPool(nn.Module):
         return functional.conv2d(x, kernel, stride=2, padding=1, groups=self.channels)
 
 
-_HIDDEN = -30000.0
-"""Score of a point that is not there."""
+_HIDDEN = -30000.0  # Score of a point that is not there.
 
 
 @dataclass(frozen=True)
@@ -411,8 +398,7 @@ class _Asking(nn.Module):
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
 """Degrees of freedom of Student's t; chosen by hand."""
-_SHARP_M = 0.01
-"""Distance below which the loss is a square, metres; chosen by hand."""
+_SHARP_M = 0.01  # Distance below which the loss is a square, metres; chosen by hand.
 
 
 def point_loss(reading: LabelReading, clouds: Clouds) -> torch.Tensor:
@@ -466,8 +452,7 @@ PUBLISHED_JOINTS: tuple[str, ...] = (
 """The 18 joints of the published network, one of many choices: the paper names none."""
 PUBLISHED = (*range(len(MARKERS)), *(len(MARKERS) + JOINTS.index(name) for name in PUBLISHED_JOINTS))
 """Columns of the 53 markers and 18 joints."""
-BMSE_SIGMA = 0.02
-"""Noise of balanced MSE, in normalised units."""
+BMSE_SIGMA = 0.02  # Noise of balanced MSE, in normalised units.
 
 
 class LandmarkModel(nn.Module, ABC):

@@ -20,8 +20,7 @@ from training.landmarks.cloud_stream import Clouds
 from training.landmarks.models import LandmarkModel, PointNet, PointNetWidths
 from training.landmarks.rows import Row
 
-OPSET = 18
-"""Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered."""
+OPSET = 18  # Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered.
 INPUTS = ("points", "seen")
 OUTPUTS = ("scores", "missing", "positions", "spread")
 """Of the network of points."""

@@ -30,12 +30,9 @@ from training.landmarks.cloud_stream import Clouds, CloudStream
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
 CROSSED_M = 0.06
 """Ankles, or wrists, are this far on the wrong side of each other, measured along the hips, or the shoulders."""
-KICK_M = -0.25
-"""An ankle of a kick is at least so high against the pelvis."""
-CROUCH_M = 0.5
-"""Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle."""
-LEANING_DEG = 55.0
-"""Trunks that lean further are on the floor, or in the air."""
+KICK_M = -0.25  # An ankle of a kick is at least so high against the pelvis.
+CROUCH_M = 0.5  # Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle.
+LEANING_DEG = 55.0  # Trunks that lean further are on the floor, or in the air.
 _PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
 """The left and the right joint of each part."""
 (_CHEST,) = SMPL.numbers("spine3")
@@ -87,8 +84,7 @@ HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/
 SAMPLERS = ("random", "lerp", "slerp", "squad", "bezier", "bspline")
 TAIL_SHARE = 0.03
 """Share of the training poses, by Mahalanobis distance, that are anchors."""
-SAMPLED = 8000
-"""Poses drawn by each sampling operator."""
+SAMPLED = 8000  # Poses drawn by each sampling operator.
 _ORDINARY, _TAIL = 3000, 1500
 
 
@@ -246,8 +242,7 @@ FADES = (0.45, 0.75)
 EXPONENTIAL_SCALE = 1.5
 """φ of the exponential kernel over the median error, so that not every pose is clamped; the sigmoid's is the median."""
 
-Draw = Callable[[torch.Tensor], Clouds]
-"""Draws a batch, given the share of the training that is done."""
+Draw = Callable[[torch.Tensor], Clouds]  # Draws a batch, given the share of the training that is done.
 
 
 @dataclass(frozen=True)

@@ -95,14 +95,11 @@ CLOUDS = {"thesis": THESIS, "fixed": FIXED}
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
-FADING = replace(ORTHO, blended=0.5, fades=True)
-"""Ours: twice as much of it, given up halfway."""
+FADING = replace(ORTHO, blended=0.5, fades=True)  # Ours: twice as much of it, given up halfway.
 
 
-HALVED = 2 ** (BLOCKS - 1)
-"""A UNet halves maps so often."""
-OURS_WIDTH = 128
-"""Of the network that ships."""
+HALVED = 2 ** (BLOCKS - 1)  # A UNet halves maps so often.
+OURS_WIDTH = 128  # Of the network that ships.
 
 
 @dataclass(frozen=True)

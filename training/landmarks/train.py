@@ -51,10 +51,8 @@ def calibrated(arrays: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
 """Of poses, by the autoencoder that measures how rare one is and blends: the thesis compares the two in table 4.6."""
-DISTANCES = "distances"
-"""Row that is no network: the table of markers' distances."""
-PUBLISHED_WIDTH = 32
-"""Channels of the published rows' first block; chosen by hand."""
+DISTANCES = "distances"  # Row that is no network: the table of markers' distances.
+PUBLISHED_WIDTH = 32  # Channels of the published rows' first block; chosen by hand.
 
 
 def train_landmark_rows(

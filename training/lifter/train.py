@@ -53,18 +53,12 @@ class LifterSettings:
 class LifterPeople:
     """Poses, shapes, and the points that are seen of them."""
 
-    points: torch.Tensor
-    """(N, 19, 3) metres."""
-    seen: torch.Tensor
-    """(N, 19) bool."""
-    local: torch.Tensor
-    """(N, 21, 3, 3)."""
-    root: torch.Tensor
-    """(N, 3, 3)."""
-    pelvis: torch.Tensor
-    """(N, 3) metres."""
-    betas: torch.Tensor
-    """(N, 10)."""
+    points: torch.Tensor  # (N, 19, 3) metres.
+    seen: torch.Tensor  # (N, 19) bool.
+    local: torch.Tensor  # (N, 21, 3, 3).
+    root: torch.Tensor  # (N, 3, 3).
+    pelvis: torch.Tensor  # (N, 3) metres.
+    betas: torch.Tensor  # (N, 10).
 
     def to(self, device: torch.device) -> LifterPeople:
         """Return the people on a device."""

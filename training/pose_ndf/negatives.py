@@ -19,12 +19,9 @@ from solver_backend.priors.pose_ndf.pose_ndf import (
     pose_distance,
 )
 
-NEIGHBOURS = 5
-"""Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement)."""
-_CANDIDATES = 64
-"""Poses that are compared exactly, after a coarse search; chosen by hand."""
-_BLOCK = 512
-"""Poses that are searched for at a time, which bounds memory; chosen by hand."""
+NEIGHBOURS = 5  # Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement).
+_CANDIDATES = 64  # Poses that are compared exactly, after a coarse search; chosen by hand.
+_BLOCK = 512  # Poses that are searched for at a time, which bounds memory; chosen by hand.
 
 
 class NearestPoses:
@@ -91,20 +88,16 @@ def unit_quats(rotations: torch.Tensor) -> torch.Tensor:
 
 Noise = Literal["normal", "von Mises"]
 """Of the turns of negatives: each axis' angle normal, or one von Mises angle about an axis drawn at random."""
-START_DEG = 60.0
-"""Spread of the random poses whose projections are looked at."""
-NOBODY = -1
-"""Whose a pose is that was made of no one's."""
+START_DEG = 60.0  # Spread of the random poses whose projections are looked at.
+NOBODY = -1  # Whose a pose is that was made of no one's.
 
 
 @dataclass(frozen=True)
 class PoseManifold:
     """The recorded poses that a distance is measured to."""
 
-    quats: torch.Tensor
-    """(M, 21, 4)."""
-    people: torch.Tensor
-    """(M,) whose each is."""
+    quats: torch.Tensor  # (M, 21, 4).
+    people: torch.Tensor  # (M,) whose each is.
     nearest: NearestPoses
 
     @property
@@ -127,10 +120,8 @@ class PoseManifold:
 class Poses:
     """Poses and whose they were before they were turned."""
 
-    quats: torch.Tensor
-    """(N, 21, 4)."""
-    people: torch.Tensor
-    """(N,)."""
+    quats: torch.Tensor  # (N, 21, 4).
+    people: torch.Tensor  # (N,).
 
     def __len__(self) -> int:
         return len(self.quats)
@@ -140,10 +131,8 @@ class Poses:
 class Labelled:
     """Poses with their distance to the manifold."""
 
-    quats: torch.Tensor
-    """(N, 21, 4) unit, single precision."""
-    distance: torch.Tensor
-    """(N,) rad: the mean over the nearest recorded poses (``NearestPoses.mean_distance``)."""
+    quats: torch.Tensor  # (N, 21, 4) unit, single precision.
+    distance: torch.Tensor  # (N,) rad: the mean over the nearest recorded poses (``NearestPoses.mean_distance``).
 
 
 def spread(count: int, degrees: tuple[float, float], generator: torch.Generator, *, even: bool = False) -> torch.Tensor:

@@ -34,17 +34,14 @@ GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
 """Factors of the Lie group: 30 dimensions, as SPoser has."""
-_LOG_VARIANCE = (-12.0, 6.0)
-"""Range of a log-variance, which keeps exponentials finite; chosen by hand."""
+_LOG_VARIANCE = (-12.0, 6.0)  # Range of a log-variance, which keeps exponentials finite; chosen by hand.
 
 
 class Latent(Protocol):
     """The posterior over codes that an encoder's outputs stand for."""
 
-    outputs: int
-    """Numbers the encoder gives."""
-    width: int
-    """Numbers the decoder takes."""
+    outputs: int  # Numbers the encoder gives.
+    width: int  # Numbers the decoder takes.
 
     def mean(self, out: torch.Tensor) -> torch.Tensor:
         """Return the (N, width) code of (N, outputs) encoder outputs."""
@@ -188,12 +185,9 @@ def _wrapped_log_density(turn: torch.Tensor, log_sigma: torch.Tensor) -> torch.T
     return torch.logsumexp(torch.stack(terms), dim=0) - torch.log(haar.clamp_min(1e-12))
 
 
-HIDDEN = 512
-"""Width of the layers, as VPoser's (Pavlakos et al. 2019)."""
-_DROPOUT = 0.1
-"""Share that dropout sets to zero, as VPoser's."""
-_INPUTS = 3 * NUM_BODY_JOINTS
-"""Numbers of a pose as rotation vectors."""
+HIDDEN = 512  # Width of the layers, as VPoser's (Pavlakos et al. 2019).
+_DROPOUT = 0.1  # Share that dropout sets to zero, as VPoser's.
+_INPUTS = 3 * NUM_BODY_JOINTS  # Numbers of a pose as rotation vectors.
 
 
 @dataclass(frozen=True)

@@ -19,24 +19,17 @@ from solver_backend.types import NUM_BETAS, JointSet
 from training.data.corpus import EXCHANGED_JOINTS, Corpus, mirrored
 from training.data.points import rotation_points
 
-SHAPES = 4
-"""Shape parameters that people differ by."""
-TILTED_COSINE = 0.7
-"""A pelvis whose axis is further from vertical (45 degrees) lies, crawls or turns over."""
-TILTED_REPEATS = 4
-"""How often each such pose counts: they are few, and a take on the floor has nothing else."""
-INVERTED_COSINE = -0.3
-"""A pelvis whose axis points further down than this is upside down."""
+SHAPES = 4  # Shape parameters that people differ by.
+TILTED_COSINE = 0.7  # A pelvis whose axis is further from vertical (45 degrees) lies, crawls or turns over.
+TILTED_REPEATS = 4  # How often each such pose counts: they are few, and a take on the floor has nothing else.
+INVERTED_COSINE = -0.3  # A pelvis whose axis points further down than this is upside down.
 INVERTED_REPEATS = 20
 """How often each such pose counts: a few dozen frames of cartwheels and flips are all that is recorded."""
-RAISED_M = 0.05
-"""Hands that are so far above the head carry the body when it is turned over."""
-RAISED_REPEATS = 2
-"""How often each such pose counts, since half of them are turned over."""
+RAISED_M = 0.05  # Hands that are so far above the head carry the body when it is turned over.
+RAISED_REPEATS = 2  # How often each such pose counts, since half of them are turned over.
 _SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
-_BLOCK = 2048
-"""Poses that are placed at a time, which bounds memory; chosen by hand."""
+_BLOCK = 2048  # Poses that are placed at a time, which bounds memory; chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -173,44 +166,26 @@ def _with_limbs_of_others(
     return out
 
 
-DISTANCE_M = (1.8, 12.0)
-"""Of the camera from the pelvis; evenly in the logarithm."""
-PITCH_DEG = (6.0, 11.0)
-"""Mean and deviation of how far down a camera looks."""
-STEEP = 0.2
-"""Share of cameras that look from anywhere between 25 degrees below and 65 above."""
-ROLL_DEG = 12.0
-"""Deviation of how far a camera is turned about its axis: people hold telephones askew."""
+DISTANCE_M = (1.8, 12.0)  # Of the camera from the pelvis; evenly in the logarithm.
+PITCH_DEG = (6.0, 11.0)  # Mean and deviation of how far down a camera looks.
+STEEP = 0.2  # Share of cameras that look from anywhere between 25 degrees below and 65 above.
+ROLL_DEG = 12.0  # Deviation of how far a camera is turned about its axis: people hold telephones askew.
 TUMBLED = 0.15
 """Share of windows in which the person is turned about a level axis by up to half a turn: somersaults, handstands."""
-TURNED_OVER = 0.5
-"""Share of the windows of people with both hands above the head that are turned over onto them."""
-TURNED_OVER_DEG = 60.0
-"""Greatest angle from upside down of those."""
-TURNING_DEG_S = 360.0
-"""Greatest rate of such a turn; half of them stand still."""
-OFF_AXIS = 0.45
-"""Greatest distance of the person from the principal point, in focal lengths."""
-NOISE_M = (0.004, 0.03)
-"""Of a located point, per axis, at the person's distance: from good detectors to bad ones."""
-BIAS_M = 0.018
-"""What a detector means by a point, per axis; it stays over a window."""
-THROWN = 0.03
-"""Share of points that are somewhere else in a frame."""
-KNOWN_UP = 0.5
-"""Share of windows whose camera knows which way is up."""
-UP_DEG = 1.5
-"""Error of that knowledge, per axis."""
-CUT = 0.12
-"""Share of windows in which the picture ends within the person."""
-LOST = 0.25
-"""Share of windows that lack some points for a time."""
-EXCHANGED = 0.06
-"""Share of windows in which left and right limbs are exchanged for a time."""
-SHORT = 0.08
-"""Share of windows that lie at the end of a take."""
-FLAT = 0.1
-"""Share of windows without confidences: every point that is there counts one."""
+TURNED_OVER = 0.5  # Share of the windows of people with both hands above the head that are turned over onto them.
+TURNED_OVER_DEG = 60.0  # Greatest angle from upside down of those.
+TURNING_DEG_S = 360.0  # Greatest rate of such a turn; half of them stand still.
+OFF_AXIS = 0.45  # Greatest distance of the person from the principal point, in focal lengths.
+NOISE_M = (0.004, 0.03)  # Of a located point, per axis, at the person's distance: from good detectors to bad ones.
+BIAS_M = 0.018  # What a detector means by a point, per axis; it stays over a window.
+THROWN = 0.03  # Share of points that are somewhere else in a frame.
+KNOWN_UP = 0.5  # Share of windows whose camera knows which way is up.
+UP_DEG = 1.5  # Error of that knowledge, per axis.
+CUT = 0.12  # Share of windows in which the picture ends within the person.
+LOST = 0.25  # Share of windows that lack some points for a time.
+EXCHANGED = 0.06  # Share of windows in which left and right limbs are exchanged for a time.
+SHORT = 0.08  # Share of windows that lie at the end of a take.
+FLAT = 0.1  # Share of windows without confidences: every point that is there counts one.
 _OTHER = {"left": "right", "right": "left"}
 _SWAPPED = [POINTS.index("_".join([_OTHER.get(n.split("_")[0], n.split("_")[0]), *n.split("_")[1:]])) for n in POINTS]
 _LOST_TOGETHER = (
@@ -242,18 +217,12 @@ NO_TOES = 0.2
 class FilmedWindows:
     """B windows: what is seen, and what is true in the middle."""
 
-    points: torch.Tensor
-    """(B, 27, 19, 2) in focal lengths from the principal point."""
-    confidence: torch.Tensor
-    """(B, 27, 19)."""
-    up: torch.Tensor
-    """(B, 3) in the camera's axes, zero where unknown."""
-    local: torch.Tensor
-    """(B, 21, 3, 3) pose of the middle frame."""
-    root: torch.Tensor
-    """(B, 3, 3) body to camera."""
-    true_up: torch.Tensor
-    """(B, 3)."""
+    points: torch.Tensor  # (B, 27, 19, 2) in focal lengths from the principal point.
+    confidence: torch.Tensor  # (B, 27, 19).
+    up: torch.Tensor  # (B, 3) in the camera's axes, zero where unknown.
+    local: torch.Tensor  # (B, 21, 3, 3) pose of the middle frame.
+    root: torch.Tensor  # (B, 3, 3) body to camera.
+    true_up: torch.Tensor  # (B, 3).
 
     def to(self, device: torch.device) -> FilmedWindows:
         """Return the windows on a device."""

@@ -31,8 +31,7 @@ from training.view_lifter.filming import Recordings, film
 NAME = "limb_slants"
 _BLOCK = 1000
 """Windows that are drawn at a time, which bounds memory; chosen by hand."""
-FLAGGED_PERCENT = 20.0
-"""Share of limbs whose flips the card counts: those with the highest chance."""
+FLAGGED_PERCENT = 20.0  # Share of limbs whose flips the card counts: those with the highest chance.
 CARD = Card(
     "Limb slants",
     """Chances that the bones of arms and legs point towards the camera, across or away from it, from what the view
@@ -66,14 +65,10 @@ class LimbSlantSettings:
 class SlantWindows:
     """B windows as the view lifter has read them."""
 
-    hidden: torch.Tensor
-    """(B, d) its features."""
-    classes: torch.Tensor
-    """(B, 8) of the true slants."""
-    lifted: np.ndarray
-    """(B, 8) slants as lifted."""
-    true: np.ndarray
-    """(B, 8) true slants."""
+    hidden: torch.Tensor  # (B, d) its features.
+    classes: torch.Tensor  # (B, 8) of the true slants.
+    lifted: np.ndarray  # (B, 8) slants as lifted.
+    true: np.ndarray  # (B, 8) true slants.
 
 
 class LimbSlantTask:

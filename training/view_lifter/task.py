@@ -45,10 +45,8 @@ class ViewNet(nn.Module):
         return self.out(self.norm(x[:, MIDDLE]))
 
 
-_VALIDATION_WINDOWS = 2000
-"""Windows that each validation looks at; chosen by hand."""
-_JOINTS = NUM_JOINTS
-"""Joints of the body, before the points that are no joints."""
+_VALIDATION_WINDOWS = 2000  # Windows that each validation looks at; chosen by hand.
+_JOINTS = NUM_JOINTS  # Joints of the body, before the points that are no joints.
 
 
 @dataclass(frozen=True)
@@ -145,12 +143,9 @@ class ViewLifterTask:
 
 @dataclass(frozen=True)
 class _Poses:
-    found: torch.Tensor
-    """(B, 90, 3) about the pelvis."""
-    truth: torch.Tensor
-    """(B, 90, 3) about the pelvis."""
-    off: torch.Tensor
-    """(B, 90, 3) errors about the middle of the joints."""
+    found: torch.Tensor  # (B, 90, 3) about the pelvis.
+    truth: torch.Tensor  # (B, 90, 3) about the pelvis.
+    off: torch.Tensor  # (B, 90, 3) errors about the middle of the joints.
 
 
 def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:

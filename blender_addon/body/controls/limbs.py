@@ -8,18 +8,15 @@ import bpy
 
 from ..._exchange.hand_points import FINGERS, SIDES
 
-ROOT = "root"
-"""The bone that carries everything, on the floor at the armature's origin."""
+ROOT = "root"  # The bone that carries everything, on the floor at the armature's origin.
 
 
 @dataclass(frozen=True)
 class Limb:
     """One limb: three joints, and the bones that pose it from its end (IK)."""
 
-    side: str
-    """``left`` or ``right``."""
-    kind: str
-    """``arm`` or ``leg``."""
+    side: str  # ``left`` or ``right``.
+    kind: str  # ``arm`` or ``leg``.
 
     @property
     def joints(self) -> tuple[str, str, str]:
@@ -82,8 +79,7 @@ class Limb:
 LIMBS = tuple(Limb(side, kind) for kind in ("arm", "leg") for side in ("left", "right"))
 HELPERS = tuple(name for limb in LIMBS for name in (*limb.solved, limb.reach))
 """Hidden bones."""
-CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)
-"""Visible bones, besides the joints and the root."""
+CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)  # Visible bones, besides the joints and the root.
 
 
 def switch_path(limb: Limb) -> str:
@@ -120,8 +116,7 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
         show_limb(armature, limb, from_end=from_end)
 
 
-COLLECTION = "Finger Controls"
-"""Bone collection of the finger controls."""
+COLLECTION = "Finger Controls"  # Bone collection of the finger controls.
 NAMES = ("Curl", "Spread", "Fist", "Fan")
 """Names of the constraints by which joints follow a finger's control and a hand's."""
 

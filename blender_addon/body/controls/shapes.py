@@ -18,8 +18,7 @@ from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
 """Factor and metres by which controls stand off the skin."""
-_LEAST_FINGER_M = 0.002
-"""The same metres for fingers, whose rings are close to each other."""
+_LEAST_FINGER_M = 0.002  # The same metres for fingers, whose rings are close to each other.
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
 """Shape by part of the body. All others are rings."""
@@ -27,8 +26,7 @@ _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 
 """Share of the bone along which the skin is measured, by default its middle third."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
 """Root by the arms' span, metres of a pole, and rings of turns by those of their joints."""
-_ABOVE_M = 0.022
-"""Height of the finger controls over the back of the hand."""
+_ABOVE_M = 0.022  # Height of the finger controls over the back of the hand.
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones with the skin of the rings around the spine."""

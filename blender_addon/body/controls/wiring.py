@@ -15,8 +15,7 @@ from .limbs import LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
 ROOT_LENGTH_M = 0.3
 _REACH = 0.15
 """Length of the bone at a limb's end, as a share of the lower bone."""
-_POLE_DISTANCE = 1.0
-"""Distance of poles from their joints in lengths of the upper bone."""
+_POLE_DISTANCE = 1.0  # Distance of poles from their joints in lengths of the upper bone.
 _POLE_SIZE = 0.1
 _AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
 """Directions of elbows and knees at rest: backward and forward."""
@@ -67,10 +66,8 @@ def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.Edi
     return bone
 
 
-FOLLOW = "IK"
-"""Name of the constraint by which a joint follows."""
-_BENT = 0.15
-"""Initial bend of elbows and knees in radians, which shows IK the direction."""
+FOLLOW = "IK"  # Name of the constraint by which a joint follows.
+_BENT = 0.15  # Initial bend of elbows and knees in radians, which shows IK the direction.
 
 
 def wire_limbs(armature: bpy.types.Object, layout: BoneLayout) -> None:

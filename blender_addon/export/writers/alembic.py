@@ -90,8 +90,7 @@ def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bp
     return copy
 
 
-_BYTES_PER_VERTEX = 14
-"""Of each frame: three floats, and a little more."""
+_BYTES_PER_VERTEX = 14  # Of each frame: three floats, and a little more.
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:

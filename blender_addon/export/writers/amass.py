@@ -18,10 +18,8 @@ from ...errors import NothingToExport
 from ..plain_take import is_body
 from ..take import ExportTake, PoseSamples, sample_joints, uniform_scale
 
-_BODY = 1 + SMPL.num_solved
-"""Joints that AMASS shares with SMPL."""
-_SCALED = 1e-3
-"""Deviation from a scale of 1 that counts as scaled, chosen by hand."""
+_BODY = 1 + SMPL.num_solved  # Joints that AMASS shares with SMPL.
+_SCALED = 1e-3  # Deviation from a scale of 1 that counts as scaled, chosen by hand.
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:

@@ -59,8 +59,7 @@ def _raise_if_disk(text: str, error: RuntimeError) -> None:
             raise OSError(number, os.strerror(number)) from error
 
 
-_RESERVE = 2**20
-"""Bytes that stay free in addition to the estimate, chosen by hand."""
+_RESERVE = 2**20  # Bytes that stay free in addition to the estimate, chosen by hand.
 _OGAWA, _FROZEN = b"Ogawa", 0xFF
 _CRATE = b"PXR-USDC"
 
@@ -96,8 +95,7 @@ def require_whole(path: Path) -> None:
         raise OSError(errno.ENOSPC, "the exporter stopped in the middle of the file; the disk may be full")
 
 
-_FORWARD = {"Y": "-Z", "Z": "Y"}
-"""Blender's Y by the axis that points up."""
+_FORWARD = {"Y": "-Z", "Z": "Y"}  # Blender's Y by the axis that points up.
 
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:

@@ -18,8 +18,7 @@ R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """(x, y, z) becomes (x, z, -y). Blender's front, -Y, becomes +Z."""
 
 
-UNITS_PER_METRE = 100.0
-"""BVH files are in centimetres by convention."""
+UNITS_PER_METRE = 100.0  # BVH files are in centimetres by convention.
 _ROTATIONS = "Zrotation Xrotation Yrotation"
 
 

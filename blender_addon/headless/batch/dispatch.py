@@ -23,8 +23,7 @@ _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_fa
 """Failures of the worker or the take: tried again, and set aside in the end."""
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
 """Failures of the worker: another one may succeed. Ordinary failures in the end."""
-_WAIT_S = 0.5
-"""Seconds that one look for ended takes lasts, chosen by hand."""
+_WAIT_S = 0.5  # Seconds that one look for ended takes lasts, chosen by hand.
 
 
 def dispatch(

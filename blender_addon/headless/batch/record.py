@@ -21,17 +21,14 @@ UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
 """Numbers of a solve that the summary shows."""
-_MOST = 1e12
-"""Above every count, residual and time; chosen by hand."""
+_MOST = 1e12  # Above every count, residual and time; chosen by hand.
 
 
 class StepRecord(TypedDict):
     """A step that was done."""
 
-    key: str
-    """Hash of its inputs."""
-    outputs: list[str]
-    """Names in the take's folder."""
+    key: str  # Hash of its inputs.
+    outputs: list[str]  # Names in the take's folder.
     notes: list[str]
     seconds: float
 

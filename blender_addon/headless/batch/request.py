@@ -25,10 +25,8 @@ _MB = 2**20
 class TakeLimits:
     """Limits of the solver for one take, None for no limit."""
 
-    seconds: float | None = None
-    """Of reading and solving together."""
-    memory_mb: float | None = None
-    """Of the solver's process, resident."""
+    seconds: float | None = None  # Of reading and solving together.
+    memory_mb: float | None = None  # Of the solver's process, resident.
 
     def require_possible(self) -> None:
         """Make sure that the limits can be held here.
@@ -68,11 +66,8 @@ def _resident_mb(pid: int) -> float:
     return int(pages) * os.sysconf("SC_PAGE_SIZE") / _MB
 
 
-_SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})
-"""Keys of a batch's job file."""
-
-_MARKERS_ALONE = (".c3d", ".trc")
-"""Recordings of markers by their ending, where tables may be anything."""
+_SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})  # Keys of a batch's job file.
+_MARKERS_ALONE = (".c3d", ".trc")  # Recordings of markers by their ending, where tables may be anything.
 
 
 @dataclass(frozen=True)
@@ -137,20 +132,13 @@ class BatchRequest:
 class Spread:
     """Workers of a batch, and its end."""
 
-    scheduler: str = ""
-    """Address of a Dask scheduler, or the path of its file, "" for none."""
-    workers: int = 0
-    """Takes at a time on this machine, 0 does one after the other in this process."""
-    watch: bool = False
-    """Also do captures that arrive in the folder later."""
-    settled_s: float = 5.0
-    """A capture has arrived when it has not changed for this many seconds."""
-    idle_s: float | None = None
-    """Stop watching when nothing has arrived for this many seconds, None for never."""
-    stretches: bool = False
-    """Let the cluster's workers solve stretches of long takes, too."""
-    patience_s: float = 60.0
-    """Seconds to wait for a scheduler that is gone, and for workers."""
+    scheduler: str = ""  # Address of a Dask scheduler, or the path of its file, "" for none.
+    workers: int = 0  # Takes at a time on this machine, 0 does one after the other in this process.
+    watch: bool = False  # Also do captures that arrive in the folder later.
+    settled_s: float = 5.0  # A capture has arrived when it has not changed for this many seconds.
+    idle_s: float | None = None  # Stop watching when nothing has arrived for this many seconds, None for never.
+    stretches: bool = False  # Let the cluster's workers solve stretches of long takes, too.
+    patience_s: float = 60.0  # Seconds to wait for a scheduler that is gone, and for workers.
 
 
 def find_captures(request: BatchRequest) -> list[Path]:

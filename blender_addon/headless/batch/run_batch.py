@@ -30,8 +30,7 @@ from .work import Work
 SUMMARY = "summary"
 _RARELY = 20.0
 """Share of time for writing the summary, as its denominator, chosen by hand."""
-_LEAST_S = 2.0
-"""Least seconds between two writings of the summary, chosen by hand."""
+_LEAST_S = 2.0  # Least seconds between two writings of the summary, chosen by hand.
 
 
 class Results:
@@ -100,8 +99,7 @@ class Results:
 class BatchResult(CommandResult):
     """Of ``batch``."""
 
-    takes: list[TakeRecord]
-    """Worst first."""
+    takes: list[TakeRecord]  # Worst first.
 
 
 def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:

@@ -15,8 +15,7 @@ from .record import StepMade, TakeRecord
 from .request import TakeLimits
 from .work import Place, Plain, Step
 
-RECORDS, SHOTS = "tasks", "shots"
-"""Folders of a data set: of the tasks' records, of the shots."""
+RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set: of the tasks' records, of the shots.
 FILM, COLOUR = "film", "colour"
 _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 """Files of a shot's folder that state that a step is whole."""
@@ -26,16 +25,11 @@ _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 class Shots:
     """The shots of a description, of a folder that the backend has claimed for it."""
 
-    description: Path
-    """JSON file."""
-    data_set: Path
-    """Folder of the data set."""
-    digest: str
-    """SHA-256 of the description's bytes, see ``digest_of``: what decides what is filmed."""
-    colour: bool = False
-    """Also make colour pictures."""
-    python: Path | None = None
-    """Python to film with, None for this one."""
+    description: Path  # JSON file.
+    data_set: Path  # Folder of the data set.
+    digest: str  # SHA-256 of the description's bytes, see ``digest_of``: what decides what is filmed.
+    colour: bool = False  # Also make colour pictures.
+    python: Path | None = None  # Python to film with, None for this one.
     limits: TakeLimits = field(default_factory=TakeLimits)
     kind: ClassVar = "shots"
 

@@ -21,8 +21,7 @@ from .record import TakeRecord
 _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
 """Columns of the table."""
-_RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
-"""Residuals of a solve with their units."""
+_RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}  # Residuals of a solve with their units.
 
 
 def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:

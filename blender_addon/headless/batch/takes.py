@@ -19,8 +19,7 @@ from .record import StepMade, fingerprint, read_record, step_key
 from .request import BatchRequest, TakeLimits, TakeWatch
 from .work import Place, Plain, Step
 
-PACKAGE = (__package__ or "").rpartition(".")[0]
-"""Of the verbs."""
+PACKAGE = (__package__ or "").rpartition(".")[0]  # Of the verbs.
 
 
 @dataclass(frozen=True)

@@ -22,33 +22,25 @@ Plain = dict[str, Any]
 class Step:
     """One step of an item."""
 
-    name: str
-    """Of the step, such as solve, bake or film."""
-    key: str
-    """Hash of what it is made from."""
+    name: str  # Of the step, such as solve, bake or film.
+    key: str  # Hash of what it is made from.
 
 
 @dataclass(frozen=True)
 class Place:
     """Circumstances of a step."""
 
-    folder: Path
-    """Folder of the item's record."""
-    progress: Progress
-    """Receives how far each stage has come."""
-    stopped: Callable[[], MocapError | None] = lambda: None
-    """Asked again and again. An error ends the step."""
-    in_child: bool = False
-    """Let Blender work in a process of its own, which several steps at a time need."""
-    scheduler: str = ""
-    """Of the cluster whose workers solve stretches of a long take, "" solves it in one process."""
+    folder: Path  # Folder of the item's record.
+    progress: Progress  # Receives how far each stage has come.
+    stopped: Callable[[], MocapError | None] = lambda: None  # Asked again and again. An error ends the step.
+    in_child: bool = False  # Let Blender work in a process of its own, which several steps at a time need.
+    scheduler: str = ""  # Of the cluster whose workers solve stretches of a long take, "" solves it in one process.
 
 
 class Work(Protocol):
     """Items of one kind and their steps, with all settings. A frozen value."""
 
-    kind: ClassVar[str]
-    """Name in ``plain``, also what the progress counts."""
+    kind: ClassVar[str]  # Name in ``plain``, also what the progress counts.
 
     @property
     def out(self) -> Path:

@@ -17,8 +17,7 @@ from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import SMPL, BodyLayout
 
-_SPINE = (3, 6, 9)
-"""SMPL's joints of the trunk over the pelvis."""
+_SPINE = (3, 6, 9)  # SMPL's joints of the trunk over the pelvis.
 
 
 def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
@@ -54,10 +53,8 @@ _AT_REST = 0.005
 class Trunk:
     """K bones of a trunk from pelvis to chest."""
 
-    heights: np.ndarray
-    """(K,) heights of their middles at rest: 0 at the hips, 1 at the neck."""
-    turns: np.ndarray
-    """(K, F, 3, 3) rotations from rest."""
+    heights: np.ndarray  # (K,) heights of their middles at rest: 0 at the hips, 1 at the neck.
+    turns: np.ndarray  # (K, F, 3, 3) rotations from rest.
 
 
 @dataclass(frozen=True)

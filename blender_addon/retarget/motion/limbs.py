@@ -15,10 +15,8 @@ from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .figures import Actor, Hand, Target, Trunk
 from .map_pose import foot_ball
 
-_STRAIGHTEST = 0.9995
-"""Largest share of a limb's length, unless the actor's limb is straighter."""
-_CLEAR_BEND = 0.05
-"""Sine of the bend at which the plane of the bones and the anatomical axis have equal weight."""
+_STRAIGHTEST = 0.9995  # Largest share of a limb's length, unless the actor's limb is straighter.
+_CLEAR_BEND = 0.05  # Sine of the bend at which the plane of the bones and the anatomical axis have equal weight.
 
 
 def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -102,8 +100,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(-1)
 
 
-_BALL_AFTER_ANKLE = 3
-"""SMPL's foot joint, the ball, comes three after its ankle."""
+_BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
 _STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.25, 0.04, 0.008, 0.15
 """Largest speed and slide of a planted foot, largest correction, and the time in which it fades after the contact."""
 
@@ -272,8 +269,7 @@ def _top(target: Target, chest: int) -> np.ndarray:
     return target.heads[arms].mean(0) if arms else target.heads[chest] + [0.0, 0.0, 1e-3]
 
 
-_BONES = 4
-"""Largest number of bones of a finger: three, and one in the palm or at the tip."""
+_BONES = 4  # Largest number of bones of a finger: three, and one in the palm or at the tip.
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:

@@ -13,8 +13,7 @@ from ..._exchange.rigs.skeleton import JOINT_OF, LIMBS
 from ..._exchange.so3 import matrix_from_quat, quat_from_matrix
 from .figures import Target
 
-_BALL_BEFORE_ANKLE = 1.5
-"""Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body)."""
+_BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, by the ankle's height (1.5 for our body).
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[float, ...]]) -> np.ndarray:

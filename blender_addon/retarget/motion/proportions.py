@@ -13,20 +13,16 @@ from .figures import Actor, Target
 _APART = 2.0
 """Largest ratio between the size of the legs and that of arms and trunk. A toddler's legs are 0.75 of an adult's by the
 trunk (Snyder et al. 1977), those of stylised characters 0.5."""
-_ANY_UNIT = 2000.0
-"""Largest ratio of figures in metres and in millimetres."""
+_ANY_UNIT = 2000.0  # Largest ratio of figures in metres and in millimetres.
 
 
 @dataclass(frozen=True)
 class Proportions:
     """Lengths between joints at rest by the actor's, NaN for missing ones."""
 
-    legs: float
-    """Hip to knee to ankle."""
-    arms: float
-    """Shoulder to elbow to wrist."""
-    trunk: float
-    """Middle of the hips to middle of the shoulders."""
+    legs: float  # Hip to knee to ankle.
+    arms: float  # Shoulder to elbow to wrist.
+    trunk: float  # Middle of the hips to middle of the shoulders.
 
     def describe(self) -> str:
         """Return the lengths as one line."""

@@ -12,12 +12,9 @@ from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
 from .figures import Actor, Hand, Target
 from .limbs import fade, trunk_ends
 
-PALM = "palm"
-"""Name of the place that is no fingertip."""
-_HAND_AFTER_WRIST = 2
-"""Joints of SMPL from a wrist to its hand, as both wrists come before both hands."""
-_BONES = 3
-"""Bones of a finger. A further bone begins at the tip."""
+PALM = "palm"  # Name of the place that is no fingertip.
+_HAND_AFTER_WRIST = 2  # Joints of SMPL from a wrist to its hand, as both wrists come before both hands.
+_BONES = 3  # Bones of a finger. A further bone begins at the tip.
 _LAST_BONE = 0.9
 """Length of a finger's last bone with its pulp by the bone before: 0.6 to 0.8 of the bones (Buryanov and Kotiuk 2010)
 and 4 mm of pulp."""
@@ -159,12 +156,9 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 CHEST, BASE, TOP = "chest", "base", "top"
 """Places besides those of roles: the top bone of the spine, the middle of the hips, and the end of the trunk."""
-_SHARES, _ANGLES = 8, 12
-"""Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide."""
-_OUTER = 0.75
-"""Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not."""
-_LEAST_FILLED = 0.4
-"""Share of cells with skin that a part needs."""
+_SHARES, _ANGLES = 8, 12  # Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide.
+_OUTER = 0.75  # Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not.
+_LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
 
 
 @dataclass(frozen=True)
@@ -181,8 +175,7 @@ class Part:
     """Shares that the table of radii covers."""
 
 
-_WHOLE_TRUNK = (-0.1, 1.0)
-"""Shares of the way from hips to neck, from the lowest point of the seat up."""
+_WHOLE_TRUNK = (-0.1, 1.0)  # Shares of the way from hips to neck, from the lowest point of the seat up.
 PARTS = {
     "hips": Part("trunk", "pelvis", BASE, TOP, (-0.1, 0.5), _WHOLE_TRUNK),
     CHEST: Part("trunk", CHEST, BASE, TOP, (0.5, 1.0), _WHOLE_TRUNK),
@@ -289,10 +282,8 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
 """Distances from the skin of a hand that touches, and of one that does not, by the length of the palm: of a fingertip,
 which has a radius of a tenth of it, and of the palm's middle, whose own skin is a fifth below it."""
-_LIKELY = (0.4, 2.5)
-"""Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's."""
-_CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)
-"""Numbers of SMPL's joints."""
+_LIKELY = (0.4, 2.5)  # Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's.
+_CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
 
 
 def keep_hands_on_body(

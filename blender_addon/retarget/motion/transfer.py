@@ -37,16 +37,11 @@ class TransferSettings:
 class Transferred:
     """The motion of the N controls of a rig over F frames."""
 
-    turns: np.ndarray
-    """(N, F, 3, 3) rotations from the rest pose on the stage."""
-    places: np.ndarray
-    """(N, F, 3) heads on the stage."""
-    carrier: int
-    """The control that carries the body's path."""
-    scale: float
-    """Length of the target's legs between joints by the actor's."""
-    goals: dict[str, np.ndarray]
-    """(F, 3) places of wrists and ankles by the role of the hand or foot."""
+    turns: np.ndarray  # (N, F, 3, 3) rotations from the rest pose on the stage.
+    places: np.ndarray  # (N, F, 3) heads on the stage.
+    carrier: int  # The control that carries the body's path.
+    scale: float  # Length of the target's legs between joints by the actor's.
+    goals: dict[str, np.ndarray]  # (F, 3) places of wrists and ankles by the role of the hand or foot.
 
 
 def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSettings) -> Transferred:

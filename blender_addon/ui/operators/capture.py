@@ -174,8 +174,7 @@ def _show_detections(scene: bpy.types.Scene, camera: bpy.types.Object | None) ->
         capture.floor.display_type = "TEXTURED" if camera is None else "WIRE"
 
 
-_REACH_PX = 25.0
-"""Maximum distance of a click from a point, chosen by hand."""
+_REACH_PX = 25.0  # Maximum distance of a click from a point, chosen by hand.
 _SHOWN = Need(MARKERS.message, lambda context: context.scene.mocap.capture.cloud is not None)
 
 

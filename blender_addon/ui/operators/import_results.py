@@ -63,8 +63,7 @@ def _take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stag
         item.gaps, item.missing_percent = gap.get("gaps", 0), gap.get("missing_percent", 0.0)
 
 
-_HEIGHTS = 2.2
-"""Viewing distance of a body relative to its height."""
+_HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:

@@ -160,8 +160,7 @@ class MOCAP_OT_motion_from_rig(BringsMotion, bpy.types.Operator):
     bl_label = "Bring onto Body"
     needs = (Need("Select the armature with the motion, or choose it as the actor", foreign_actor), IDLE)
 
-    _skeleton = None
-    """Input of the solver, removed after the run."""
+    _skeleton = None  # Input of the solver, removed after the run.
 
     def call(self, context: bpy.types.Context) -> Call:
         from ..._exchange.skeleton_file import write_skeleton

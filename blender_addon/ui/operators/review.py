@@ -16,15 +16,12 @@ from ..setting_properties import choice, number
 from ..viewport import colour_bones
 from .base import BODY, EDITABLE, OPENS, TAKE, Need, operator
 
-_MARGIN = 5
-"""Scene frames on both sides of a range to review, which the new solve has to meet."""
-MARK = "gap"
-"""Start of the names of our timeline markers."""
+_MARGIN = 5  # Scene frames on both sides of a range to review, which the new solve has to meet.
+MARK = "gap"  # Start of the names of our timeline markers.
 _GAP, _TO_REVIEW = f"{MARK} interpolated", f"{MARK} review"
 _SAMPLES = 16
 """Frames used to measure the height of the soles, chosen by hand."""
-_NOTHING_MEASURED = 1e-6
-"""Maximum confidence of an interpolated frame, 0 to 1."""
+_NOTHING_MEASURED = 1e-6  # Maximum confidence of an interpolated frame, 0 to 1.
 
 
 _MODES = (

@@ -195,8 +195,7 @@ def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     self.layout.operator(MOCAP_OT_capture_from_videos.bl_idname, text="Motion Capture from Videos (folder)")
 
 
-SET_UP_DETECTOR = "set-up-detector"
-"""Name of a run that is not a verb of the solver."""
+SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a verb of the solver.
 _HAND_MODEL = "hand_landmark_full.tflite"
 _POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
 """Models in MediaPipe's npm package. The first one that exists is chosen."""

@@ -24,8 +24,7 @@ MEANINGS = {
     "unlabelled": "DOT",
 }
 """Icons of the meanings of marker labels."""
-_FEW_PERCENT = 60
-"""Cameras that see the person in fewer frames than this percentage are red, chosen by hand."""
+_FEW_PERCENT = 60  # Cameras that see the person in fewer frames than this percentage are red, chosen by hand.
 
 
 @panel("Capture", "CAPTURE")

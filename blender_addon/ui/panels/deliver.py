@@ -13,8 +13,7 @@ from ..operators.retarget import actor_object
 from ..translation import CONTEXT
 from .parts import draw_progress, has_body, has_markers, panel
 
-_LEFT, _RIGHT = "left", "right"
-"""Prefixes of roles with two sides."""
+_LEFT, _RIGHT = "left", "right"  # Prefixes of roles with two sides.
 
 
 @panel("Export", "DELIVER", order=5, needs=has_body)

@@ -16,8 +16,7 @@ from ..setting_properties import names_of
 from ..translation import CONTEXT
 from .parts import has_body, has_take, panel
 
-_CURL, _SPREAD = 0, 2
-"""Axes of a finger control."""
+_CURL, _SPREAD = 0, 2  # Axes of a finger control.
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
 """Share of a row for the slider of a limb, and in a narrow sidebar. The button has the rest."""
 

@@ -15,8 +15,7 @@ from ..properties import STEPS, MocapVideoStep
 from ..translation import CONTEXT
 from .parts import draw_failure, draw_progress, panel
 
-_SIZE = 11.0
-"""Size of an image in heights of a button."""
+_SIZE = 11.0  # Size of an image in heights of a button.
 
 
 class Previews:

@@ -15,8 +15,7 @@ import numpy as np
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
 from solver_backend.exchange.outputs import open_regular
 
-MAX_DIMENSIONS = 8
-"""Dimensions of an array in a body file at most; SMPL's have three."""
+MAX_DIMENSIONS = 8  # Dimensions of an array in a body file at most; SMPL's have three.
 _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 
 
@@ -109,10 +108,8 @@ for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
     CALLS[f"{_module}.scalar"] = lambda dtype=None, data=None, *_: array_of((1,), dtype, False, data)[0]
 
 
-MAX_OPERATIONS = 2_000_000
-"""A body model has thousands; each costs a microsecond and some hundred bytes at most."""
-MIN_ALLOWANCE, ALLOWANCE = 2**26, 4
-"""Bytes that arrays may take in all: so many, or so many times the file's own size."""
+MAX_OPERATIONS = 2_000_000  # A body model has thousands; each costs a microsecond and some hundred bytes at most.
+MIN_ALLOWANCE, ALLOWANCE = 2**26, 4  # Bytes that arrays may take in all: so many, or so many times the file's own size.
 _KEEPS_ARGUMENT = re.compile(r"(SHORT_)?(BIN)?(INT|LONG|FLOAT|STRING|UNICODE|BYTES|BYTEARRAY)\d?")
 """Operations that put their argument on the stack."""
 _CONSTANTS: dict[str, Callable[[], Any]] = {

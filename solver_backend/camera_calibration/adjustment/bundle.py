@@ -23,18 +23,12 @@ CAMERA_PARAMETERS = 6 + PARAMETERS + 1
 class BodySightings:
     """N points of bodies in pictures."""
 
-    camera: Int[np.ndarray, " n"]
-    """(N,) index of the camera."""
-    body: Int[np.ndarray, " n"]
-    """(N,) index of the body."""
-    local: Float[np.ndarray, "n 3"]
-    """(N, 3) metres in the body's axes. Zero for a single point."""
-    px: Float[np.ndarray, "n 2"]
-    """(N, 2) pixels."""
-    sigma: Float[np.ndarray, " n"]
-    """(N,) standard deviation in pixels."""
-    velocity: Float[np.ndarray, "n 2"] | None = None
-    """(N, 2) px/s in the picture, needed to estimate delays."""
+    camera: Int[np.ndarray, " n"]  # (N,) index of the camera.
+    body: Int[np.ndarray, " n"]  # (N,) index of the body.
+    local: Float[np.ndarray, "n 3"]  # (N, 3) metres in the body's axes. Zero for a single point.
+    px: Float[np.ndarray, "n 2"]  # (N, 2) pixels.
+    sigma: Float[np.ndarray, " n"]  # (N,) standard deviation in pixels.
+    velocity: Float[np.ndarray, "n 2"] | None = None  # (N, 2) px/s in the picture, needed to estimate delays.
 
     def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
         """Select sightings by a mask."""
@@ -113,8 +107,7 @@ class Adjusted:
         return float(np.sqrt(np.nanmean((self.error**2).sum(-1))))
 
 
-Watch = Callable[[int, float], None]
-"""Receives each step of an adjustment and its cost."""
+Watch = Callable[[int, float], None]  # Receives each step of an adjustment and its cost.
 _LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
 
@@ -198,10 +191,8 @@ class _Task:
     unknowns: Unknowns
     scale: float
 
-    columns: np.ndarray
-    """``CAMERA_PARAMETERS`` that are unknown for any camera."""
-    turning: slice
-    """Unknown numbers of a body's six. Single points do not turn."""
+    columns: np.ndarray  # ``CAMERA_PARAMETERS`` that are unknown for any camera.
+    turning: slice  # Unknown numbers of a body's six. Single points do not turn.
 
     def whole(self, values: np.ndarray) -> np.ndarray:
         """Return values (C columns, ...) of the unknown numbers as (19C, ...), with zeros for the others."""

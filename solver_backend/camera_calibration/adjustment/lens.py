@@ -14,8 +14,7 @@ from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float, Int
 
-PARAMETERS = 12
-"""Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients."""
+PARAMETERS = 12  # Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients.
 FOCAL, CENTRE = (0, 1), (2, 3)
 
 
@@ -39,12 +38,9 @@ LENS_MODELS = {
 class Lens:
     """The intrinsics of one camera in one mode."""
 
-    K: Float[np.ndarray, "3 3"]
-    """(3, 3) in pixels."""
-    distortion: Float[np.ndarray, " 8"]
-    """(8,) coefficients as in ``Cameras``."""
-    image_size: tuple[int, int]
-    """Width and height in pixels."""
+    K: Float[np.ndarray, "3 3"]  # (3, 3) in pixels.
+    distortion: Float[np.ndarray, " 8"]  # (8,) coefficients as in ``Cameras``.
+    image_size: tuple[int, int]  # Width and height in pixels.
     distortion_model: str = lens.DEFAULT_MODEL
 
     def as_camera(self) -> Cameras:

@@ -137,10 +137,8 @@ def board_toml(board: Board) -> str:
     return "[board]\n" + "".join(f"{key} = {value}\n" for key, value in values.items())
 
 
-FEWEST_POINTS = 6
-"""Fewest points of a usable sighting."""
-SMALLEST_SPACING_PX = 8.0
-"""Least distance of neighbouring points in a usable sighting, in pixels."""
+FEWEST_POINTS = 6  # Fewest points of a usable sighting.
+SMALLEST_SPACING_PX = 8.0  # Least distance of neighbouring points in a usable sighting, in pixels.
 
 
 @dataclass(frozen=True)

@@ -22,18 +22,15 @@ PAPERS = {
     "tabloid": (279.4, 431.8),
 }
 """Width and height in mm, upright."""
-MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0
-"""Margin, height of the foot and length of the ruler, in mm."""
-RING = (0.36, 0.18)
-"""Outer and inner radius of a ring, in distances between two rows (half of ``square``)."""
+MARGIN_MM, FOOT_MM, RULER_MM = 10.0, 22.0, 100.0  # Margin, height of the foot and length of the ruler, in mm.
+RING = (0.36, 0.18)  # Outer and inner radius of a ring, in distances between two rows (half of ``square``).
 
 
 @dataclass(frozen=True)
 class Polygon:
     """A filled polygon."""
 
-    points: np.ndarray
-    """(n, 2) mm from the page's top left corner, Y down."""
+    points: np.ndarray  # (n, 2) mm from the page's top left corner, Y down.
     white: bool = False
 
 
@@ -170,12 +167,9 @@ def _moved(shape: Shape, x: float, y: float, inverted: bool) -> Shape:
     return shape
 
 
-POINTS_PER_MM = 72.0 / 25.4
-"""PDF units per millimetre (1/72 inch)."""
-_KAPPA = 0.5522847498
-"""Length of the Bézier handles of a quarter circle, in radii."""
-_THIN_MM = 0.15
-"""Width of a thin line in millimetres. Chosen by hand."""
+POINTS_PER_MM = 72.0 / 25.4  # PDF units per millimetre (1/72 inch).
+_KAPPA = 0.5522847498  # Length of the Bézier handles of a quarter circle, in radii.
+_THIN_MM = 0.15  # Width of a thin line in millimetres. Chosen by hand.
 
 
 def svg(page: Page) -> str:

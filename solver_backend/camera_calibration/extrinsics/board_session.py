@@ -48,15 +48,10 @@ from solver_backend.io.camera_names import natural_key
 from solver_backend.io.footage import join_chapters
 from solver_backend.types import Cameras
 
-FEWEST_TOGETHER = 2
-"""Fewest common board sightings of a usable camera pair."""
-OUTLIER_SIGMAS = 6.0
-"""Larger errors are excluded from the second adjustment, in median errors."""
-
-ZOOM_GAIN = 0.25
-"""A camera has another zoom if a free focal length reduces the error by this share. Chosen by hand."""
-UNKNOWN_VELOCITY = 10.0
-"""Factor on the deviation of points without a velocity while delays are estimated."""
+FEWEST_TOGETHER = 2  # Fewest common board sightings of a usable camera pair.
+OUTLIER_SIGMAS = 6.0  # Larger errors are excluded from the second adjustment, in median errors.
+ZOOM_GAIN = 0.25  # A camera has another zoom if a free focal length reduces the error by this share. Chosen by hand.
+UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points without a velocity while delays are estimated.
 
 
 @dataclass(frozen=True)
@@ -340,16 +335,11 @@ GOOD_RMSE_PX = 1.0
 class BoardOptions:
     """Options of a board calibration."""
 
-    models: tuple[str, ...] = tuple(LENS_MODELS)
-    """Lens models to choose from."""
-    step: int = 1
-    """Step between the used frames of lens videos. All frames for the poses are used."""
-    fps: float | None = None
-    """Frames per second of the videos for the poses, needed to estimate delays."""
-    origin_frame: int | None = None
-    """Frame with the board on the floor, which defines origin and axes of the world."""
-    refine_lenses: bool = False
-    """Adjust lenses together with the poses."""
+    models: tuple[str, ...] = tuple(LENS_MODELS)  # Lens models to choose from.
+    step: int = 1  # Step between the used frames of lens videos. All frames for the poses are used.
+    fps: float | None = None  # Frames per second of the videos for the poses, needed to estimate delays.
+    origin_frame: int | None = None  # Frame with the board on the floor, which defines origin and axes of the world.
+    refine_lenses: bool = False  # Adjust lenses together with the poses.
 
 
 def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tuple[int, int]]:

@@ -31,34 +31,24 @@ from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import scale_from_length, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
 
-START_FRAMES, FINAL_FRAMES = 60, 160
-"""Most frames, spread over the take, that start and adjust the cameras."""
+START_FRAMES, FINAL_FRAMES = 60, 160  # Most frames, spread over the take, that start and adjust the cameras.
 FRAMES_ALIKE = 10
 """Number of frames with correlated detector errors, which count as one. Chosen on the benchmark's known cameras."""
-LEAST_CONFIDENCE = 0.3
-"""Least confidence of a keypoint that is used."""
-START_SIGMA_PX = 6.0
-"""Expected keypoint error at the start, in px."""
-LEAST_MOMENTS = 30
-"""Fewest moments with a person. Too few fit many cameras."""
-FEWEST_COMMON = 60
-"""Fewest common keypoints of two cameras."""
-FOCAL_SIGMA = 0.15
-"""Standard deviation of a guessed focal length, as a share."""
+LEAST_CONFIDENCE = 0.3  # Least confidence of a keypoint that is used.
+START_SIGMA_PX = 6.0  # Expected keypoint error at the start, in px.
+LEAST_MOMENTS = 30  # Fewest moments with a person. Too few fit many cameras.
+FEWEST_COMMON = 60  # Fewest common keypoints of two cameras.
+FOCAL_SIGMA = 0.15  # Standard deviation of a guessed focal length, as a share.
 
 
 @dataclass(frozen=True)
 class PersonCalibration:
     """Cameras found by a person, in the first camera's axes and an arbitrary unit."""
 
-    adjusted: Adjusted
-    """Cameras, points (as bodies) and errors."""
-    sigma_px: float
-    """Keypoint error per axis in px, measured from the residuals."""
-    frames: np.ndarray
-    """(F,) frames that were used."""
-    points: np.ndarray
-    """(F, K, 3) keypoints at these frames, NaN where fewer than two views saw them."""
+    adjusted: Adjusted  # Cameras, points (as bodies) and errors.
+    sigma_px: float  # Keypoint error per axis in px, measured from the residuals.
+    frames: np.ndarray  # (F,) frames that were used.
+    points: np.ndarray  # (F, K, 3) keypoints at these frames, NaN where fewer than two views saw them.
     inlier_share: float
 
 
@@ -249,8 +239,7 @@ def _sigma(found: Adjusted) -> float:
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
 
 
-JUMP = 0.5
-"""Largest movement from frame to frame, as a share of a person's height. Chosen by hand."""
+JUMP = 0.5  # Largest movement from frame to frame, as a share of a person's height. Chosen by hand.
 
 
 def main_person(detections: Detections, fps: float) -> Keypoints2D:
@@ -282,15 +271,12 @@ def main_person(detections: Detections, fps: float) -> Keypoints2D:
     return Keypoints2D(xy, confidence, detections.joint_set, fps)
 
 
-SURE_TILT = np.radians(2.0)
-"""Largest standard deviation of a sure up axis, in radians. Chosen by hand."""
-WALKED_M = 0.6
-"""Least path of the feet that determines floor and cameras, in metres."""
+SURE_TILT = np.radians(2.0)  # Largest standard deviation of a sure up axis, in radians. Chosen by hand.
+WALKED_M = 0.6  # Least path of the feet that determines floor and cameras, in metres.
 LEAST_GAIN = 0.03
 """Least gain of refined cameras, as a share. They always gain a little, because they are fitted to the take
 (1.3 % on 120 frames with true cameras, 28 % with a slightly wrong real calibration)."""
-MOVED_SIGMAS = 3.0
-"""A camera with a larger displacement has moved, in standard deviations. Chosen by hand."""
+MOVED_SIGMAS = 3.0  # A camera with a larger displacement has moved, in standard deviations. Chosen by hand.
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 

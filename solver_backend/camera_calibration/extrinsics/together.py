@@ -36,22 +36,17 @@ from solver_backend.geometry.alignment import nearest_rotation, umeyama
 from solver_backend.io.files import read_text
 from solver_backend.types import Cameras, Keypoints2D
 
-CLICK_SIGMA_PX = 1.5
-"""Standard deviation of a click, in px."""
-PLACE_SIGMA_M = 0.003
-"""Standard deviation of a measured position, in metres."""
-FLAT = 0.02
-"""Points are in a plane if they leave it by less than this share of their spread. Chosen by hand."""
+CLICK_SIGMA_PX = 1.5  # Standard deviation of a click, in px.
+PLACE_SIGMA_M = 0.003  # Standard deviation of a measured position, in metres.
+FLAT = 0.02  # Points are in a plane if they leave it by less than this share of their spread. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Clicks:
     """Clicked points."""
 
-    px: dict[str, dict[str, tuple[float, float]]]
-    """Pixels by camera and point."""
-    places: dict[str, tuple[float, float, float]]
-    """Known places in metres by point."""
+    px: dict[str, dict[str, tuple[float, float]]]  # Pixels by camera and point.
+    places: dict[str, tuple[float, float, float]]  # Known places in metres by point.
 
 
 def read_clicks(path: Path) -> Clicks:
@@ -171,8 +166,7 @@ def _far_clicks(
     )
 
 
-LEAST_PLACES = 3
-"""Fewest known places that determine a world."""
+LEAST_PLACES = 3  # Fewest known places that determine a world.
 
 
 @dataclass(frozen=True)
@@ -249,16 +243,12 @@ HELD_REACH_M = 3.0
 """Distance of a point that a held camera's expected rotation moves by the deviation of its centre, in metres."""
 CONTRADICTION = 2.0
 """A camera contradicts the other sources if its error in one source grows by this factor in a common adjustment."""
-LEAST_CONTRADICTION_PX = 3.0
-"""Smaller errors do no harm to a take."""
+LEAST_CONTRADICTION_PX = 3.0  # Smaller errors do no harm to a take.
 WORST_SHARE = 0.6
 """Cameras are reported if their error grows by this share of the largest growth, because a moved one draws others."""
-FREEDOM = 1.2
-"""Correction of the residuals for lost degrees of freedom, as in ``person_session``."""
-LEAST_SIGMA_PX = 0.05
-"""Least standard deviation of a source, in pixels. Chosen by hand."""
-_ROBUST = 3.0
-"""A residual loses weight from this number of standard deviations. Chosen by hand."""
+FREEDOM = 1.2  # Correction of the residuals for lost degrees of freedom, as in ``person_session``.
+LEAST_SIGMA_PX = 0.05  # Least standard deviation of a source, in pixels. Chosen by hand.
+_ROBUST = 3.0  # A residual loses weight from this number of standard deviations. Chosen by hand.
 
 
 def calibrate_together(

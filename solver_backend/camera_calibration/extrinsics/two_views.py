@@ -17,15 +17,10 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
-HYPOTHESES = 400
-"""Number of samples of eight points."""
-COMPARED_POINTS = 600
-"""Most points to compare the samples."""
-_REFINEMENTS = 6
-"""Most rounds of reweighting. Chosen by hand."""
-
-ImagePoints = Float[np.ndarray, "n 2"]
-"""Undistorted normalised coordinates."""
+HYPOTHESES = 400  # Number of samples of eight points.
+COMPARED_POINTS = 600  # Most points to compare the samples.
+_REFINEMENTS = 6  # Most rounds of reweighting. Chosen by hand.
+ImagePoints = Float[np.ndarray, "n 2"]  # Undistorted normalised coordinates.
 
 
 def essential_matrix(
@@ -163,10 +158,8 @@ def _homogeneous(xy: np.ndarray) -> np.ndarray:
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
 
 
-RESECTION_HYPOTHESES = 300
-"""Number of samples of six points."""
-_RESECTION_REFINEMENTS = 5
-"""Most rounds of reweighting. Chosen by hand."""
+RESECTION_HYPOTHESES = 300  # Number of samples of six points.
+_RESECTION_REFINEMENTS = 5  # Most rounds of reweighting. Chosen by hand.
 
 
 def resected_pose(
@@ -234,10 +227,8 @@ def _cost(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarra
     return float(np.log1p((_distance(pose, points, xy)[0] / scale) ** 2).sum())
 
 
-Pose = tuple[np.ndarray, np.ndarray]
-"""Rotation (3, 3) and translation (3,)."""
-BOARD_REACH_M = 0.5
-"""Length that corresponds to a rotation of one radian, in metres. Chosen by hand."""
+Pose = tuple[np.ndarray, np.ndarray]  # Rotation (3, 3) and translation (3,).
+BOARD_REACH_M = 0.5  # Length that corresponds to a rotation of one radian, in metres. Chosen by hand.
 
 
 def composed(a: Pose, b: Pose) -> Pose:

@@ -136,8 +136,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     return found
 
 
-BAD_VIEW = 4.0
-"""A picture is skipped if its error is this many times the median, and above half a pixel."""
+BAD_VIEW = 4.0  # A picture is skipped if its error is this many times the median, and above half a pixel.
 
 
 @dataclass(frozen=True)
@@ -189,10 +188,8 @@ GUESSED_SIGMA = 0.15
 """Standard deviation of a guessed focal length, as a share: phones film at 0.75 to 1.0 of the longer side."""
 EQUIVALENT_SIGMA = 0.08
 """Standard deviation of a 35 mm equivalent, as a share. It belongs to the whole sensor, and a video shows a part."""
-FILM_DIAGONAL_MM = 43.27
-"""Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001)."""
-PLAUSIBLE_SHARE = (0.2, 20.0)
-"""Focal lengths of a fisheye and a telescope in longer sides of the picture."""
+FILM_DIAGONAL_MM = 43.27  # Diagonal of 36 x 24 mm, the reference of equivalents (CIPA DCG-001).
+PLAUSIBLE_SHARE = (0.2, 20.0)  # Focal lengths of a fisheye and a telescope in longer sides of the picture.
 EXAMPLE = "26mm (35 mm equivalent) or 1450px"
 _FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
 

@@ -29,10 +29,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types.shapes import Bool, Float
 
-FEWEST_VIEWS = 3
-"""Fewest pictures of a board to fit a lens."""
-CORNER_SIGMA_PX = 0.3
-"""Expected corner error in px, which sets the scale of the penalty."""
+FEWEST_VIEWS = 3  # Fewest pictures of a board to fit a lens.
+CORNER_SIGMA_PX = 0.3  # Expected corner error in px, which sets the scale of the penalty.
 
 
 @dataclass(frozen=True)
@@ -136,10 +134,8 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
     return adjust(lens.as_camera(), Bodies(R, t), seen, unknowns, steps=steps, **options)
 
 
-FOLDS = 4
-"""Number of parts of the pictures, for cross-validation."""
-GAIN = 0.03
-"""A richer model must predict better by this share."""
+FOLDS = 4  # Number of parts of the pictures, for cross-validation.
+GAIN = 0.03  # A richer model must predict better by this share.
 
 
 @dataclass(frozen=True)
@@ -212,12 +208,9 @@ def _held_out(
     return float(np.sqrt(squares / count))
 
 
-MOST_VIEWS = 40
-"""Most pictures to fit a lens to."""
-BLUR_SHARE = 0.4
-"""A picture less sharp than this share of the camera's 80 % quantile is skipped."""
-CELLS = (8, 6)
-"""Cells of the picture, across and down, for counting corners."""
+MOST_VIEWS = 40  # Most pictures to fit a lens to.
+BLUR_SHARE = 0.4  # A picture less sharp than this share of the camera's 80 % quantile is skipped.
+CELLS = (8, 6)  # Cells of the picture, across and down, for counting corners.
 
 
 def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
@@ -320,8 +313,7 @@ def _outline(view: BoardSighting) -> str:
     return "M" + "L".join(f"{x:.0f} {y:.0f}" for x, y in far) + "Z"
 
 
-WIDTH = 480
-"""Width of the picture in pixels. Chosen by hand."""
+WIDTH = 480  # Width of the picture in pixels. Chosen by hand.
 _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 

@@ -175,14 +175,11 @@ def _depth(bone: str, parents: dict[str, str]) -> int:
 
 _FINGER_WORDS = {finger: finger for finger in ("thumb", "index", "middle", "ring", "pinky")}
 _FINGER_WORDS |= {"mid": "middle", "little": "pinky", "pointer": "index"}
-_KNUCKLE = 0.2
-"""Distance of a knuckle from the wrist by the forearm, at least: what is nearer is a bone of the palm."""
-_THUMB_DEG = 15.0
-"""How far a thumb points away from the other fingers, at least."""
+_KNUCKLE = 0.2  # Distance of a knuckle from the wrist by the forearm, at least: what is nearer is a bone of the palm.
+_THUMB_DEG = 15.0  # How far a thumb points away from the other fingers, at least.
 _CLEAR_GAP = 0.4
 """Share of the mean distance between fingers that any two neighbours keep, at least, for their order to be sure."""
-_BONES = 3
-"""Bones of a finger that roles are given to, as SMPL-H has them."""
+_BONES = 3  # Bones of a finger that roles are given to, as SMPL-H has them.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:

@@ -86,10 +86,8 @@ class Skeleton:
         return order
 
 
-_ALIKE = 0.06
-"""Relative difference of the two sides of a figure: captured skeletons differ by 2 to 3 %."""
-_ALIKE_COUNT = 0.25
-"""The same of the numbers of their bones: one hand may hold a prop."""
+_ALIKE = 0.06  # Relative difference of the two sides of a figure: captured skeletons differ by 2 to 3 %.
+_ALIKE_COUNT = 0.25  # The same of the numbers of their bones: one hand may hold a prop.
 
 
 SIDES = ("left", "right")
@@ -154,10 +152,8 @@ def order_of(role: str) -> tuple[int, str]:
     return parts.index(part), role
 
 
-_RATIO = 2.5
-"""Factor between the two bones of a limb that no person and hardly a cartoon has."""
-_LENGTHS_ALIKE = 0.3
-"""Relative difference between left and right limbs."""
+_RATIO = 2.5  # Factor between the two bones of a limb that no person and hardly a cartoon has.
+_LENGTHS_ALIKE = 0.3  # Relative difference between left and right limbs.
 
 
 def is_plausible(bones: dict[str, str], skeleton: Skeleton) -> bool:

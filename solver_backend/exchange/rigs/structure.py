@@ -14,13 +14,11 @@ from .skeleton import FINGERS, LIMBS, SIDES, Skeleton, is_plausible
 
 _SKIPPED, _OFF_LINE = 0.4, 0.04
 """Cost of a bone inside a segment, as a twist bone is, and how far off the line it may lie, by the segment."""
-_HOPELESS = 60.0
-"""Cost that neither names nor fingers bring below that of a limb: nothing more is measured then."""
+_HOPELESS = 60.0  # Cost that neither names nor fingers bring below that of a limb: nothing more is measured then.
 _PALM = 0.4
 """Distance of a hand's middle from the wrist by the forearm, at most; depth cameras have 0.25 to 0.3, CMU's files 0.5
 between the bones that they call wrist and hand."""
-_LONGEST = 14
-"""Bones of a branch that are looked at, from its beginning on: more are hair or rope."""
+_LONGEST = 14  # Bones of a branch that are looked at, from its beginning on: more are hair or rope.
 
 
 @dataclass(frozen=True)
@@ -149,18 +147,14 @@ def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:
     return float(np.degrees(np.arccos(np.clip(a @ b / (np.linalg.norm(a) * np.linalg.norm(b)), -1.0, 1.0))))
 
 
-_LEAST_REACH = 0.15
-"""Share of a skeleton's size that a limb has at least."""
+_LEAST_REACH = 0.15  # Share of a skeleton's size that a limb has at least.
 _MOST, _MARGIN = 16.0, 2.0
 """Cost of a limb from which it is none, and by how much the next way to see it must be dearer for it to be sure."""
 _NAMED, _NAMED_CLEARLY = 1.0, 10.0
 """What a name that fits a part takes off its cost: where names are a patchwork, and where they alone show all limbs."""
-_SAME_PLACE = 0.06
-"""Share of a limb within which two bones are the same joint."""
-_CANDIDATES = 8
-"""Ways to see a branch that are looked at."""
-_PAIRS = 40
-"""Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither."""
+_SAME_PLACE = 0.06  # Share of a limb within which two bones are the same joint.
+_CANDIDATES = 8  # Ways to see a branch that are looked at.
+_PAIRS = 40  # Pairs of legs, and of arms, that are combined: rigs of hundreds of bones have many that are neither.
 _LEG, _ARM = ("thigh", "shin", "foot", "toe"), ("clavicle", "upper_arm", "forearm", "hand")
 _MIDDLE = 0.04
 """Share of the size within which a bone lies in the plane between the sides."""
@@ -170,10 +164,8 @@ _MIDDLE = 0.04
 class StructureGuess:
     """What a skeleton's structure indicates."""
 
-    roles: dict[str, str]
-    """Bone by role; empty for no humanoid."""
-    doubts: tuple[str, ...]
-    """What is not sure, one sentence each; roles in doubt are left out."""
+    roles: dict[str, str]  # Bone by role; empty for no humanoid.
+    doubts: tuple[str, ...]  # What is not sure, one sentence each; roles in doubt are left out.
 
 
 @dataclass(frozen=True)

@@ -99,10 +99,8 @@ def turned(quat: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     return quat_multiply(quat_multiply(quat, pure), unturned(quat))[..., 1:]
 
 
-_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])
-"""Turns our world, Z up, until Y is up: -90° about X."""
-_MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])
-"""Rotations wxyz under x -> -x: the axis is a pseudovector."""
+_Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Turns our world, Z up, until Y is up: -90° about X.
+_MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])  # Rotations wxyz under x -> -x: the axis is a pseudovector.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 """Right-handed axes with left = +X to Unity's left-handed ones with right = +X; both Y up and facing +Z."""
 

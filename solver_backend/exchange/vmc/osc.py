@@ -13,13 +13,10 @@ from .humanoid import Humanoid
 
 Value = int | float | str | bytes | bool | None
 
-IMMEDIATELY = 1
-"""Time tag of a bundle that is due at once."""
-LONGEST = 65507
-"""Bytes of a UDP datagram's content over IPv4."""
+IMMEDIATELY = 1  # Time tag of a bundle that is due at once.
+LONGEST = 65507  # Bytes of a UDP datagram's content over IPv4.
 _BUNDLE = b"#bundle\0"
-_DEEPEST = 8
-"""Bundles inside each other that are read; nobody sends more than two."""
+_DEEPEST = 8  # Bundles inside each other that are read; nobody sends more than two.
 
 
 class PacketInvalid(ValueError):

@@ -13,8 +13,7 @@ from ..errors import CommandLineInvalid
 VMC, LIVE_LINK, IFACIALMOCAP = "vmc", "livelink", "ifacialmocap"
 PORTS = {VMC: 39539, LIVE_LINK: 11111, IFACIALMOCAP: 49983}
 """Ports on which receivers of each protocol listen."""
-FACES = (LIVE_LINK, IFACIALMOCAP)
-"""Protocols of faces alone, which come and are not sent."""
+FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols of faces alone, which come and are not sent.
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
 """This machine, and the port of the VMC protocol."""

@@ -20,12 +20,9 @@ from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
 """Parts of a key: rotation vector of the wrist against the body's (world), its shift in metres, and finger angles."""
-DOF = FINGERS.stop
-"""Numbers of a key."""
-KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))
-"""Layout of a key."""
-FLOOR = 1e-3
-"""Least precision of every unknown."""
+DOF = FINGERS.stop  # Numbers of a key.
+KEY = StateLayout((Block("turn", 3), Block("shift", 3), Block("fingers", NUM_ANGLES)))  # Layout of a key.
+FLOOR = 1e-3  # Least precision of every unknown.
 
 
 def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
@@ -92,8 +89,7 @@ def contact_equations(
     return cost, gradient, hessian
 
 
-SIZES = (0.75, 1.35)
-"""Limits of hands' size by the body's own: seven standard deviations. Another size is a fault."""
+SIZES = (0.75, 1.35)  # Limits of hands' size by the body's own: seven standard deviations. Another size is a fault.
 TURN_SIGMA = float(np.deg2rad(35.0))
 """Deviation of a wrist's turn from the body's, whose keypoints barely constrain twist."""
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}

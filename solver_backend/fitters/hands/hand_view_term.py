@@ -17,10 +17,8 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
 from solver_backend.types.shapes import Bool, Float
 
-ROUNDS = 3
-"""Reweighted means that find a view's offset. A fourth moves it by less than a tenth of a pixel."""
-_LOOSE = 3.0
-"""Robust scale of offsets where none is given."""
+ROUNDS = 3  # Reweighted means that find a view's offset. A fourth moves it by less than a tenth of a pixel.
+_LOOSE = 3.0  # Robust scale of offsets where none is given.
 
 
 @dataclass(frozen=True)
@@ -31,10 +29,8 @@ class HandViewTerm:
     one. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
     """
 
-    points: ReprojectionTerm
-    """Each point with its own noise."""
-    whole_px: Float[np.ndarray, " views"]
-    """(C,) px, τ: standard deviation per axis of an offset."""
+    points: ReprojectionTerm  # Each point with its own noise.
+    whole_px: Float[np.ndarray, " views"]  # (C,) px, τ: standard deviation per axis of an offset.
 
     def select(self, frames: Any) -> HandViewTerm:
         """Return the term of the frames at these indices (or of this slice)."""
@@ -111,14 +107,11 @@ class HandViewTerm:
 NOISE_FRAMES, EVERY = 20, 2
 """Frames on which the detector's noise is measured (at most twice as many), and the step between located frames: the
 start of a solve needs no more."""
-LEAST_POINTS = 8
-"""Least points of a hand that a view shares with others to have an offset."""
+LEAST_POINTS = 8  # Least points of a hand that a view shares with others to have an offset.
 ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2
 """Weight of the mean offset of all views, in frames, and the least offset as a share of the points' own noise."""
-RANGE = (0.25, 4.0)
-"""Limits of a point's variance by the hand's median."""
-_MEDIAN = 2.0 * float(np.log(2.0))
-"""Median of a squared length in two dimensions, in variances per axis."""
+RANGE = (0.25, 4.0)  # Limits of a point's variance by the hand's median.
+_MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, in variances per axis.
 
 
 @dataclass(frozen=True)
@@ -239,8 +232,7 @@ def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, 
 NEAR, CLEARLY = 0.8, 0.5
 """Largest distance of a hand's wrist from the body's in lengths of the forearm in the picture (detector and body err by
 a third of that), and the least gain of an exchange of hands."""
-LEAST_FRAMES = 3
-"""Shorter stretches are corrected without a diagnostic."""
+LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
 
 
 @dataclass(frozen=True)

@@ -17,8 +17,7 @@ from solver_backend.types import Cameras, Keypoints2D
 class Hands(Layer):
     """Both hands of one person. Wrists follow hands after the body, whose keypoints locate them better."""
 
-    shown: HandViews | HandClouds
-    """What shows them."""
+    shown: HandViews | HandClouds  # What shows them.
     SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
 
     @classmethod

@@ -22,8 +22,7 @@ from solver_backend.types.shapes import Float
 
 MARKER_SIGMA_M, PLACE_SIGMA_M = 0.002, 0.006
 """Standard deviation per axis of a marker on its bone, as skin slides over knuckles, and of its uncalibrated place."""
-ROUNDS, SAMPLE = 3, 150
-"""Solves between which offsets are calibrated, and most frames for that."""
+ROUNDS, SAMPLE = 3, 150  # Solves between which offsets are calibrated, and most frames for that.
 
 
 @dataclass(frozen=True)
@@ -106,8 +105,7 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
     return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
 
 
-LEAST_FRAMES = 8
-"""Least frames that show a marker."""
+LEAST_FRAMES = 8  # Least frames that show a marker.
 SPREAD_M, REACH_M = 0.008, 0.035
 """Largest median distance of a marker from its place on a segment (fingers of a first solve are off by millimetres),
 and from the segment's bone (a thick finger, a base, and a stalk)."""

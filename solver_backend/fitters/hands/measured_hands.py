@@ -35,8 +35,7 @@ from solver_backend.types.shapes import Float
 
 _MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])
 """Points at both ends of 19 bones: wrist to knuckles, and the bones of the fingers."""
-USUAL = 0.036
-"""Standard deviation of the lengths of hands of people of one stature and forearm, as a share (ANSUR II)."""
+USUAL = 0.036  # Standard deviation of the lengths of hands of people of one stature and forearm, as a share (ANSUR II).
 LEAST_BONES, LEAST_EACH = 60, 3
 """Least measured bones that determine a size (a second or so of a palm), and least frames of a bone."""
 NOISE_OFF = 0.3
@@ -85,8 +84,7 @@ def likely_size(hands: Iterable[HandSize]) -> float:
     return float(sum(scale * weight for scale, weight in known) / sum(weight for _, weight in known))
 
 
-USUAL_WRIST_M = 0.02
-"""Standard deviation per axis of a wrist where the method estimates none, chosen by hand."""
+USUAL_WRIST_M = 0.02  # Standard deviation per axis of a wrist where the method estimates none, chosen by hand.
 OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
 """Standard deviations per axis of a point about its hand and of the whole hand, in palms: those of MediaPipe's model on
 palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``), which one view cannot measure."""
@@ -105,12 +103,9 @@ class MeasuredHand:
 class MeasuredHands:
     """Hands of a take before they are solved."""
 
-    skeletons: tuple[HandSkeleton, HandSkeleton]
-    """Left and right."""
-    hands: Mapping[int, MeasuredHand]
-    """By side, 0 left and 1 right. Unseen sides are missing."""
-    size: float
-    """Of the hands by that of the body's shape."""
+    skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
+    hands: Mapping[int, MeasuredHand]  # By side, 0 left and 1 right. Unseen sides are missing.
+    size: float  # Of the hands by that of the body's shape.
     diagnostics: tuple[Diagnostic, ...]
 
 

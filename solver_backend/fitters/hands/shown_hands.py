@@ -17,12 +17,9 @@ from solver_backend.types import Cameras, Keypoints2D, MarkerCloud
 class HandViews:
     """Detected points of both hands in C views over F frames."""
 
-    cameras: Cameras
-    """C calibrated cameras."""
-    xy: np.ndarray
-    """(C, F, 2, 21, 2) px, left hand first, NaN where unseen."""
-    confidence: np.ndarray
-    """(C, F, 2, 21) in 0..1, 0 where unseen."""
+    cameras: Cameras  # C calibrated cameras.
+    xy: np.ndarray  # (C, F, 2, 21, 2) px, left hand first, NaN where unseen.
+    confidence: np.ndarray  # (C, F, 2, 21) in 0..1, 0 where unseen.
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> HandViews | None:

@@ -30,8 +30,7 @@ from solver_backend.priors.hand_prior import HandPrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types.shapes import Bool, Float
 
-NEAR, DONE = 1e-2, 1e-3
-"""Relative decreases of the cost at which a solve ends, at wide scales and at the last."""
+NEAR, DONE = 1e-2, 1e-3  # Relative decreases of the cost at which a solve ends, at wide scales and at the last.
 
 
 @dataclass(frozen=True)
@@ -68,8 +67,7 @@ def frame_covariances(model: KeyModel, keys: np.ndarray, scale: float) -> Float[
 
 PALM, LEAST_PALM = (0, 1, *KNUCKLES[1:]), 4
 """Points of the palm (wrist, root of the thumb and knuckles), and the least that place it."""
-FARTHEST_M = 0.08
-"""Largest distance from the body's wrist at which a wrist starts."""
+FARTHEST_M = 0.08  # Largest distance from the body's wrist at which a wrist starts.
 
 
 def initial_keys(
@@ -115,17 +113,14 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
 
 
-WINDOW = 12
-"""Frames at 60 per second of a window with three keys: fingers open and close in a fifth of a second."""
-INFORMED = 0.7
-"""Largest deviation of the knuckle's bend of a seen finger, as a share of the prior's."""
+WINDOW = 12  # Frames at 60 per second of a window with three keys: fingers open and close in a fifth of a second.
+INFORMED = 0.7  # Largest deviation of the knuckle's bend of a seen finger, as a share of the prior's.
 CALIBRATION = 0.5
 """Calibration of the inflated posterior's variance; see ``keyframes/posterior``. The least with which 95 % ellipsoids
 hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
 CONSTANT_M = 0.004
 """Standard deviation per axis of errors that do not average out: others' bones, calibration, a detector's bias."""
-THROUGH_M = 0.006
-"""Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
+THROUGH_M = 0.006  # Overlap of two fingers that no skin gives way to: a third of a finger's breadth.
 
 
 @dataclass(frozen=True)

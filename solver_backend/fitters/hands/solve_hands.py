@@ -43,15 +43,13 @@ from solver_backend.geometry.rotations import exp_so3, quat_from_matrix, skew
 from solver_backend.types import Motion
 from solver_backend.types.shapes import Float, Int
 
-STEPS = 6
-"""Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent."""
+STEPS = 6  # Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent.
 COLLAR = 0.1
 """Ease of the collar's turn against shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
 Pose2Sim's balancing trial the left wrist, 10 mm out of reach (52 in one frame of ten), is met with 11 degrees."""
 PRONATION = 0.5
 """Share of a hand's twist about the forearm that the elbow takes, as in the recordings that the pose prior knows."""
-LOADING_M2 = 1e-4
-"""Damping of the normal matrix: beyond the reach of arm and collar no turn helps."""
+LOADING_M2 = 1e-4  # Damping of the normal matrix: beyond the reach of arm and collar no turn helps.
 
 
 def follow_hand(
@@ -107,22 +105,17 @@ def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
 STAGE = "Hands"
 THROUGH_FRAMES = 3
 """Least frames of a reported stretch of overlapping fingers."""
-LEAST_FRAMES = 4
-"""Least frames of a take with keys."""
+LEAST_FRAMES = 4  # Least frames of a take with keys.
 
 
 @dataclass(frozen=True)
 class SolvedHands(SolvedLayer):
     """Hands of a take."""
 
-    body: Body
-    """The body with movable fingers."""
-    skeletons: tuple[HandSkeleton, HandSkeleton]
-    """Left and right."""
-    hands: Mapping[int, SolvedHand]
-    """By side, 0 left and 1 right. Unseen sides are missing."""
-    size: float
-    """Of the hands by that of the body's shape."""
+    body: Body  # The body with movable fingers.
+    skeletons: tuple[HandSkeleton, HandSkeleton]  # Left and right.
+    hands: Mapping[int, SolvedHand]  # By side, 0 left and 1 right. Unseen sides are missing.
+    size: float  # Of the hands by that of the body's shape.
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """Return the motion with fingers."""

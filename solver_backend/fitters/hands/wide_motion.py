@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from solver_backend.fitters.hands.solve_hands import HandRange, SolvedHands
     from solver_backend.fitters.keyframes.splice_range import SolvedRange
 
-_UNSEEN_M = 0.04
-"""Standard deviation per axis of the joints of a hand that no view shows, metres."""
+_UNSEEN_M = 0.04  # Standard deviation per axis of the joints of a hand that no view shows, metres.
 
 
 def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
@@ -170,8 +169,7 @@ def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -
     return faded
 
 
-FINGERS = slice(FIRST_FINGER, SMPL_HANDS.num_joints)
-"""Columns of the finger joints."""
+FINGERS = slice(FIRST_FINGER, SMPL_HANDS.num_joints)  # Columns of the finger joints.
 _WRISTS = [
     SMPL_HANDS.joints.index(f"{SMPL_HANDS.groups[j].removesuffix('_hand')}_wrist")
     for j in range(FIRST_FINGER, SMPL_HANDS.num_joints)

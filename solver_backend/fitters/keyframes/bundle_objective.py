@@ -32,8 +32,7 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant, ide
 from solver_backend.geometry.rotations import quat_left_tangent
 from solver_backend.residuals.terms import PointTerm, geman_mcclure
 
-FADING_S = 0.15
-"""Where nobody is seen, speeds fade within this time; chosen by hand."""
+FADING_S = 0.15  # Where nobody is seen, speeds fade within this time; chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -195,8 +194,7 @@ def _bend(values: Array) -> Array:
 OFF_MANIFOLD = 1.25
 """Factor on the reconstruction error of held-out subjects by which poses may leave the prior's manifold. Chosen on
 unusual bodies; 1.5 gains as much again on dance and loses 1 % on exercises."""
-KeyTerm = MotionPrior | ResidualRotationTerm
-"""A term on keyframes."""
+KeyTerm = MotionPrior | ResidualRotationTerm  # A term on keyframes.
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,8 @@ DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
 """A landmark is lost where it is this far from its point, and in neighbouring frames still the second distance: for
 detected points, and for markers with known places on the skin. With keys three frames apart, one wrong key bends four
 frames and moves two that far."""
-LOST_SIGMAS = 6.0
-"""The distance also exceeds so many standard deviations of the point."""
-SURE_M = 0.03
-"""A point is well located where its standard deviation per axis is less."""
+LOST_SIGMAS = 6.0  # The distance also exceeds so many standard deviations of the point.
+SURE_M = 0.03  # A point is well located where its standard deviation per axis is less.
 ROUGHNESS = 2.5
 """The distance also exceeds so many times the point's distance from the middle of its neighbours in time. Labelling
 errors and ghosts jump from frame to frame; lost limbs do not. One frame off by d has roughness d, a few frames off by
@@ -73,11 +71,8 @@ def roughness(points: np.ndarray) -> np.ndarray:
     return most
 
 
-BESIDE = 3
-"""Windows on both sides that are solved too; their outermost keys do not move. Chosen by hand."""
-
-Start = Callable[[slice], Keyframes]
-"""Makes the keys of a range of windows from the points of single frames."""
+BESIDE = 3  # Windows on both sides that are solved too; their outermost keys do not move. Chosen by hand.
+Start = Callable[[slice], Keyframes]  # Makes the keys of a range of windows from the points of single frames.
 
 
 def resolve_lost_limbs(

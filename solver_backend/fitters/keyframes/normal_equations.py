@@ -20,17 +20,13 @@ from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
-BLOCK_FRAMES = 256
-"""Frames per block: their matrices stay in the cache, and blocks run in parallel. Affects time only."""
+BLOCK_FRAMES = 256  # Frames per block: their matrices stay in the cache, and blocks run in parallel. Affects time only.
 HESSIAN_FRAMES = 4
 """Frames of a window whose Hessians are formed: they change slowly, and the keys' weights on them are quartics.
 Chosen by hand."""
-FLOOR = 1e-2
-"""Precision added everywhere, so that no matrix is singular; chosen by hand."""
-FIXED = 1e12
-"""Precision of fixed keys, far above any measurement; chosen by hand."""
-Stencil = Sequence[Array | float]
-"""Coefficients of neighbouring keys."""
+FLOOR = 1e-2  # Precision added everywhere, so that no matrix is singular; chosen by hand.
+FIXED = 1e12  # Precision of fixed keys, far above any measurement; chosen by hand.
+Stencil = Sequence[Array | float]  # Coefficients of neighbouring keys.
 
 
 @dataclass(frozen=True)

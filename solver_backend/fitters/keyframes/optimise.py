@@ -33,18 +33,12 @@ from solver_backend.solver.normal_equations import LazyNormalEquations
 class Schedule:
     """Robust scales from wide to narrow and the linearisations spent on each."""
 
-    scales: tuple[float, ...]
-    """Geman-McClure scales, in standard deviations."""
-    iterations: int
-    """Largest number of linearisations per scale."""
-    stride: int = 1
-    """Use every n-th frame of the data."""
-    tolerance: float = 1e-4
-    """A scale is done when the cost changes by less than this share."""
-    hessian_frames: int = HESSIAN_FRAMES
-    """Frames of a window whose Hessians are formed."""
-    promise: float = 0.0
-    """Share of the tolerance that a step must promise to be tried; 0 tries every step."""
+    scales: tuple[float, ...]  # Geman-McClure scales, in standard deviations.
+    iterations: int  # Largest number of linearisations per scale.
+    stride: int = 1  # Use every n-th frame of the data.
+    tolerance: float = 1e-4  # A scale is done when the cost changes by less than this share.
+    hessian_frames: int = HESSIAN_FRAMES  # Frames of a window whose Hessians are formed.
+    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried; 0 tries every step.
 
 
 @dataclass(frozen=True)
@@ -199,13 +193,11 @@ class _KeyProblem:
         return state.retract(by_key, self.model.free)
 
 
-CHUNK_WINDOWS = 100
-"""Windows solved at a time, which bounds memory; chosen by hand."""
+CHUNK_WINDOWS = 100  # Windows solved at a time, which bounds memory; chosen by hand.
 OVERLAP_WINDOWS = 8
 """Windows on both sides of a chunk that are solved with it. Windows farther away do not affect the kept ones
 (``tests/fitters/keyframes/test_chunked.py``)."""
-SINGLE_TO_M = 100.0
-"""Within this distance of the origin single precision resolves places to 8 µm (2⁻²⁴ · 128 m)."""
+SINGLE_TO_M = 100.0  # Within this distance of the origin single precision resolves places to 8 µm (2⁻²⁴ · 128 m).
 
 
 @dataclass(frozen=True)

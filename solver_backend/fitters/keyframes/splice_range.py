@@ -23,10 +23,8 @@ from solver_backend.types import FLAG_UNSURE, Motion
 
 MOVED_M = 0.02
 """A joint that a pin moved farther than this from the views is uncertain near the pinned frame; chosen by hand."""
-DOUBTFUL_M = 0.046
-"""Smallest standard deviation of such a joint: confidence 0.3, as of an unsure frame."""
-_DIAGONAL = [0, 3, 5]
-"""Entries xx, yy and zz of ``packed`` matrices."""
+DOUBTFUL_M = 0.046  # Smallest standard deviation of such a joint: confidence 0.3, as of an unsure frame.
+_DIAGONAL = [0, 3, 5]  # Entries xx, yy and zz of ``packed`` matrices.
 
 
 def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
@@ -83,8 +81,7 @@ class SolvedRange:
         return frames[inside & ~np.isin(frames, list(fixed))]
 
 
-_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")
-"""Arrays of a motion that are not one value a frame."""
+_OF_THE_TAKE = ("betas", "offsets", "marker_sigma")  # Arrays of a motion that are not one value a frame.
 
 
 def contacts_in_place(

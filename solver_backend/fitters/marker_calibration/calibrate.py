@@ -74,22 +74,17 @@ class CalibrationState:
         )
 
 
-FLOOR = 1e-2
-"""Least precision of every unknown of a pose."""
+FLOOR = 1e-2  # Least precision of every unknown of a pose.
 
 
 @dataclass(frozen=True)
 class PlacementPrior:
     """Prior knowledge of the person."""
 
-    shape: Array
-    """(10,) precision of the shape around ``shape_mean``."""
-    shape_mean: Array
-    """(10,) shape of the mean person, or a known one."""
-    places: Array
-    """(L, 3, 3) precision of each marker's offset from its rule in the rest frame, 1/m²."""
-    pose_weight: float = 1.0
-    """Weight of the pose terms."""
+    shape: Array  # (10,) precision of the shape around ``shape_mean``.
+    shape_mean: Array  # (10,) shape of the mean person, or a known one.
+    places: Array  # (L, 3, 3) precision of each marker's offset from its rule in the rest frame, 1/m².
+    pose_weight: float = 1.0  # Weight of the pose terms.
 
 
 def calibration_equations(
@@ -216,10 +211,8 @@ def _keeps_distance(body: Body, landmarks: Landmarks, rest: np.ndarray) -> np.nd
     return (carried @ carried.T) & placed[:, None] & placed
 
 
-CANDIDATES = 600
-"""Frames, spread over the takes, to choose from."""
-LEAST_SEEN = 0.6
-"""Least share of the most markers seen at once that a chosen frame shows."""
+CANDIDATES = 600  # Frames, spread over the takes, to choose from.
+LEAST_SEEN = 0.6  # Least share of the most markers seen at once that a chosen frame shows.
 
 
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
@@ -245,8 +238,7 @@ def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     return np.sort(candidates[np.unique(chosen)])
 
 
-FRAMES = 64
-"""Frames from which a person is learned."""
+FRAMES = 64  # Frames from which a person is learned.
 STAGE = "Calibrating the person"
 PRIOR_FRAMES = 4.0
 """Weight of the assumed marker deviation, in frames."""
@@ -255,15 +247,12 @@ POSE_FRAMES = 24.0
 or by how their bones differ, it finds in others. Of 64 frames counted one by one it moves markers that sit on their
 places by a centimetre. Counted for one alone, it predicts real people's hidden markers worse
 (docs/research-log/sensors.md)."""
-SIGMA_RANGE_M = (0.003, 0.03)
-"""Least and largest standard deviation of a marker."""
-SCORING_STEPS, ROBUST_SCALE = 4, 4.0
-"""Steps and robust scale with which a marker's deviation is learned."""
+SIGMA_RANGE_M = (0.003, 0.03)  # Least and largest standard deviation of a marker.
+SCORING_STEPS, ROBUST_SCALE = 4, 4.0  # Steps and robust scale with which a marker's deviation is learned.
 SHAPE_LIMIT = 3.5
 """Largest deviation of a shape coefficient where parts of the body have no markers: markers on the rest do not separate
 all coefficients, and those that they leave open run away."""
-BEYOND_START = 0.5
-"""Deviations beyond the starting shape, where that is larger: a child's legs alone. Chosen by hand."""
+BEYOND_START = 0.5  # Deviations beyond the starting shape, where that is larger: a child's legs alone. Chosen by hand.
 HELD, KNOWN = 1e6, 1e12
 """Precision of a coefficient held at its limit (64 frames of 14 markers give about 4,000), and of a given shape."""
 
@@ -272,14 +261,10 @@ HELD, KNOWN = 1e6, 1e12
 class SubjectCalibration:
     """Result of a calibration."""
 
-    subject: Subject
-    """The person, with the markers as landmarks."""
-    sigma_m: np.ndarray
-    """(L,) standard deviation of each marker around its place on the body, per axis, metres."""
-    frames: np.ndarray
-    """Numbers of the frames used."""
-    poses: PosedFrames
-    """Their poses."""
+    subject: Subject  # The person, with the markers as landmarks.
+    sigma_m: np.ndarray  # (L,) standard deviation of each marker around its place on the body, per axis, metres.
+    frames: np.ndarray  # Numbers of the frames used.
+    poses: PosedFrames  # Their poses.
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:

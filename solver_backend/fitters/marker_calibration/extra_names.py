@@ -91,10 +91,8 @@ MARGIN_M = 0.03
 """Largest median distance of a point from its marker on the body: a bone's marker strays as far (``attach``)."""
 CLEAR = 0.7
 """A marker is nearer than any other of the person's by this factor, and the point nearer to it than any other."""
-LEAST_SHARE = 0.25
-"""Least share of a take that shows a new marker: strays are seen for moments."""
-APART_M = 0.02
-"""Least distance of a new marker from the known ones on its bone: a nearer one is the same, or doubtful."""
+LEAST_SHARE = 0.25  # Least share of a take that shows a new marker: strays are seen for moments.
+APART_M = 0.02  # Least distance of a new marker from the known ones on its bone: a nearer one is the same, or doubtful.
 TURN = 0.05
 """Radians by which a rough pose may turn a bone wrongly (3 degrees): a marker far from a joint strays by more."""
 

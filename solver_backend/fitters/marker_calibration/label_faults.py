@@ -26,15 +26,12 @@ from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes
 from solver_backend.residuals.terms import geman_mcclure
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
-WINDOW_S = 0.1
-"""Seconds over which hypotheses are compared: one frame is noise."""
+WINDOW_S = 0.1  # Seconds over which hypotheses are compared: one frame is noise.
 SIGMA_M, SCALE = 0.02, 4.0
 """Deviation per axis of a marker from where the body and its neighbours have it while poses are rough, and the scale of
 Geman-McClure's penalty, in these."""
-GAIN = 3.0
-"""Least gain of an exchange per marker, in the mean of a window's frames, in halves of squared deviations."""
-GHOST_M = 0.11
-"""Least distance of a ghost from the expected place."""
+GAIN = 3.0  # Least gain of an exchange per marker, in the mean of a window's frames, in halves of squared deviations.
+GHOST_M = 0.11  # Least distance of a ghost from the expected place.
 MOST_NAMED = 5
 """Most markers of a take that get a diagnostic each. More have a program's habit as their cause, which is one note."""
 
@@ -43,10 +40,8 @@ MOST_NAMED = 5
 class LabelFault:
     """A wrong label in the frames ``first`` to ``last``."""
 
-    marker: int
-    """Column of the label."""
-    other: int
-    """The marker that had it, or the same one for a ghost."""
+    marker: int  # Column of the label.
+    other: int  # The marker that had it, or the same one for a ghost.
     first: int
     last: int
 
@@ -55,12 +50,9 @@ class LabelFault:
 class CleanedLabels:
     """Markers with corrected labels."""
 
-    points: np.ndarray
-    """(F, M, 3) metres, NaN where missing or where a point was no marker."""
-    flags: np.ndarray
-    """(F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``."""
-    faults: tuple[LabelFault, ...]
-    """By first frame."""
+    points: np.ndarray  # (F, M, 3) metres, NaN where missing or where a point was no marker.
+    flags: np.ndarray  # (F, M) uint8 of ``MARKER_SWAPPED`` and ``MARKER_GHOST``.
+    faults: tuple[LabelFault, ...]  # By first frame.
 
 
 def clean_labels(
@@ -185,16 +177,14 @@ OF_CENTRES = {
 """Places on the skin that stand for joint centres and keypoints here."""
 _SIDES = {"L": ("left", "right", 1.0), "R": ("right", "left", -1.0)}
 """Each side, the other one, and the sign of its direction."""
-LEAST_PAIRS = 2
-"""Least pairs of a limb's markers."""
+LEAST_PAIRS = 2  # Least pairs of a limb's markers.
 MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
 """Sine of feet that point backwards, and metres by which left legs are on the right in this share of the frames. In 45
 recordings the sine's median is above 0.5, and left legs are at least 0.12 m on the left in a quarter of the frames."""
 INNER_M, FOOT_M = -0.015, 0.1
 """Least and largest distance by which the outer ankle lies on the inner side of the foot's axis in a leg of the other
 side. Of 320 feet in 160 recordings it lies 27 to 58 mm on the outer side, in one (btkdata's ADemo1) 4 on the inner."""
-KNEE_BENT = 0.08
-"""Least distance of a bent knee from the line between hip and ankle, by its length: 18 degrees."""
+KNEE_BENT = 0.08  # Least distance of a bent knee from the line between hip and ankle, by its length: 18 degrees.
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
@@ -347,8 +337,7 @@ ELBOW_BENT = 0.35
 EXCHANGED = -0.3
 """Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
 more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_files.md)."""
-LEAST_FRAMES = 20
-"""Least frames with a bent elbow."""
+LEAST_FRAMES = 20  # Least frames with a bent elbow.
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
 
 
@@ -401,13 +390,11 @@ def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarra
     return float(quantile(cosine[bent], 0.5, axis=0)) if bent.sum() >= LEAST_FRAMES else 1.0
 
 
-FRAMES = 16
-"""Varied frames to compare before a person is known."""
+FRAMES = 16  # Varied frames to compare before a person is known.
 OFF_M, EXCHANGE_LEAVES = 0.04, 0.3
 """Least root mean square distance of both markers from their places, and the largest share of the squared distances
 that an exchange leaves."""
-LEAST = 8
-"""Least frames that show both markers."""
+LEAST = 8  # Least frames that show both markers.
 
 
 def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:

@@ -100,8 +100,7 @@ STEADY = 0.25
 name."""
 _TWISTED = ("elbow", "wrist", "hand")
 """Bones that markers do not fix well about their own axis: a forearm's twist alone moves places by 114 mm."""
-LEAST_FRAMES = 4
-"""Least frames of a take that show a marker."""
+LEAST_FRAMES = 4  # Least frames of a take that show a marker.
 
 
 def two_places(found: SubjectCalibration, points: np.ndarray, takes: np.ndarray) -> list[tuple[int, float, int, int]]:

@@ -112,10 +112,8 @@ def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
 
 TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
 """Places without their side that stay nearly rigid to each other."""
-LEAST, MIRROR_FRAMES = 5, 40
-"""Least markers of the trunk, and frames to compare."""
-SHARE = 0.75
-"""Largest median share of the error that a mirror image leaves."""
+LEAST, MIRROR_FRAMES = 5, 40  # Least markers of the trunk, and frames to compare.
+SHARE = 0.75  # Largest median share of the error that a mirror image leaves.
 
 
 def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
@@ -153,8 +151,7 @@ def mirror_image(what: str) -> MarkersMirrored:
     )
 
 
-DISTANCE_FRAMES = 60
-"""Most frames in which distances are measured."""
+DISTANCE_FRAMES = 60  # Most frames in which distances are measured.
 LEAST_GROUP, NEAREST = 3, 5
 """Least markers of a group: the fit finds single wrong labels. Pairs across the gap that test it, the nearest on a
 body."""

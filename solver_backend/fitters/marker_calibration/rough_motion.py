@@ -17,10 +17,8 @@ RATE_HZ, ANCHORS_HZ = 10.0, 2.0
 """Frames per second to fit, and the ones among them that start from nothing. The others start between two of these."""
 SCALES, STEPS = (30.0, 6.0), LMSettings(3, 3e-2)
 """Robust scales and steps: a limb that starts far off is found, and then a wrong label must not bend it."""
-STRAYED = 6.0
-"""Cost by the median from which a frame that started between its anchors is fitted again."""
-BLOCK_FRAMES = 64
-"""Frames fitted at a time."""
+STRAYED = 6.0  # Cost by the median from which a frame that started between its anchors is fitted again.
+BLOCK_FRAMES = 64  # Frames fitted at a time.
 
 
 def rough_motion(problem: Problem, subject: Subject) -> RoughMotion:

@@ -18,17 +18,14 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 
-LEAST_MARKERS = 3
-"""Least markers of a prop: fewer have no orientation."""
+LEAST_MARKERS = 3  # Least markers of a prop: fewer have no orientation.
 STRAYS_M, SHARE = 0.006, 0.95
 """A distance of a rigid body keeps so near to its median in this share of the frames: markers of 2 mm noise per axis
 stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
 MOVES_M = 0.05
 """Least distance that a prop's marker moves from its usual place. A marker that moves less is part of the room."""
-LEAST_FRAMES, FRAMES = 15, 400
-"""Least frames that show two markers together, and most frames of a take to use."""
-MOST = 100
-"""Most markers to compare, those seen most: distances of all pairs are formed."""
+LEAST_FRAMES, FRAMES = 15, 400  # Least frames that show two markers together, and most frames of a take to use.
+MOST = 100  # Most markers to compare, those seen most: distances of all pairs are formed.
 
 
 def rigid_groups(points: np.ndarray) -> list[list[int]]:
@@ -83,25 +80,20 @@ def _moves(points: np.ndarray) -> bool:
     return bool(np.nanmax(quantile(away, 0.98, axis=0)) > MOVES_M)
 
 
-LEAST_FRAMES_OF_BONE = 8
-"""Least frames that show a marker to identify its bone."""
+LEAST_FRAMES_OF_BONE = 8  # Least frames that show a marker to identify its bone.
 RESIDUAL_M, REACH_M = 0.03, 0.45
 """Largest distance of a worn marker from its usual place on the bone, and of that place from the bone's joint. A wand,
 another person or a ghost exceeds them."""
-_MEDIAN_LENGTH = 1.54
-"""Median length of a three-dimensional Gaussian, in standard deviations per axis."""
+_MEDIAN_LENGTH = 1.54  # Median length of a three-dimensional Gaussian, in standard deviations per axis.
 
 
 @dataclass(frozen=True)
 class Attachment:
     """Bone of a marker."""
 
-    place: str
-    """``@`` and the name of the bone's joint."""
-    offset: np.ndarray
-    """(3,) metres from the joint, in the bone's rest frame."""
-    sigma_m: float
-    """Standard deviation around it per axis, metres."""
+    place: str  # ``@`` and the name of the bone's joint.
+    offset: np.ndarray  # (3,) metres from the joint, in the bone's rest frame.
+    sigma_m: float  # Standard deviation around it per axis, metres.
 
     @classmethod
     def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
@@ -168,8 +160,7 @@ def bone_offsets(
     return offset, np.median(np.linalg.norm(local - offset, axis=-1), axis=0), np.linalg.norm(offset, axis=-1)
 
 
-SEPARATOR = ":"
-"""Between a subject's prefix and a label."""
+SEPARATOR = ":"  # Between a subject's prefix and a label.
 _OTHER = {"l": "R", "r": "L", "left": "right", "right": "left"}
 _SIDE = tuple(re.compile(text, re.IGNORECASE) for text in (r"left|right", r"^[lr]", r"[lr](?=[\W\d_]*$)"))
 _NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "FIRST", "SECOND", "THIRD", "FIFTH"}
@@ -183,10 +174,8 @@ LEAST_NAME = 3
 class LooseGroup:
     """Markers of one prop."""
 
-    name: str
-    """The shared prefix or beginning of their labels, or else a number."""
-    columns: tuple[int, ...]
-    """Their columns in the cloud."""
+    name: str  # The shared prefix or beginning of their labels, or else a number.
+    columns: tuple[int, ...]  # Their columns in the cloud.
 
 
 def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:

@@ -10,15 +10,13 @@ from solver_backend.geometry.small_matrices import solved_3x3
 
 NEIGHBOURS, LOOKED_AT = 4, 12
 """Markers that predict a gap, seen from one end to the other, and the nearest ones to choose from."""
-FRAMES = 60
-"""Frames in which distances are measured, chosen by hand."""
+FRAMES = 60  # Frames in which distances are measured, chosen by hand.
 NOISE, DOUBT = 0.1, 2.0
 """Share of a neighbour's variance that is its own, and evidence that markers move independently, in segments."""
 TIMES, STRETCHES, MOST_STRETCHES = 6, 6, 240
 """Times in a gap at which markers are compared, segments that begin in one gap's length, and in the take: a gap does
 not take longer in a longer one."""
-LEAST, MOST_M = 4, 0.05
-"""Least segments to learn from, and the most that neighbours may add, metres."""
+LEAST, MOST_M = 4, 0.05  # Least segments to learn from, and the most that neighbours may add, metres.
 
 
 def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
@@ -94,8 +92,7 @@ def _rests(
 LAG_S, LONGER = 0.2, 3.0
 """Time over which the correlation of errors is measured, and how much longer errors last in a gap: where a marker is
 seen, the body follows their slow part."""
-CORRELATION = (0.01, 0.98)
-"""Limits of that correlation."""
+CORRELATION = (0.01, 0.98)  # Limits of that correlation.
 
 
 def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: float) -> np.ndarray:

@@ -167,10 +167,8 @@ def measure_landmarks(
     return Measurements(landmarks, points, noise, term, fps, source, provenance=provenance)
 
 
-MOTION_SIGMA_M = 0.02
-"""Deviation of a pose from the motion's: hand-set poses weigh more."""
-YIELDING_S = 0.25
-"""Seconds before and after a pinned pose without measurements: there the earlier motion was wrong."""
+MOTION_SIGMA_M = 0.02  # Deviation of a pose from the motion's: hand-set poses weigh more.
+YIELDING_S = 0.25  # Seconds before and after a pinned pose without measurements: there the earlier motion was wrong.
 _LANDMARKS = JointSet.HALPE_26
 
 

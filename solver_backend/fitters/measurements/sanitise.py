@@ -26,10 +26,8 @@ STAGE = "Checking the cameras"
 STEPS = 5
 LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS = 0.3, 8.0
 """Least delay that is reported, in frames and in deviations: a detector's errors last longer than these allow for."""
-_UNKNOWN = ("delay_unknown", "delay_beyond")
-"""Diagnostics that refuse a capture where synchronisation is required."""
-AWAY_S = 0.25
-"""Least absence that is reported. Shorter ones are only interpolated and flagged."""
+_UNKNOWN = ("delay_unknown", "delay_beyond")  # Diagnostics that refuse a capture where synchronisation is required.
+AWAY_S = 0.25  # Least absence that is reported. Shorter ones are only interpolated and flagged.
 
 
 @dataclass(frozen=True)

@@ -126,15 +126,12 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
 
-ALIKE_S = 0.07
-"""Seconds whose frames count once, as where one camera is solved: its errors last."""
-UNKNOWN_SIGMA_M = 0.1
-"""Deviation per axis of a motion that does not state its own."""
+ALIKE_S = 0.07  # Seconds whose frames count once, as where one camera is solved: its errors last.
+UNKNOWN_SIGMA_M = 0.1  # Deviation per axis of a motion that does not state its own.
 SAME_DEG, SAME_M = 15.0, 0.6
 """Largest difference of a motion in the same world: one camera is off so far in depth and in up, and a turn fitted to
 its errors would turn right poses."""
-LEAST_POINTS = 12
-"""Least shared points that place the motion in the world of the cameras."""
+LEAST_POINTS = 12  # Least shared points that place the motion in the world of the cameras.
 
 
 def begin_at(
@@ -176,8 +173,7 @@ def begin_at(
 class HeldMotion(Layer):
     """An earlier motion that holds the body where too few points are located."""
 
-    term: RelativePositionTerm
-    """Its poses, wherever they are."""
+    term: RelativePositionTerm  # Its poses, wherever they are.
 
     def terms(self) -> FrameObjective:
         """Return the poses."""

@@ -96,8 +96,7 @@ class ApartRoot:
 class ScrewRoot:
     """Both together on the curve whose geodesics are screws (thesis 6.4, future directions)."""
 
-    keys: Keyframes
-    """(W, k) keys."""
+    keys: Keyframes  # (W, k) keys.
     path: ScrewPath
 
     @classmethod
@@ -132,20 +131,16 @@ class ScrewRoot:
         return rows_of(self.path.by_keys[:, :, key])
 
 
-RootCurve = ApartRoot | ScrewRoot
-"""Root of W·n frames, row after row, and its derivatives by the windows' k keys."""
+RootCurve = ApartRoot | ScrewRoot  # Root of W·n frames, row after row, and its derivatives by the windows' k keys.
 
 
 @dataclass(frozen=True)
 class SphericalMean:
     """``v = m / |m|`` with ``m = Σ_k w_k x_k`` of unit vectors x: of zero mean, too, where they are."""
 
-    value: Array
-    """(W, n, d) ``v``."""
-    length: Array
-    """(W, n, 1) ``|m|``."""
-    weights: Array
-    """(W, n, k)."""
+    value: Array  # (W, n, d) ``v``.
+    length: Array  # (W, n, 1) ``|m|``.
+    weights: Array  # (W, n, k).
 
     @classmethod
     def of(cls, vectors: Array, weights: Array) -> SphericalMean:
@@ -171,14 +166,10 @@ class SphericalMean:
 class KeyCotangents:
     """Derivatives of a cost by the keys of W windows, by the coordinates of codes and quaternions."""
 
-    z: Array | None
-    """(W, k, d); None where codes stay."""
-    quat: Array
-    """(W, k, 4)."""
-    transl: Array
-    """(W, k, 3)."""
-    residual: Array | None
-    """(W, k, 3 J); None where joints stay on the manifold."""
+    z: Array | None  # (W, k, d); None where codes stay.
+    quat: Array  # (W, k, 4).
+    transl: Array  # (W, k, 3).
+    residual: Array | None  # (W, k, 3 J); None where joints stay on the manifold.
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
         """Return (K, n): by the tangents of the keys, summed where neighbouring windows share one."""

@@ -118,12 +118,9 @@ class KeyframeLayout:
 class WindowRows(Rows):
     """Frames by window: N rows of n frames; shorter rows are padded with frames of weight 0."""
 
-    frames: np.ndarray
-    """(N, n) frame numbers."""
-    time: np.ndarray
-    """(N, n) positions in the window, 0..1."""
-    weight: np.ndarray
-    """(N, n) number of frames that each frame represents; 0 in the padding."""
+    frames: np.ndarray  # (N, n) frame numbers.
+    time: np.ndarray  # (N, n) positions in the window, 0..1.
+    weight: np.ndarray  # (N, n) number of frames that each frame represents; 0 in the padding.
 
     def blocks(self, num_frames: int) -> list[slice]:
         """Return an even number of ranges of windows of similar length, with at most ``num_frames`` frames each."""
@@ -196,10 +193,8 @@ def shared(weights: Array, by_frames: Array) -> Array:
     return xp.matmul(xp.matrix_transpose(weights), rows)
 
 
-_STEPS = 60
-"""Largest number of conjugate-gradient steps; chosen by hand."""
-_TOLERANCE = 1e-10
-"""Relative residual at which the steps end; chosen by hand."""
+_STEPS = 60  # Largest number of conjugate-gradient steps; chosen by hand.
+_TOLERANCE = 1e-10  # Relative residual at which the steps end; chosen by hand.
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:

@@ -17,10 +17,8 @@ from solver_backend.types import Motion
 
 CODES = ZeroMeanSphere()
 """Manifold of the codes: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
-ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
-"""Free blocks of poses that the prior decodes."""
-OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
-"""Every joint may also leave the prior's manifold by a small rotation."""
+ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)  # Free blocks of poses that the prior decodes.
+OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)  # Every joint may also leave the prior's manifold by a small rotation.
 
 
 def state_layout(prior: PosePrior) -> StateLayout:
@@ -133,14 +131,10 @@ def d_pose_d_state(
 class Keyframes(Rows):
     """K keyframes."""
 
-    z: Array
-    """(K, 32) unit zero-mean codes."""
-    quat: Array
-    """(K, 4) root rotations wxyz, neighbours in one hemisphere."""
-    transl: Array
-    """(K, 3) metres."""
-    residual: Array
-    """(K, 21, 3) rotations off the manifold, radians."""
+    z: Array  # (K, 32) unit zero-mean codes.
+    quat: Array  # (K, 4) root rotations wxyz, neighbours in one hemisphere.
+    transl: Array  # (K, 3) metres.
+    residual: Array  # (K, 21, 3) rotations off the manifold, radians.
 
     def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
         """Return (W, n + 1) keys of each of these windows, which have n free keys."""
@@ -193,14 +187,10 @@ def hemisphere_aligned(keys: Keyframes) -> Keyframes:
 class FrameStates(Rows):
     """Unknowns of F independent frames."""
 
-    z: Array
-    """(F, 32) unit zero-mean codes."""
-    root: Array
-    """(F, 3, 3) body to world."""
-    transl: Array
-    """(F, 3) metres."""
-    residual: Array | None = None
-    """(F, J, 3) rotations off the manifold, radians; None where joints stay on it."""
+    z: Array  # (F, 32) unit zero-mean codes.
+    root: Array  # (F, 3, 3) body to world.
+    transl: Array  # (F, 3) metres.
+    residual: Array | None = None  # (F, J, 3) rotations off the manifold, radians; None where joints stay on it.
 
     def retract(self, step: Array, layout: StateLayout) -> FrameStates:
         """Return the states moved by (F, n) steps of this layout."""
@@ -212,20 +202,16 @@ class FrameStates(Rows):
         return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
 
 
-BLOCK_POSES = 500
-"""Frames posed at a time; affects time and memory only."""
+BLOCK_POSES = 500  # Frames posed at a time; affects time and memory only.
 
 
 @dataclass(frozen=True)
 class PosedFrames(Rows):
     """Poses of F frames."""
 
-    root: Array
-    """(F, 3, 3) body to world."""
-    local: Array
-    """(F, J, 3, 3) rotations of the J joints after the root."""
-    transl: Array
-    """(F, 3) metres."""
+    root: Array  # (F, 3, 3) body to world.
+    local: Array  # (F, J, 3, 3) rotations of the J joints after the root.
+    transl: Array  # (F, 3) metres.
 
     @property
     def layout(self) -> PoseLayout:

@@ -26,12 +26,9 @@ from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
 class FrameObjective:
     """The terms on F frames."""
 
-    points: tuple[PointTerm, ...]
-    """On landmark positions; at least one."""
-    poses: tuple[PoseTerm, ...] = ()
-    """On the joints' rotations."""
-    relative: tuple[PointTerm, ...] = ()
-    """On landmark positions except for a common shift."""
+    points: tuple[PointTerm, ...]  # On landmark positions; at least one.
+    poses: tuple[PoseTerm, ...] = ()  # On the joints' rotations.
+    relative: tuple[PointTerm, ...] = ()  # On landmark positions except for a common shift.
 
     def select(self, frames: Any) -> FrameObjective:
         """Return the terms of the frames at these indices or of this slice."""
@@ -74,10 +71,8 @@ class Subject:
 class FrameEquations:
     """Gauss-Newton model of the objective of each frame around its pose."""
 
-    cost: Array
-    """(F,)."""
-    gradient: Array
-    """(F, p)."""
+    cost: Array  # (F,).
+    gradient: Array  # (F, p).
     _form: Callable[[], Array]
 
     @cached_property

@@ -77,10 +77,8 @@ def _ways(joints: np.ndarray) -> np.ndarray:
     return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))
 
 
-_FEET = ((7, 10), (8, 11))
-"""Ankle and ball of each foot."""
-_LOWEST_SHARE = 2.0
-"""Percentile of the frames' lowest soles that is the floor: single frames may lie deeper."""
+_FEET = ((7, 10), (8, 11))  # Ankle and ball of each foot.
+_LOWEST_SHARE = 2.0  # Percentile of the frames' lowest soles that is the floor: single frames may lie deeper.
 _NEAR_M, _STILL_M_S = 0.04, 0.3
 """Largest height of a standing ball of the foot over its height at rest, and its largest speed."""
 
@@ -111,8 +109,7 @@ def _rest_heights(body: Body, betas: np.ndarray) -> np.ndarray:
     return body.rest_joints(betas)[:NUM_JOINTS, 1] - vertices[:, 1].min()
 
 
-_ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))
-"""Elbow, wrist and hand of each arm."""
+_ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))  # Elbow, wrist and hand of each arm.
 
 
 @dataclass(frozen=True)

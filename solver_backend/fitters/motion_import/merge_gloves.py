@@ -21,14 +21,10 @@ from solver_backend.types import Motion
 from solver_backend.types.motion import GloveTake
 from solver_backend.types.shapes import Float
 
-RATE = 100.0
-"""Samples per second of both speeds: twice what hands need (Winter 2009: 99 % of motion is below 15 Hz)."""
-_SMOOTHED_S, _APART_S = 0.06, 0.5
-"""Seconds over which speeds are averaged, and between clearly different offsets."""
-_OVERLAP_S, _OVERLAP = 2.0, 0.5
-"""Least overlap in seconds, and as a share of the shorter recording."""
-STILL_RAD_S = 0.15
-"""Root mean square of a wrist's speed below which it shows no time."""
+RATE = 100.0  # Samples per second of both speeds: twice what hands need (Winter 2009: 99 % of motion is below 15 Hz).
+_SMOOTHED_S, _APART_S = 0.06, 0.5  # Seconds over which speeds are averaged, and between clearly different offsets.
+_OVERLAP_S, _OVERLAP = 2.0, 0.5  # Least overlap in seconds, and as a share of the shorter recording.
+STILL_RAD_S = 0.15  # Root mean square of a wrist's speed below which it shows no time.
 
 
 @dataclass(frozen=True)

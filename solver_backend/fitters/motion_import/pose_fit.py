@@ -17,8 +17,7 @@ from solver_backend.types import SkeletonMotion
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
-NUM_TURNED = 1 + NUM_BODY_JOINTS
-"""Turned joints: all but SMPL's two hand joints."""
+NUM_TURNED = 1 + NUM_BODY_JOINTS  # Turned joints: all but SMPL's two hand joints.
 _SPINE = SMPL.numbers("spine1", "spine2", "spine3")
 _NECK, _HEAD = SMPL.numbers("neck", "head")
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
@@ -28,12 +27,9 @@ _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 class Measured:
     """A skeleton's part of our joints, in the world, metres."""
 
-    places: np.ndarray
-    """(F, NUM_JOINTS, 3), NaN where the skeleton has no such joint."""
-    turns: np.ndarray
-    """(F, 22, 3, 3) rotations from our body's rest axes to the world."""
-    rest: np.ndarray
-    """(NUM_JOINTS, 3) the skeleton's joints at rest, NaN where it has none."""
+    places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
+    turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
+    rest: np.ndarray  # (NUM_JOINTS, 3) the skeleton's joints at rest, NaN where it has none.
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
@@ -126,8 +122,7 @@ def _along(line: list[np.ndarray], share: float) -> np.ndarray:
 
 _PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 """Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
-_PLACE_SIGMA_M = 0.004
-"""Deviation of a joint of the limbs from the skeleton's, metres."""
+_PLACE_SIGMA_M = 0.004  # Deviation of a joint of the limbs from the skeleton's, metres.
 _TURN_SIGMA = np.full(NUM_TURNED, 0.12)
 """Deviation of turns, radians. The pelvis shows its tilt, and collars begin elsewhere in every program, so that the
 same place of a shoulder needs another turn."""
@@ -139,8 +134,7 @@ steps end with shoulders 10 mm farther off on raised arms."""
 _LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
 """Share of the cost and radians below which a step is the last, and the most that a joint turns in a round, radians:
 farther off, the equations are not linear."""
-_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0
-"""(24, 22) turned joints above each joint, itself included."""
+_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) turned joints above each joint, itself included.
 _MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)
 """(24, 22) joints that turning each one moves: those below it."""
 

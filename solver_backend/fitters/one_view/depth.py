@@ -31,17 +31,13 @@ from solver_backend.types import Motion
 ALIKE = 0.9
 """Factor on the lifter's deviations for lifted depths, whose errors last too long to average out. Set with ``ACROSS_M``
 on eight takes of subjects 01, 08, 09, 60 and 127, so that 95 % ellipsoids hold 90 to 97 %."""
-ACROSS_M = 0.015
-"""Error across the picture, per axis, from average proportions and the detector's bias."""
-OPEN_M = 0.15
-"""A limb's depth is uncertain if its end's deviation along the line of sight exceeds this: half a step."""
+ACROSS_M = 0.015  # Error across the picture, per axis, from average proportions and the detector's bias.
+OPEN_M = 0.15  # A limb's depth is uncertain if its end's deviation along the line of sight exceeds this: half a step.
 FLIP_CHANCE = 0.01
 """It is also uncertain if the chance that one of its bones is flipped exceeds this: a seventh of the limb frames of 18
 takes of subjects 01, 08, 09 and 60, with 73 % of their flips."""
-SHORTEST_S = 0.2
-"""Shorter frame ranges are not reported."""
-STANDS_SHARE = 0.02
-"""With a smaller share of standing feet in all frames nothing locates the floor. A walker has half."""
+SHORTEST_S = 0.2  # Shorter frame ranges are not reported.
+STANDS_SHARE = 0.02  # With a smaller share of standing feet in all frames nothing locates the floor. A walker has half.
 LIMB_ENDS = {f"{side}_{end}": f"{side} {part}" for end, part in (("wrist", "arm"), ("ankle", "leg")) for side in SIDES}
 LIMB_ENDS["head"] = "head"
 """Limb of each end joint."""
@@ -197,10 +193,8 @@ def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:
 DEPTH_S, ACROSS_S = 0.067, 0.023
 """Standard deviations of the Gaussians over time, along the line of sight and across it. A bone of known length nearly
 in the picture turns pixel noise into centimetres of depth. Joint errors are equal with 0.05 and 0.1 s (0.3 mm)."""
-_REACH = 3.0
-"""Cut-off of a Gaussian, in standard deviations."""
-_LEAST = 1e-6
-"""Regularises joints without a turn of their own, and sigmas of 0."""
+_REACH = 3.0  # Cut-off of a Gaussian, in standard deviations.
+_LEAST = 1e-6  # Regularises joints without a turn of their own, and sigmas of 0.
 
 
 def steady_depth(solved: SolvedFrames, one: OneView, fps: float) -> SolvedFrames:

@@ -15,15 +15,12 @@ from solver_backend.types import Keypoints2D
 CUT_SHARE, CUT_TIMES = 0.3, 6.0
 """Share of the person's extent, and multiple of the usual step, that keypoints jump by at a cut. A sprinter moves by
 0.15 of it per picture at 30 fps."""
-CUT_POINTS, USUAL_S = 4, 0.5
-"""Keypoints that both pictures must show, and time around them that gives the usual step."""
+CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both pictures must show, and time around them that gives the usual step.
 GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
 """A person glides at more than this speed for this time, with feet moving about the body at less than this share of it.
 A walker's feet move about the body as fast as the body moves, and nobody flies this long."""
-SMOOTH_S = 0.25
-"""Averaging time that removes the jitter of a lifted pose."""
-_LEAST_EXTENT_PX = 1.0
-"""Smallest extent of a person."""
+SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose.
+_LEAST_EXTENT_PX = 1.0  # Smallest extent of a person.
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
@@ -96,16 +93,12 @@ LIMBS = {
     "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
 }
 """Keypoints that a detector exchanges together."""
-LEAST_PAIRS = 2
-"""Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange."""
-CROSSED_SHARE = 0.5
-"""An exchange must leave less than this share of the jump."""
+LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange.
+CROSSED_SHARE = 0.5  # An exchange must leave less than this share of the jump.
 JUMP_SHARE = 0.1
 """Share of the person's extent that it must explain, per keypoint on average over a limb, and of a single pair."""
-LONGEST_S = 1.5
-"""Longest exchange; in longer ranges the right side is unknown."""
-SEEN_BEFORE_S = 0.2
-"""A keypoint's last place is used for this long."""
+LONGEST_S = 1.5  # Longest exchange; in longer ranges the right side is unknown.
+SEEN_BEFORE_S = 0.2  # A keypoint's last place is used for this long.
 
 
 def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:

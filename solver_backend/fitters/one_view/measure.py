@@ -31,14 +31,10 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 PEOPLE_SIGMA = 0.055
 """Relative standard deviation of adults' statures, women and men together (ANSUR II: 93 mm of 1.71 m)."""
-FLOOR_SIGMA_M = 0.05
-"""Error of the floor under the feet, from its height, up, and the lifted legs."""
-SHAPE_SIGMA = 0.01
-"""Relative error of the size of a known shape."""
-LARGEST = 10.0
-"""Largest size relative to the average; also of anybody who would be above the camera."""
-LEAST_HEIGHT_M = 0.3
-"""Smallest height of the camera above the feet from which they show a size."""
+FLOOR_SIGMA_M = 0.05  # Error of the floor under the feet, from its height, up, and the lifted legs.
+SHAPE_SIGMA = 0.01  # Relative error of the size of a known shape.
+LARGEST = 10.0  # Largest size relative to the average; also of anybody who would be above the camera.
+LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the feet from which they show a size.
 _AVERAGE = "what adults are"
 AT_ODDS_SIGMAS = 3.0
 """A floor at which the person's size deviates more than this from other knowledge is rejected."""

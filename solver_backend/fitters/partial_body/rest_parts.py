@@ -66,10 +66,8 @@ third power leaves 3 % of the deviation at rest."""
 class PartShares:
     """Shares (F,), from 0 to 1, of each part that is uninformed anywhere."""
 
-    rest: dict[str, np.ndarray]
-    """Share of the rest in the pose."""
-    spread: dict[str, np.ndarray]
-    """Least share of the resting variance."""
+    rest: dict[str, np.ndarray]  # Share of the rest in the pose.
+    spread: dict[str, np.ndarray]  # Least share of the resting variance.
 
 
 def resting_shares(

@@ -63,12 +63,9 @@ _ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("ne
 class Stance:
     """Stance of a person by the pelvis, (F,) each."""
 
-    lean: np.ndarray
-    """Degrees between its axis and the vertical."""
-    walking: np.ndarray
-    """From 0, staying in place, to 1, walking."""
-    low: np.ndarray
-    """From 0, standing, to 1, sitting, squatting, kneeling or lying."""
+    lean: np.ndarray  # Degrees between its axis and the vertical.
+    walking: np.ndarray  # From 0, staying in place, to 1, walking.
+    low: np.ndarray  # From 0, standing, to 1, sitting, squatting, kneeling or lying.
 
 
 def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:

@@ -26,8 +26,7 @@ LIMBS: dict[str, tuple[str, ...]] = {
     "head_and_neck": ("neck", "head"),
 }
 """Groups of joints that may be named as missing, like single joints."""
-_LOOKED_AT = 12
-"""Frames on which candidates are tried."""
+_LOOKED_AT = 12  # Frames on which candidates are tried.
 
 
 @dataclass(frozen=True)

@@ -33,14 +33,10 @@ from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
 
-LAYOUT = "MANIFOLD_53"
-"""Points of the skin that stand for the mesh."""
-DETECTOR_PX = 5.0
-"""Standard deviation of a detection, pixels: what the weights of eq. 10 were chosen with."""
-SAMPLED_FPS = 30.0
-"""Poses a second that a motion of samples states; they are independent."""
-_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
-"""Y up to Z up."""
+LAYOUT = "MANIFOLD_53"  # Points of the skin that stand for the mesh.
+DETECTOR_PX = 5.0  # Standard deviation of a detection, pixels: what the weights of eq. 10 were chosen with.
+SAMPLED_FPS = 30.0  # Poses a second that a motion of samples states; they are independent.
+_UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])  # Y up to Z up.
 
 
 def denoised_motion(

@@ -257,8 +257,7 @@ def _of_joints(xp: Any, by_joints: Array, layout: PoseLayout) -> Array:
     return whole
 
 
-CHUNK_FRAMES = 240
-"""Frames solved at once, as the paper's longest sequences."""
+CHUNK_FRAMES = 240  # Frames solved at once, as the paper's longest sequences.
 
 
 def solve_sequence(

@@ -53,10 +53,8 @@ def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
     return log_so3(after @ np.swapaxes(before, -1, -2))
 
 
-RELAXES_S = 0.5
-"""Time in which an unmeasured velocity dies away. A hand's strokes last 0.2 to 1 s."""
-TURN_PRECISION = 3.0 / np.pi**2
-"""Precision of an unknown turn: the variance of an angle between -π and π is π² / 3."""
+RELAXES_S = 0.5  # Time in which an unmeasured velocity dies away. A hand's strokes last 0.2 to 1 s.
+TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown turn: the variance of an angle between -π and π is π² / 3.
 
 
 @dataclass(frozen=True)
@@ -157,10 +155,8 @@ class PropEquations:
         return weight
 
 
-PASSES = 4
-"""Alternations of poses and shape."""
-ON_A_LINE_M = 0.01
-"""Largest root mean square distance from a line of markers that leave the turn about it open."""
+PASSES = 4  # Alternations of poses and shape.
+ON_A_LINE_M = 0.01  # Largest root mean square distance from a line of markers that leave the turn about it open.
 LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
 """Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm. Beyond, markers are loose."""
 

@@ -38,10 +38,8 @@ from solver_backend.types import MarkerCloud, Motion
 class Props(Layer):
     """Markers of a recording at no known place of the person."""
 
-    loose: tuple[MarkerCloud, ...] = ()
-    """Those among the person's: bones carry some of them."""
-    others: tuple[MarkerCloud, ...] = ()
-    """Those with other prefixes."""
+    loose: tuple[MarkerCloud, ...] = ()  # Those among the person's: bones carry some of them.
+    others: tuple[MarkerCloud, ...] = ()  # Those with other prefixes.
 
     @classmethod
     def of(cls, cloud: MarkerCloud, worn: Sequence[str], layout: str, others: MarkerCloud | None) -> Props:
@@ -84,8 +82,7 @@ WRONG_M = 0.018
 robust penalty handles smaller errors."""
 STEPS = LMSettings(6, 1e-5)
 """Most Gauss-Newton steps, and the relative change of the cost at which they end, chosen by hand."""
-LEAST_FRAMES = 4
-"""Least frames that locate a prop, chosen by hand."""
+LEAST_FRAMES = 4  # Least frames that locate a prop, chosen by hand.
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
@@ -171,10 +168,8 @@ def _without_wrong_points(points: np.ndarray) -> np.ndarray:
 STAGE = "Solving the props"
 MOST = 12
 """Most props of a take, those with the most markers: crowds of stray points make groups by chance."""
-FAR_M = 0.004
-"""Least median distance of markers that are no rigid body."""
-UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
-"""Standard deviations beyond which a prop's pose is unknown."""
+FAR_M = 0.004  # Least median distance of markers that are no rigid body.
+UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)  # Standard deviations beyond which a prop's pose is unknown.
 
 
 def solve_props(markers: Props, solved: SolvedFrames, progress: Progress) -> tuple[tuple[Prop, ...], list[Diagnostic]]:

@@ -151,8 +151,7 @@ class Bundle:
         return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))
 
 
-Step = Callable[[Bundle], Bundle]
-"""Learns something from the current poses."""
+Step = Callable[[Bundle], Bundle]  # Learns something from the current poses.
 
 
 @dataclass(frozen=True)
@@ -278,10 +277,8 @@ def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None) -> Bundl
     return replace(bundle, contacts=find_contacts(points, names, bundle.problem.fps, sight=sight))
 
 
-STAGE = "Global bundle"
-"""Name of the passes over a whole take."""
-SPREAD = "Estimating deviations"
-"""Name of the stage after them."""
+STAGE = "Global bundle"  # Name of the passes over a whole take.
+SPREAD = "Estimating deviations"  # Name of the stage after them.
 
 
 def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:

@@ -31,20 +31,14 @@ from solver_backend.types import Cameras, JointSet, Keypoints2D
 
 TURN_RAD_S, MOVE_M_S = 4.0, 6.0
 """Standard deviations by which joints and body leave their predicted motion, per second."""
-VELOCITY_S = 0.1
-"""Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm)."""
-USUAL_SHAPE = 2.0
-"""Pull towards the mean shape, against markers misplaced by a centimetre. Chosen by hand."""
+VELOCITY_S = 0.1  # Time constant of the velocity that predicts the next frame (0.05 and 0.1 s differ by 0.1 mm).
+USUAL_SHAPE = 2.0  # Pull towards the mean shape, against markers misplaced by a centimetre. Chosen by hand.
 START_STEPS, START_PART, STEPS = 24, 3, 2
 """Gauss-Newton steps of a start, of one frame of a start, which keeps it on time, and of later frames."""
-SHORT_S = 0.012
-"""Frames at shorter intervals need one step; chosen by hand."""
-SHAPE_FRAMES = 240
-"""Frames over which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand."""
-NEW_SHARE = 0.02
-"""Share of a frame in the shape's information: misplaced markers have the same error in all frames."""
-ROBUST_SCALE = np.inf
-"""The learned variances are robust enough; no further kernel."""
+SHORT_S = 0.012  # Frames at shorter intervals need one step; chosen by hand.
+SHAPE_FRAMES = 240  # Frames over which the shape is learned before it is fixed. Two seconds at 120 Hz, chosen by hand.
+NEW_SHARE = 0.02  # Share of a frame in the shape's information: misplaced markers have the same error in all frames.
+ROBUST_SCALE = np.inf  # The learned variances are robust enough; no further kernel.
 
 
 class PersonFollower:
@@ -176,10 +170,8 @@ class PersonFollower:
         return follows @ step
 
 
-MARKER_SIGMA_M = 0.012
-"""First standard deviation of a seen marker per axis: its error on an uncalibrated body."""
-LEAST_SIGMA_M = 0.02
-"""Smallest standard deviation of the network's positions; chosen by hand."""
+MARKER_SIGMA_M = 0.012  # First standard deviation of a seen marker per axis: its error on an uncalibrated body.
+LEAST_SIGMA_M = 0.02  # Smallest standard deviation of the network's positions; chosen by hand.
 SAME_ERROR_S = 1.0
 """Time over which the network's errors are correlated, so that repetition adds no information. Deviations 1, 10 and
 1,000 times the network's gave joint errors of 21.7, 19.1 and 20.5 mm in three takes of decision 26 at 60 and 120 Hz,
@@ -250,14 +242,10 @@ def fit_average_person() -> LiveFit:
     return LiveFit(load_body())
 
 
-SIGMA_PX = 4.0
-"""First standard deviation of a detection per axis at 720 lines; detectors have 3 to 6."""
-LINES = 720.0
-"""Picture height that ``SIGMA_PX`` applies to."""
-FEWEST = 6
-"""Fewest located keypoints for a pose, as in a solve."""
-UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""Root of a standing body with Z up."""
+SIGMA_PX = 4.0  # First standard deviation of a detection per axis at 720 lines; detectors have 3 to 6.
+LINES = 720.0  # Picture height that ``SIGMA_PX`` applies to.
+FEWEST = 6  # Fewest located keypoints for a pose, as in a solve.
+UPRIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])  # Root of a standing body with Z up.
 
 
 @dataclass(frozen=True)

@@ -24,30 +24,24 @@ from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewt
 
 SIGMA_M = 0.01
 """σ0, the fixed standard deviation of the first stage per axis; log-variances are relative to its square."""
-BLOCK_FRAMES = 64
-"""Frames fitted at a time."""
+BLOCK_FRAMES = 64  # Frames fitted at a time.
 
 
 @dataclass(frozen=True)
 class FitWeights:
     """Weights of the priors; not tuned."""
 
-    pose: float = 0.5
-    """λ_pose of ``|z|²`` (thesis 5.4)."""
-    shape: float = 0.5
-    """λ_β of ``|β|²`` (thesis 5.4): half, as the shape space has unit variance."""
+    pose: float = 0.5  # λ_pose of ``|z|²`` (thesis 5.4).
+    shape: float = 0.5  # λ_β of ``|β|²`` (thesis 5.4): half, as the shape space has unit variance.
 
 
 @dataclass(frozen=True)
 class CodedFrames(Rows):
     """Poses of F frames by their codes."""
 
-    z: np.ndarray
-    """(F, 32) codes."""
-    root: np.ndarray
-    """(F, 3, 3) body to world."""
-    transl: np.ndarray
-    """(F, 3) metres."""
+    z: np.ndarray  # (F, 32) codes.
+    root: np.ndarray  # (F, 3, 3) body to world.
+    transl: np.ndarray  # (F, 3) metres.
 
     def posed(self, prior: GaussianVAE) -> PosedFrames:
         """Return the decoded poses."""
@@ -150,10 +144,8 @@ class LandmarkFit:
         return at(best).subject, self.states(best[:parts].reshape(frames, -1))
 
 
-SHAPE_FRAMES = 12
-"""Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019)."""
-STEPS = QuasiNewtonSettings()
-"""Of both stages."""
+SHAPE_FRAMES = 12  # Number of frames from which the shape is estimated, as in MoSh++ (Mahmood et al. 2019).
+STEPS = QuasiNewtonSettings()  # Of both stages.
 
 
 @cache

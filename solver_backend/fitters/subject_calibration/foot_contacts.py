@@ -24,10 +24,8 @@ _SIDES = (("left_", "L"), ("right_", "R"))
 class Contacts:
     """Planted points of the feet."""
 
-    planted: np.ndarray
-    """(F, L) bool."""
-    anchors: np.ndarray
-    """(F, L, 3) metres: the mean position of each stand, 0 elsewhere."""
+    planted: np.ndarray  # (F, L) bool.
+    anchors: np.ndarray  # (F, L, 3) metres: the mean position of each stand, 0 elsewhere.
 
     def feet(self, names: tuple[str, ...]) -> np.ndarray | None:
         """Return (F, 2) bool: a point of the left and of the right foot is planted, None where no point is a foot's."""

@@ -19,22 +19,17 @@ from solver_backend.residuals.terms import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
-FIXED = 1e12
-"""Precision of kept unknowns."""
+FIXED = 1e12  # Precision of kept unknowns.
 
 
 @dataclass(frozen=True)
 class ShapePrior:
     """Prior knowledge of a person. The shape space has unit variance."""
 
-    offset_sigma_m: float | np.ndarray = 0.02
-    """Deviation of a detector's points from ours; (L,), or one for all."""
-    evidence: float = 0.2
-    """Share of each frame's information that is new: detector noise is correlated in time."""
-    free_betas: bool = True
-    """False keeps a known shape."""
-    free_offsets: bool = True
-    """False keeps the landmarks where they are."""
+    offset_sigma_m: float | np.ndarray = 0.02  # Deviation of a detector's points from ours; (L,), or one for all.
+    evidence: float = 0.2  # Share of each frame's information that is new: detector noise is correlated in time.
+    free_betas: bool = True  # False keeps a known shape.
+    free_offsets: bool = True  # False keeps the landmarks where they are.
 
 
 @dataclass(frozen=True)
@@ -175,8 +170,7 @@ def _point_jacobian(
     return J, evidence.gradient, evidence.information, evidence.cost
 
 
-SAMPLE_FRAMES = 32
-"""Frames from which the shape is learned."""
+SAMPLE_FRAMES = 32  # Frames from which the shape is learned.
 
 
 def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:

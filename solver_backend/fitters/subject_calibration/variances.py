@@ -11,10 +11,8 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, to_numpy
 from solver_backend.residuals.terms import DataTerm
 
-PRIOR_FRAMES = 60.0
-"""Weight of equal views in frames: errors of neighbouring frames are alike."""
-RANGE = (0.2, 5.0)
-"""Limits of the variance of one view's keypoint, by the keypoint's mean over the views."""
+PRIOR_FRAMES = 60.0  # Weight of equal views in frames: errors of neighbouring frames are alike.
+RANGE = (0.2, 5.0)  # Limits of the variance of one view's keypoint, by the keypoint's mean over the views.
 
 
 def with_learned_noise(problem: Problem, subject: Subject, sample: PosedFrames, settings: SolveSettings) -> DataTerm:
@@ -59,12 +57,10 @@ def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: f
     return term.rescaled(xp.clip(variance / mean, *RANGE)[:, None])
 
 
-WINDOW_S = 0.5
-"""Length of a window: errors of markers and of networks last about as long."""
+WINDOW_S = 0.5  # Length of a window: errors of markers and of networks last about as long.
 TAKE_FRAMES, WINDOW_FRAMES = 20.0, 10.0
 """Weights, in frames, of the mean landmark, and of a landmark's mean over the take."""
-LANDMARK_RANGE = (0.2, 25.0)
-"""Limits of the variance by the first."""
+LANDMARK_RANGE = (0.2, 25.0)  # Limits of the variance by the first.
 
 
 def with_window_variances(

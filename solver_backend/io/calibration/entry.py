@@ -15,10 +15,8 @@ from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Cameras
 
-LARGEST_PICTURE = 1_000_000
-"""Pixels per side at most."""
-ROUNDING = 1e-3
-"""Deviation from a rotation matrix up to which it is rounded and made exact."""
+LARGEST_PICTURE = 1_000_000  # Pixels per side at most.
+ROUNDING = 1e-3  # Deviation from a rotation matrix up to which it is rounded and made exact.
 
 
 @dataclass(frozen=True)
@@ -52,12 +50,9 @@ class CameraEntry:
 class StatedCameras:
     """Content of a calibration file in its own unit and axes."""
 
-    entries: list[CameraEntry]
-    """Its cameras, none if it is of another format."""
-    unit: str = ""
-    """Length unit if the format has one."""
-    source: str = "default"
-    """Origin of that unit and of Z as the up axis, for notes."""
+    entries: list[CameraEntry]  # Its cameras, none if it is of another format.
+    unit: str = ""  # Length unit if the format has one.
+    source: str = "default"  # Origin of that unit and of Z as the up axis, for notes.
     problems: tuple[Diagnostic, ...] = ()
 
 
@@ -137,8 +132,7 @@ SHORTEST_SHARE = 0.05
 """Focal length in widths of the picture below which it is not in pixels, because it would show 168 degrees."""
 OFF_MIDDLE = 0.15
 """Distance of principal points from the middle at most, in the picture's size. From corners it is 0.3 or more."""
-SURELY_DEGREES = 4.0 * np.pi
-"""Length of a rotation vector that is not in radians: two turns."""
+SURELY_DEGREES = 4.0 * np.pi  # Length of a rotation vector that is not in radians: two turns.
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 
 

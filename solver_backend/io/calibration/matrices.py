@@ -20,13 +20,9 @@ from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.files import read_json, read_text, read_toml
 
-Values = Mapping[str, Any]
-"""Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``."""
-Nodes = list[tuple[str, Values]]
-"""Name and values of each camera."""
-
-DLT_NUMBERS = 11
-"""DLT numbers of a camera: the projection matrix by rows, divided by its last element."""
+Values = Mapping[str, Any]  # Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``.
+Nodes = list[tuple[str, Values]]  # Name and values of each camera.
+DLT_NUMBERS = 11  # DLT numbers of a camera: the projection matrix by rows, divided by its last element.
 _SMALLEST_VOLUME = 1e-6
 """Determinant of the directions of three rows. A camera's is fx fy over their lengths, above 0.01 for any lens."""
 _TABLE = """
@@ -46,8 +42,7 @@ _TABLE = """
 _SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
 _FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
 """The four numbers of an intrinsic matrix, and the same as one or two focal lengths and two coordinates."""
-_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)
-"""Names of distortion terms."""
+_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion terms.
 
 
 def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -299,8 +294,7 @@ _LARGEST_TEXT, _LARGEST_ARRAYS = 1 << 16, 1 << 24
 _CAMERA_NAMES = ("names", "camera_names", "cameras")
 _PARTS = {"K": "K", "dist": "distortion", "R": "rotation", "T": "translation", "H": "height", "W": "width"}
 """Matrices named ``K_<camera>`` and so on, as in EasyMocap's intri.yml and extri.yml."""
-_ALL = ("cameras", "cams", "calibration")
-"""Keys in small letters under which a file may hold all of its cameras."""
+_ALL = ("cameras", "cams", "calibration")  # Keys in small letters under which a file may hold all of its cameras.
 
 
 def read_matrix_file(path: Path) -> MatrixFile:
@@ -427,8 +421,7 @@ def _human36m_nodes(tree: Any) -> Nodes | None:
 _MOST_CAMERAS = 256
 _FIELDS = ("fl_x", "fl_y", "cx", "cy", "w", "h", "k1", "k2", "k3", "k4", "p1", "p2", "camera_angle_x")
 """Values of a picture of NeRF, or of all. ``camera_angle_x`` is the horizontal field of view in radians."""
-_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])
-"""Graphics look along -z with y up, OpenCV along z with y down."""
+_TO_OPENCV = np.diag([1.0, -1.0, -1.0, 1.0])  # Graphics look along -z with y up, OpenCV along z with y down.
 
 
 def _nerf_nodes(tree: Any) -> Nodes | None:
@@ -477,8 +470,7 @@ def _nerf_camera(stated: Values, place: str) -> dict[str, Any]:
     return {key: value for key, value in node.items() if value is not None}
 
 
-_FROM_PREVIOUS = "T_cn_cnm1"
-"""(4, 4) from the previous camera's axes to this one's."""
+_FROM_PREVIOUS = "T_cn_cnm1"  # (4, 4) from the previous camera's axes to this one's.
 
 
 def _kalibr_nodes(tree: Any) -> Nodes | None:

@@ -16,16 +16,11 @@ from solver_backend.geometry.rotations import matrix_from_quat
 from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
 from solver_backend.io.files import LARGEST_TEXT, read_text, read_xml
 
-SUBPIXELS = 64.0
-"""Focal lengths and centres of Qualisys are in 1/64 pixel."""
-TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
-"""Qualisys' camera looks along -Z with Y up, OpenCV's along +Z with Y down."""
-_LARGEST_NUMBER = 1e12
-"""Magnitude of a number in a file at most, chosen by hand."""
-_ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)
-"""``video_resolution="540p"``."""
-_SAME_ROWS = 0.05
-"""Relative difference of equal numbers of rows: a sensor of 1088 rows records 1080p."""
+SUBPIXELS = 64.0  # Focal lengths and centres of Qualisys are in 1/64 pixel.
+TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys' camera looks along -Z with Y up, OpenCV's along +Z with Y down.
+_LARGEST_NUMBER = 1e12  # Magnitude of a number in a file at most, chosen by hand.
+_ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)  # ``video_resolution="540p"``.
+_SAME_ROWS = 0.05  # Relative difference of equal numbers of rows: a sensor of 1088 rows records 1080p.
 
 
 def read_qualisys(path: Path) -> StatedCameras:

@@ -21,8 +21,7 @@ from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
 from solver_backend.types import Cameras
 
-OTHER_RATE = 0.01
-"""Relative difference from which frame rates are not the same: 59.94 is 60."""
+OTHER_RATE = 0.01  # Relative difference from which frame rates are not the same: 59.94 is 60.
 
 
 def stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:

@@ -33,8 +33,7 @@ from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.types import Cameras, Capture, PersonInViews
 
-DEFAULT_FPS = 60.0
-"""Frames per second if nothing states them, which is reported as a problem, chosen by hand."""
+DEFAULT_FPS = 60.0  # Frames per second if nothing states them, which is reported as a problem, chosen by hand.
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "

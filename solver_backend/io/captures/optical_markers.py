@@ -30,8 +30,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_labels import prefix_of
 from solver_backend.types import Capture, MarkerCloud
 
-SEPARATOR = ","
-"""Separator of the prefixes of one person."""
+SEPARATOR = ","  # Separator of the prefixes of one person.
 
 
 def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
@@ -173,5 +172,4 @@ def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
     return Reader(reader.kind, reader.recognises, read, reader.takes | {"subject_prefix"})
 
 
-READERS = tuple(map(_as_captures, MARKERS))
-"""A reader of captures for every kind of marker file."""
+READERS = tuple(map(_as_captures, MARKERS))  # A reader of captures for every kind of marker file.

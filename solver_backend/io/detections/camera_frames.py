@@ -14,8 +14,7 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet
 
-People = list[np.ndarray]
-"""(K, 3) x, y in pixels and confidence of each person in one picture, as written."""
+People = list[np.ndarray]  # (K, 3) x, y in pixels and confidence of each person in one picture, as written.
 
 Hands = list[np.ndarray | None]
 """(2, 21, 3) x, y and confidence of each person's left and right hand, as written, or None."""

@@ -17,14 +17,12 @@ from solver_backend.io.recognition.frame_numbers import frame_numbers
 from solver_backend.io.text_table import csv_rows, delimiter_of, heading_of
 from solver_backend.types import JointSet
 
-Cameras = dict[str, Callable[[], CameraFrames]]
-"""Reading of each camera of a table by its name."""
+Cameras = dict[str, Callable[[], CameraFrames]]  # Reading of each camera of a table by its name.
 FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "frameid", "frame_no", "index", "")
 """Headings of the frame number in small letters. Several rows of one frame are several people."""
 CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
 """Headings of the camera's name in small letters, in a table of several cameras."""
-LEAST_POINTS = 8
-"""Points with x and y that a table of a body has at least."""
+LEAST_POINTS = 8  # Points with x and y that a table of a body has at least.
 
 
 def _text(path: Path) -> tuple[str, str]:
@@ -160,8 +158,7 @@ _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "p
 """Headings in small letters, the likeliest first."""
 _LARGEST_NUMBER = 2.0**40
 """Largest frame number. No recording has more, and people's numbers are added to multiples of it."""
-MOST_POINTS = 1000
-"""Largest number of a point. Bodies, hands and faces together have 553."""
+MOST_POINTS = 1000  # Largest number of a point. Bodies, hands and faces together have 553.
 
 
 def has_point_rows(path: Path) -> bool:
@@ -266,8 +263,7 @@ _HEADINGS = {name: name for name in ("scorer", "individuals", "bodyparts", "coor
 """Names of the heading rows."""
 _DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
 """Column of each coordinate. JARVIS' state is 1 or 2 for a point that was placed."""
-_DLC_START_BYTES = 64
-"""Bytes that recognise a file."""
+_DLC_START_BYTES = 64  # Bytes that recognise a file.
 
 
 def is_deeplabcut(path: Path) -> bool:
@@ -345,12 +341,10 @@ def frames_of_columns(
 
 
 # Ultralytics: a file per picture, a line per person with class, box, and x, y, score of each point in shares.
-_BOX = 5
-"""Numbers before the points: class, and centre, width and height of the box."""
+_BOX = 5  # Numbers before the points: class, and centre, width and height of the box.
 _NAME = re.compile(r"(?P<camera>.*?\w.*?)[_\-. ]+(?P<frame>\d{1,18})")
 """``cam01_12``: the video's name and the frame, from 1."""
-_LINE_BYTES = 1 << 14
-"""Bytes within which the first line of a file ends, chosen by hand."""
+_LINE_BYTES = 1 << 14  # Bytes within which the first line of a file ends, chosen by hand.
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:

@@ -19,8 +19,7 @@ from solver_backend.io.files import read_json
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 # Points of one person: OpenPose, EasyMocap, MMPose's and Sapiens' instances, OpenPifPaf, points as objects.
-_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
-"""Names of the body's list, of OpenPose and of its version 1.0."""
+_OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")  # Names of the body's list, of OpenPose and of its version 1.0.
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
 """Names of the hands' lists: of OpenPose and its version 1.0 by side, and of EasyMocap, left and right."""
 _HAND_LISTS = tuple(
@@ -35,8 +34,7 @@ _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
 """Names of a person's points, and of the list of their scores."""
 _SCORE = ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
 """Names of a point's score if it is an object with x and y, as in MediaPipe's and MoveNet's JSON."""
-_BOXES = ("bboxes", "labels")
-"""Keys of MMDetection's picture."""
+_BOXES = ("bboxes", "labels")  # Keys of MMDetection's picture.
 
 
 def _triples(values: object, name: str, where: str) -> np.ndarray:
@@ -213,8 +211,7 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
 
 
 # Points by name.
-_LEAST = 5
-"""Points of the largest person by which the form is recognised."""
+_LEAST = 5  # Points of the largest person by which the form is recognised.
 _PERSON, _PEOPLE = ("keypoints", "landmarks", "points", "joints", "pose"), ("people", "persons", "instances", "poses")
 """Names of a person's points in an object, and of the list of people in a frame."""
 _NUMBERED = re.compile(r"(?:.*\D)?(\d{1,18})(\.\w+)?")
@@ -287,8 +284,7 @@ def _named_point(value: Any) -> tuple[Any, Any, Any]:
 
 
 # Files of pictures.
-LINES = (".jsonl", ".ndjson")
-"""Endings of files that hold a JSON document on each line."""
+LINES = (".jsonl", ".ndjson")  # Endings of files that hold a JSON document on each line.
 _PADDING = re.compile(r"del_(\d{1,18})_\d+")
 """Files without people that Pose2Sim writes where a shifted camera has no frame."""
 _OWN_NAMES = "keypoints.json"

@@ -16,8 +16,7 @@ from solver_backend.io.detections.camera_frames import CameraFrames, Hands, Peop
 from solver_backend.io.files import read_json
 from solver_backend.types import BONES, UNSEEN_POINT, JointSet, OwnPoint
 
-LEAST_KNOWN = 8
-"""Known keypoints of a body among the names at least. Fewer do not determine a pose."""
+LEAST_KNOWN = 8  # Known keypoints of a body among the names at least. Fewer do not determine a pose.
 _SIDES = {word: side for side, words in enumerate(("l left lt", "r right rt")) for word in words.split()}
 """Index in ``SIDES`` of each word."""
 _PARTS = {"foot": "ankle", "hand": "wrist", "bigtoe": "big_toe", "smalltoe": "small_toe", "littletoe": "small_toe"}
@@ -36,14 +35,10 @@ _SIDED = tuple(
 class NamedKeypoints:
     """The columns of a file that hold the keypoints of a joint set."""
 
-    joint_set: JointSet
-    """The set that has most of the names."""
-    columns: tuple[int, ...]
-    """(K,) column of each of its keypoints, -1 if the file has none."""
-    unknown: tuple[str, ...]
-    """Names that the set lacks."""
-    own: tuple[int, ...] = ()
-    """(N,) column of each of the user's own points, -1 if the file has none."""
+    joint_set: JointSet  # The set that has most of the names.
+    columns: tuple[int, ...]  # (K,) column of each of its keypoints, -1 if the file has none.
+    unknown: tuple[str, ...]  # Names that the set lacks.
+    own: tuple[int, ...] = ()  # (N,) column of each of the user's own points, -1 if the file has none.
 
     @property
     def found(self) -> frozenset[str]:
@@ -118,15 +113,13 @@ def _part(word: str) -> str:
     return next((known for known in (*_SIDED, *_WHOLE) if known.replace("_", "") == part), part)
 
 
-LEAST_POINTS = 6
-"""Points of a hand at least, such as its palm and two fingers."""
+LEAST_POINTS = 6  # Points of a hand at least, such as its palm and two fingers.
 _WORDS = ("thumb", "index forefinger fore pointer", "middle mid", "ring", "pinky little pinkie")
 _FINGERS = {word: finger for finger, words in enumerate(_WORDS) for word in words.split()}
 _OF_THUMB = {"cmc": 0, "mcp": 1, "ip": 2, "dip": 2, "tip": 3, "end": 3}
 _OF_FINGER = {"mcp": 0, "knuckle": 0, "base": 0, "pip": 1, "dip": 2, "tip": 3, "end": 3}
 """Place along a finger by word. Numbers count from 1, the thumb's root and the others' knuckles."""
-_ROOTS = ({"hand", "root"}, {"hand", "wrist"})
-"""Words of a hand's point at the wrist."""
+_ROOTS = ({"hand", "root"}, {"hand", "wrist"})  # Words of a hand's point at the wrist.
 _NOISE = {"finger", "hand", "joint", "keypoint", "kp"}
 HAND_LANDMARKS = tuple(f"{side}_{point}" for side in SIDES for point in HAND_POINTS[1:])
 """Names of the points of hands without the wrists."""

@@ -26,8 +26,7 @@ from solver_backend.types import JointSet
 
 # NumPy: (frames, K, 2 or 3) or (frames, people, K, 2 or 3) of one camera, x, y and score. All cameras are an array with
 # one axis more, cameras first, or an archive with an array per camera.
-_LARGEST_SCORE = 1.5
-"""A third number is a score up to this value, and a coordinate in space beyond it."""
+_LARGEST_SCORE = 1.5  # A third number is a score up to this value, and a coordinate in space beyond it.
 MOST_CAMERAS, MOST_PEOPLE = 64, 12
 """Of four axes the first is the cameras' if it is at most this long and the second longer than people are kept."""
 
@@ -106,10 +105,8 @@ def _checked(array: np.ndarray, path: Path) -> np.ndarray:
 # FreeMoCap: (cameras, frames, points, 2 or 3) of MediaPipe's points.
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
 """Folders of a recording that hold the array, in present and earlier versions."""
-BODY_POINTS = 33
-"""MediaPipe's body. The right hand, the left hand and the face follow."""
-_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)
-"""First points of the left and of the right hand."""
+BODY_POINTS = 33  # MediaPipe's body. The right hand, the left hand and the face follow.
+_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)  # First points of the left and of the right hand.
 
 
 def find_array(root: Path) -> Path | None:
@@ -241,8 +238,7 @@ class _PlainUnpickler(pickle.Unpickler):
 
 _SLEAP_NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
 """``labels.v001.000_cam01.analysis.h5`` is of ``cam01``."""
-_PREDICTED = 1
-"""``instance_type`` of a prediction. 0 is of clicked points, which have no score."""
+_PREDICTED = 1  # ``instance_type`` of a prediction. 0 is of clicked points, which have no score.
 
 
 def is_sleap(path: Path) -> bool:

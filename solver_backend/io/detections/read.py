@@ -21,10 +21,8 @@ from solver_backend.io.recognition.frame_numbers import counted_together, shared
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.types import JointSet
 
-MAX_PEOPLE = 12
-"""People kept in a frame of a view: those with the highest total confidence."""
-_PROGRESS_STEP = 250
-"""Frames between reports of progress, chosen by hand."""
+MAX_PEOPLE = 12  # People kept in a frame of a view: those with the highest total confidence.
+_PROGRESS_STEP = 250  # Frames between reports of progress, chosen by hand.
 
 
 @dataclass(frozen=True)

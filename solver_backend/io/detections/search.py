@@ -72,16 +72,14 @@ DETECTION_FOLDERS = (
 """With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
-_LEVELS_BELOW = 2
-"""Depth of such folders: ``cam01/openpose/json``."""
+_LEVELS_BELOW = 2  # Depth of such folders: ``cam01/openpose/json``.
 _ENDINGS = re.compile(
     r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
 )
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
 """Files side by side that may be a camera each. More are frames."""
-_LOOKED_AT = 4096
-"""Bytes of a file that show its program."""
+_LOOKED_AT = 4096  # Bytes of a file that show its program.
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
@@ -95,10 +93,8 @@ _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
 class CameraSource:
     """Place of one camera's detections."""
 
-    path: Path
-    """Folder or file."""
-    frames: Callable[[], CameraFrames]
-    """Lists its frames, raises our own errors."""
+    path: Path  # Folder or file.
+    frames: Callable[[], CameraFrames]  # Lists its frames, raises our own errors.
 
 
 def camera_sources(root: Path) -> dict[str, CameraSource]:
@@ -255,8 +251,7 @@ def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(str(source.path) for source in sources))
 
 
-SESSION_LEVELS = 3
-"""Depth of trials in a session of Pose2Sim: session, participant, trial."""
+SESSION_LEVELS = 3  # Depth of trials in a session of Pose2Sim: session, participant, trial.
 _POSE_MODELS = {joint_set.value: joint_set for joint_set in (JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17)}
 _POSE_MODELS |= {"BODY": JointSet.COCO_17, "HALPE_26": JointSet.HALPE_26, "BODY_WITH_FEET": JointSet.HALPE_26}
 _POSE_MODELS |= dict.fromkeys(("COCO_133", "WHOLE_BODY"), JointSet.COCO_WHOLEBODY_133)
@@ -267,14 +262,10 @@ _POSE_MODELS["BLAZEPOSE"] = JointSet.MEDIAPIPE_33
 class TrialConfig:
     """Values of Pose2Sim's Config.toml that concern reading. The nearest file with a value wins."""
 
-    fps: float | None = None
-    """Frames per second, None if no file states a number."""
-    joint_set: JointSet | None = None
-    """Joint set of ``pose_model``, None if unknown."""
-    frame_range: tuple[int, ...] = ()
-    """Frames that Pose2Sim works on, empty for all."""
-    sources: tuple[str, ...] = ()
-    """Files that were read."""
+    fps: float | None = None  # Frames per second, None if no file states a number.
+    joint_set: JointSet | None = None  # Joint set of ``pose_model``, None if unknown.
+    frame_range: tuple[int, ...] = ()  # Frames that Pose2Sim works on, empty for all.
+    sources: tuple[str, ...] = ()  # Files that were read.
 
 
 def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:

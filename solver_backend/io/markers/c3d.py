@@ -63,42 +63,30 @@ def _unsigned(raw: np.ndarray, processor: Processor) -> np.ndarray:
 
 BLOCK, KEY, MOST_BLOCKS = 512, 0x50, 255
 """Bytes of a block, second byte of every file, and blocks of a parameter section, whose length is one byte."""
-_BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}
-"""Bytes of an element by parameter type: characters, bytes, integers, floats."""
+_BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes of an element by parameter type: characters, bytes, integers, floats.
 
 
 @dataclass(frozen=True)
 class Header:
     """The first block. Counts are unsigned, as files of more than 32,767 frames need them."""
 
-    points: int
-    """Points in a frame."""
-    analog: int
-    """Analog samples in a frame, all channels together."""
-    analog_per_channel: int
-    """Analog samples of one channel in a frame."""
-    first: int
-    """Number of the first frame."""
-    last: int
-    """Number of the last frame, 65,535 if there are more."""
-    scale: float
-    """Units of an integer, negative in files of floats."""
-    data_block: int
-    """Block of the first frame."""
-    rate: float
-    """Frames per second."""
+    points: int  # Points in a frame.
+    analog: int  # Analog samples in a frame, all channels together.
+    analog_per_channel: int  # Analog samples of one channel in a frame.
+    first: int  # Number of the first frame.
+    last: int  # Number of the last frame, 65,535 if there are more.
+    scale: float  # Units of an integer, negative in files of floats.
+    data_block: int  # Block of the first frame.
+    rate: float  # Frames per second.
 
 
 @dataclass(frozen=True)
 class Parameter:
     """One parameter, decoded on demand."""
 
-    kind: int
-    """-1 characters, 1 bytes, 2 integers, 4 floats."""
-    dimensions: tuple[int, ...]
-    """Sizes, the fastest first, empty for a single value."""
-    data: np.ndarray
-    """Its bytes."""
+    kind: int  # -1 characters, 1 bytes, 2 integers, 4 floats.
+    dimensions: tuple[int, ...]  # Sizes, the fastest first, empty for a single value.
+    data: np.ndarray  # Its bytes.
 
     def numbers(self, processor: Processor) -> np.ndarray:
         """Return every value as float64, integers unsigned, and nothing for characters."""
@@ -220,14 +208,11 @@ def _text(raw: np.ndarray) -> str:
         return data.decode("latin-1").strip()
 
 
-_WORDS = 17
-"""Numbers of a segment in a frame: its matrix by columns and its residual."""
-_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}
-"""Skeletons' names of segments."""
+_WORDS = 17  # Numbers of a segment in a frame: its matrix by columns and its residual.
+_SEGMENT_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}  # Skeletons' names of segments.
 _MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Lists of points that are no positions: programs store computed values (joint angles) as points."""
-MOST = 65535
-"""Largest count in the header."""
+MOST = 65535  # Largest count in the header.
 SAME_RATE = 0.02
 """Relative difference of entries of one frame rate at most: 59.94 is 60. No file of 80 recordings has more."""
 
@@ -236,14 +221,10 @@ SAME_RATE = 0.02
 class SegmentOrigins:
     """Origins and rotations of S segments in F frames."""
 
-    positions: np.ndarray
-    """(F, S, 3) in the unit of the file's points, NaN where unseen."""
-    labels: tuple[str, ...]
-    """One per segment, such as ``left_upper_arm``."""
-    turns: np.ndarray
-    """(F, S, 3, 3) rotations from each segment's axes to the file's."""
-    rate: float | None
-    """Frames per second."""
+    positions: np.ndarray  # (F, S, 3) in the unit of the file's points, NaN where unseen.
+    labels: tuple[str, ...]  # One per segment, such as ``left_upper_arm``.
+    turns: np.ndarray  # (F, S, 3, 3) rotations from each segment's axes to the file's.
+    rate: float | None  # Frames per second.
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:

@@ -17,12 +17,9 @@ from solver_backend.types import MarkerCloud
 # Source: the C3D file format user guide (Motion Lab Systems, c3d.org), with the parameters that it requires and no
 # analog data. Counts above 65,535 are in TRIAL:ACTUAL_END_FIELD and in POINT:LONG_FRAMES, because programs look for
 # them in one or the other. More than 255 labels continue in POINT:LABELS2.
-PER_PARAMETER = 255
-"""Most strings in one parameter, and most characters in one."""
-LARGEST_M = 1e30
-"""Largest coordinate. Single precision ends at 3.4e38, including millimetres and the scale."""
-_MM = 1000.0
-"""Millimetres in a metre."""
+PER_PARAMETER = 255  # Most strings in one parameter, and most characters in one.
+LARGEST_M = 1e30  # Largest coordinate. Single precision ends at 3.4e38, including millimetres and the scale.
+_MM = 1000.0  # Millimetres in a metre.
 
 
 @dataclass(frozen=True)
@@ -105,8 +102,7 @@ def _frames(positions: np.ndarray, residual: np.ndarray | None, scale: float) ->
     return values
 
 
-_Value = tuple[int, tuple[int, ...], bytes]
-"""Kind, dimensions and bytes of a parameter."""
+_Value = tuple[int, tuple[int, ...], bytes]  # Kind, dimensions and bytes of a parameter.
 
 
 def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:

@@ -196,8 +196,7 @@ def _motive_poses(bodies: Mapping[str, tuple[int, int]], values: np.ndarray) -> 
 # an empty line. Cells of unseen markers are blank. Z is up.
 SECTIONS = ("trajectories", "joints", "segments", "model outputs", "devices", "events")
 """Sections of a file. Markers are in the first."""
-_SECTION_LINES = 6
-"""Lines of a section within which the row of axes must come."""
+_SECTION_LINES = 6  # Lines of a section within which the row of axes must come.
 
 
 class _Trajectories(NamedTuple):
@@ -306,16 +305,11 @@ def _axes_row(lines: Sequence[str], start: int) -> int | None:
 # Qualisys (QTM user manual, "TSV file formats, motion data"). Lines of a name and its values between tabs, optionally a
 # row of column names, then the frames: optionally frame number and time, then x, y and z of every marker in mm. Cells
 # of unseen markers are blank, "null" or 0. Z is up unless changed.
-FIRST_LINE = "NO_OF_FRAMES"
-"""Beginning of QTM's TSV files."""
-_BODY_NUMBERS = 16
-"""Numbers of a rigid body in a frame of 6D data."""
-_SIX_D = "_6D"
-"""Ending that QTM adds to the name of a file of 6D data."""
-_AGREE = 1e-3
-"""Elements of two equal rotations differ by less."""
-_KINDS = ("Labeled", "Unidentified")
-"""Groups of trajectories in MATLAB files that are read. Discarded ones are not."""
+FIRST_LINE = "NO_OF_FRAMES"  # Beginning of QTM's TSV files.
+_BODY_NUMBERS = 16  # Numbers of a rigid body in a frame of 6D data.
+_SIX_D = "_6D"  # Ending that QTM adds to the name of a file of 6D data.
+_AGREE = 1e-3  # Elements of two equal rotations differ by less.
+_KINDS = ("Labeled", "Unidentified")  # Groups of trajectories in MATLAB files that are read. Discarded ones are not.
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:

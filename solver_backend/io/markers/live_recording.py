@@ -24,52 +24,38 @@ from solver_backend.exchange.outputs import open_regular, require_file
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.io.markers.source import MarkerSource
 
-SUFFIX = ".recording"
-"""Added to the name of the final recording."""
+SUFFIX = ".recording"  # Added to the name of the final recording.
 MARK = b"MMLIVE1\n"
 MOST_POINTS = 400
 """Points of a frame at most. More are no marker cloud of a person."""
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
 _SEARCHED = 64, 1 << 20
 """Bytes searched for the next mark at first and at most, doubled each time."""
-MOST_NUMBERS = 400_000_000
-"""Coordinates of a take at most: 1.6 GB, more than six hours of 60 points at 100 Hz."""
-DEFAULT_RATE = 120.0
-"""Frames per second of a recording without times, chosen by hand."""
+MOST_NUMBERS = 400_000_000  # Coordinates of a take at most: 1.6 GB, more than six hours of 60 points at 100 Hz.
+DEFAULT_RATE = 120.0  # Frames per second of a recording without times, chosen by hand.
 
 
 @dataclass(frozen=True)
 class LiveBlock:
     """One frame."""
 
-    time: float
-    """Seconds on the source's clock."""
-    points: np.ndarray
-    """(N, 3) float32 in the source's unit and axes."""
-    fps: float | None = None
-    """Nominal rate, None if unknown."""
-    to_metres: np.ndarray | None = None
-    """(3, 3) transform of the points to metres, Z up, None if unknown."""
+    time: float  # Seconds on the source's clock.
+    points: np.ndarray  # (N, 3) float32 in the source's unit and axes.
+    fps: float | None = None  # Nominal rate, None if unknown.
+    to_metres: np.ndarray | None = None  # (3, 3) transform of the points to metres, Z up, None if unknown.
 
 
 @dataclass(frozen=True)
 class LiveExtent:
     """Content of a recording up to its end."""
 
-    frames: int
-    """Whole blocks."""
-    most: int
-    """Points in the fullest frame."""
-    rate: float
-    """Frames per second, see ``rate_of``."""
-    last: float
-    """Time of the last frame, NaN without frames."""
-    to_metres: np.ndarray | None
-    """(3, 3) transform of the points to metres, None if unknown."""
-    largest: float
-    """Largest absolute coordinate."""
-    damaged: int
-    """Bytes outside whole blocks."""
+    frames: int  # Whole blocks.
+    most: int  # Points in the fullest frame.
+    rate: float  # Frames per second, see ``rate_of``.
+    last: float  # Time of the last frame, NaN without frames.
+    to_metres: np.ndarray | None  # (3, 3) transform of the points to metres, None if unknown.
+    largest: float  # Largest absolute coordinate.
+    damaged: int  # Bytes outside whole blocks.
 
 
 def pack_block(block: LiveBlock) -> bytes:

@@ -27,10 +27,8 @@ from solver_backend.types import JointSet
 # Three forms are read. Wide with one heading row, ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, ``LASI X
 # (mm)``). Wide with two, the names above the first or each of the columns ``X, Y, Z``. Long with a row per point:
 # ``frame, marker, x, y, z``. Columns of other quantities (anipose's ``LASI_error``, ``LASI_score``) are left out.
-LEAST_POINTS = 4
-"""Points with three columns side by side. A table of fewer shows no person."""
-_HEADING_LINES = 12
-"""Lines within which the headings must come."""
+LEAST_POINTS = 4  # Points with three columns side by side. A table of fewer shows no person.
+_HEADING_LINES = 12  # Lines within which the headings must come.
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
 _FRAMES = ("frame", "frames", "bild", "image", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")

@@ -28,8 +28,7 @@ from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import MarkerCloud
 
-_HEAD_BYTES = 65536
-"""Bytes of a file that show its format."""
+_HEAD_BYTES = 65536  # Bytes of a file that show its format.
 
 
 def _row(
@@ -89,8 +88,7 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
     return reader.open(path, chosen)
 
 
-WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}
-"""By the ending of the files."""
+WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  # By the ending of the files.
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:

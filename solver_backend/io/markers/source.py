@@ -47,20 +47,16 @@ class MarkerTake:
     """Markers under prefixes of their own that name no person: props, perhaps."""
 
 
-ARM_M = 0.1
-"""Distance of the points on a body's axes from its origin, about that of markers on hand-held things."""
+ARM_M = 0.1  # Distance of the points on a body's axes from its origin, about that of markers on hand-held things.
 
 
 @dataclass(frozen=True)
 class RigidBodies:
     """B rigid bodies over F frames, in the unit and axes of their file."""
 
-    names: tuple[str, ...]
-    """One per body."""
-    positions: np.ndarray
-    """(F, B, 3) their origins, NaN where unseen."""
-    rotations: np.ndarray
-    """(F, B, 3, 3) from each body's axes to the file's."""
+    names: tuple[str, ...]  # One per body.
+    positions: np.ndarray  # (F, B, 3) their origins, NaN where unseen.
+    rotations: np.ndarray  # (F, B, 3, 3) from each body's axes to the file's.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
         """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.

@@ -31,10 +31,8 @@ from solver_backend.io.text_table import (
 )
 from solver_backend.types import MarkerCloud
 
-FILE_TYPE = "pathfiletype"
-"""Beginning of the files in small letters."""
-_HEADER_LINES = 20
-"""Lines within which the labels must come."""
+FILE_TYPE = "pathfiletype"  # Beginning of the files in small letters.
+_HEADER_LINES = 20  # Lines within which the labels must come.
 
 
 def read_trc(path: Path) -> MarkerSource:

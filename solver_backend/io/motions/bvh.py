@@ -18,17 +18,12 @@ from solver_backend.io.recognition.marker_unit import metres_in
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-METRES_PER_UNIT = 0.01
-"""BVH states no unit; centimetres are the most common."""
-
-_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000
-"""Bytes of the file and letters of its HIERARCHY."""
+METRES_PER_UNIT = 0.01  # BVH states no unit; centimetres are the most common.
+_LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000  # Bytes of the file and letters of its HIERARCHY.
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
 """Of a skeleton, of a take, and of both multiplied. Memory is 100 bytes per joint and frame."""
-_BLOCK = 1 << 20
-"""Characters that are split at a time, chosen by hand."""
-_AXES = {"X": 0, "Y": 1, "Z": 2}
-"""Column of each axis."""
+_BLOCK = 1 << 20  # Characters that are split at a time, chosen by hand.
+_AXES = {"X": 0, "Y": 1, "Z": 2}  # Column of each axis.
 
 
 @dataclass(frozen=True)

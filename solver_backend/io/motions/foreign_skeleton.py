@@ -24,8 +24,7 @@ from solver_backend.io.recognition.marker_unit import METRES, metres_in
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
-_LARGEST = 2_000_000_000
-"""Bytes of an MVNX file at most. An hour of a take has about 1.5 GB."""
+_LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has about 1.5 GB.
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
@@ -154,8 +153,7 @@ _THEIA = _segment_table(
     "right_",
 )
 """Segments of C3D files, as ``read_segments`` names them."""
-_LEAST_SEEN = 0.5
-"""Share of the frames that show a segment at least."""
+_LEAST_SEEN = 0.5  # Share of the frames that show a segment at least.
 
 
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
@@ -219,15 +217,12 @@ _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part i
 _READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")
 """Files of points without rotations, such as FreeMoCap's tables."""
-_LEAST_SIZE = 1e-6
-"""Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall."""
-_MOST_M = 1e4
-"""Metres from the origin at most."""
+_LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
+_MOST_M = 1e4  # Metres from the origin at most.
 _APART_DEG, _TIMES = 25.0, 3.0
 """Turn of a joint after the first frame, and its multiple of the largest turn in the frames that follow, from which the
 first frame is separate. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
-_FOLLOWING = 12
-"""Frames that are compared with the first step."""
+_FOLLOWING = 12  # Frames that are compared with the first step.
 
 
 def read_foreign_bvh(

@@ -23,12 +23,9 @@ from solver_backend.io.text_table import ROWS_LOOKED_AT, decimal_comma, heading_
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
 
-_LARGEST = 512_000_000
-"""Bytes of a table at most."""
-_LEAST_FRAMES = 2
-"""Frames that give a frame rate."""
-_LEAST_PALM = 1e-6
-"""Distance of the wrist from the knuckles in any unit at least."""
+_LARGEST = 512_000_000  # Bytes of a table at most.
+_LEAST_FRAMES = 2  # Frames that give a frame rate.
+_LEAST_PALM = 1e-6  # Distance of the wrist from the knuckles in any unit at least.
 _BENDS = np.array([name.endswith(("pip_flexion", "dip_flexion")) and not name.startswith("thumb") for name in ANGLES])
 """Joints that bend one way only."""
 _MIRROR = np.array([-1.0, 1.0, 1.0])
@@ -112,8 +109,7 @@ def _read_manus(path: Path, side: str) -> GloveTake:
     return GloveTake(path.stem, times, angles, palms)
 
 
-_ROKOKO_TIME = "Timestamp"
-"""Milliseconds."""
+_ROKOKO_TIME = "Timestamp"  # Milliseconds.
 _ROKOKO_JOINTS = {"mcp": "Metacarpophalangeal", "pip": "ProximalInterphalangeal", "dip": "DistalInterphalangeal"}
 _ROKOKO_FLEXIONS = {
     f"{finger}_{joint}_flexion": f"Digit{n}{name}"

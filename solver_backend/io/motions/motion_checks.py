@@ -23,8 +23,7 @@ OUTSIDE_DEG, OUTSIDE_SHARE = 45.0, 0.01
 0.1 % of CMU's frames is beyond, and one of 73 clips, with a wrongly converted skeleton, has this share."""
 LARGEST_BETA = 4.0
 """Standard deviations of people, the scale of SMPL's shape coefficients. 1 person in 16,000 has more."""
-FASTEST_M_S = 20.0
-"""Speed of the pelvis. The fastest runners reach 12.5 m/s."""
+FASTEST_M_S = 20.0  # Speed of the pelvis. The fastest runners reach 12.5 m/s.
 
 AnyMotion = Motion | AmassClip | BvhClip
 

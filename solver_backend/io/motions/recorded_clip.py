@@ -27,8 +27,7 @@ class SkeletonMap:
     """(joint, parent, child): SMPL joints that the recording lacks, which turn halfway between two others."""
 
 
-HIP_SPLAY = 0.3665
-"""Spread of each leg in the zero pose of the CMU skeletons, 21 degrees in rad."""
+HIP_SPLAY = 0.3665  # Spread of each leg in the zero pose of the CMU skeletons, 21 degrees in rad.
 _ZERO_POSE = (
     ("LeftUpLeg", (0.0, 0.0, -HIP_SPLAY)),
     ("RightUpLeg", (0.0, 0.0, HIP_SPLAY)),

@@ -32,8 +32,7 @@ from solver_backend.types import (
 _TRUTH = "truth_"
 _EVERYBODYS = ("xy", "confidence", "own")
 """Fields of keypoints that are stored for every person."""
-ROUNDING = 1e-5
-"""Negative part of a covariance in single precision at most, relative to its largest variance."""
+ROUNDING = 1e-5  # Negative part of a covariance in single precision at most, relative to its largest variance.
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """

@@ -12,10 +12,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 PER_CENT = 100.0
 _LOW, _SURE = 0.5, 0.95
 """Confidences are relative: if this quantile of the seen keypoints is below the first number, it counts as certain."""
-_TYPICAL_PER_CENT = 10.0
-"""Per cent are typically above this. Other scores beyond 1 reach a few units."""
-_FEWEST = 100
-"""Points that show a scale."""
+_TYPICAL_PER_CENT = 10.0  # Per cent are typically above this. Other scores beyond 1 reach a few units.
+_FEWEST = 100  # Points that show a scale.
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
@@ -38,12 +36,10 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     return clipped, (diagnostic("confidence_rescaled", how="above", severity=Severity.NOTE, largest=largest),), ()
 
 
-_LEAST_SHARE = 0.01
-"""Least share of all points in one place."""
+_LEAST_SHARE = 0.01  # Least share of all points in one place.
 _MOST_KEYPOINTS = 0.5
 """Least share of the kinds of keypoints that are there at some time. A body has no two keypoints in one place."""
-_SAMPLE = 20_000
-"""Points that are searched."""
+_SAMPLE = 20_000  # Points that are searched.
 
 
 def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
@@ -69,12 +65,9 @@ def placeholder(xy: np.ndarray, confidence: np.ndarray) -> np.ndarray | None:
     return place
 
 
-_LARGEST = 2.0
-"""Shares of the picture are within 0..1 or a little outside. No person is two pixels large."""
-_QUANTILE = 0.99
-"""Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures."""
-_CENTRED = 0.1
-"""Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges."""
+_LARGEST = 2.0  # Shares of the picture are within 0..1 or a little outside. No person is two pixels large.
+_QUANTILE = 0.99  # Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures.
+_CENTRED = 0.1  # Share of coordinates below 0 that shows an origin in the picture's centre: few are beyond the edges.
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:

@@ -14,10 +14,8 @@ from solver_backend.types import Capture, MarkerCloud
 _DIGITS = re.compile(r"\d+")
 _MOST_DIGITS = 18
 """A longer number is a hash or a serial number, and overflows an integer."""
-_STEP_OF_TIMES = 10
-"""Typical step of numbers that do not count frames."""
-_SPARSEST, _FREE = 100, 1000
-"""Largest span of numbers: so many per file, plus a constant."""
+_STEP_OF_TIMES = 10  # Typical step of numbers that do not count frames.
+_SPARSEST, _FREE = 100, 1000  # Largest span of numbers: so many per file, plus a constant.
 
 
 def frame_numbers(stems: Sequence[str], *, where: str) -> np.ndarray:

@@ -22,24 +22,19 @@ with shanks (de Leva 1996, mean of both sexes)."""
 HEAD_MASS = 0.068
 CARRIES_AT = 0.45
 """Place between heel and toe that carries a standing person. With the middle, recorded people seem to lean."""
-AHEAD_M = 0.05
-"""Distance of that place in front of the ankle if neither heels nor toes are known."""
+AHEAD_M = 0.05  # Distance of that place in front of the ankle if neither heels nor toes are known.
 CARRIES_M = 0.04
 """Height above the other foot at which a foot carries with a weight of ``exp(-1/2)`` if up is known well."""
-LEAST_HEIGHT = 0.7
-"""Least height of the centre of mass above the feet of a standing person, in lengths of the leg."""
+LEAST_HEIGHT = 0.7  # Least height of the centre of mass above the feet of a standing person, in lengths of the leg.
 
 
 @dataclass(frozen=True)
 class BalancePoints:
     """Mass and support of F frames, in the points' unit."""
 
-    centre: Float[np.ndarray, "frames 3"]
-    """(F, 3) centre of mass."""
-    feet: Float[np.ndarray, "2 frames 3"]
-    """(2, F, 3) supporting points of the left and the right sole."""
-    leg: float
-    """Length of a leg, hip to ankle."""
+    centre: Float[np.ndarray, "frames 3"]  # (F, 3) centre of mass.
+    feet: Float[np.ndarray, "2 frames 3"]  # (2, F, 3) supporting points of the left and the right sole.
+    leg: float  # Length of a leg, hip to ankle.
 
 
 def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
@@ -128,31 +123,23 @@ LEANS_SIGMA = np.radians(12.0)
 """Frames that lean by more show a person who runs, leaps or turns over, and little of gravity."""
 APART_SIGMAS = 1.4
 """Multiple of ``BODY_SIGMA`` beyond which body and balance contradict each other, and neither is believed."""
-FOOT_SIGMA_M = 0.02
-"""Deviation of a standing foot's keypoint from its usual height."""
-FRAMES_PER_STEP, FPS = 14, 30.0
-"""Frames that show the same of the floor, and their rate per second."""
-LOWEST = 0.15
-"""Share of a foot's heights below the floor, by noise."""
+FOOT_SIGMA_M = 0.02  # Deviation of a standing foot's keypoint from its usual height.
+FRAMES_PER_STEP, FPS = 14, 30.0  # Frames that show the same of the floor, and their rate per second.
+LOWEST = 0.15  # Share of a foot's heights below the floor, by noise.
 _ROUNDS, _PASSES = 40, 5
 _LARGEST_STEP = 0.15
 """Change of the floor's slope in one step at most, radians, chosen by hand."""
-_SURE_TILT = np.radians(4.0)
-"""Tilt that counts as sure at least, radians, chosen by hand."""
+_SURE_TILT = np.radians(4.0)  # Tilt that counts as sure at least, radians, chosen by hand.
 
 
 @dataclass(frozen=True)
 class Upright:
     """A rigid move into a world with Z up and the floor at zero: ``x_new = R x_old + t``."""
 
-    R: Float[np.ndarray, "3 3"]
-    """(3, 3)."""
-    t: Float[np.ndarray, " 3"]
-    """(3,) metres."""
-    tilt_sigma: float
-    """Expected root mean square of the angle between the world's up and gravity, radians."""
-    walked_m: float
-    """Root mean square of the feet's distance from their middle on the floor."""
+    R: Float[np.ndarray, "3 3"]  # (3, 3).
+    t: Float[np.ndarray, " 3"]  # (3,) metres.
+    tilt_sigma: float  # Expected root mean square of the angle between the world's up and gravity, radians.
+    walked_m: float  # Root mean square of the feet's distance from their middle on the floor.
 
 
 def upright_from_person(
@@ -302,19 +289,14 @@ def fit_floor(
 
 FLOOR_SIGMA = np.radians(1.5)
 """Deviation of a floor from level, with the tilt by keypoints of feet beyond their scatter."""
-ROLL_SIGMA = np.radians(4.0)
-"""Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°."""
-WITNESS_MOST = 25.0
-"""Most that one witness adds, in squared standard deviations."""
-CONTRADICTS = 4.0
-"""Squared deviations from which a witness counts, for or against."""
+ROLL_SIGMA = np.radians(4.0)  # Roll of cameras that are set up by eye. The Pose2Sim demo has 2.5, 2.6, 12 and 24°.
+WITNESS_MOST = 25.0  # Most that one witness adds, in squared standard deviations.
+CONTRADICTS = 4.0  # Squared deviations from which a witness counts, for or against.
 SURE, SURE_WITHOUT_FLOOR = 16.0, 9.0
 """Squared deviations that all witnesses must show together. Fewer are needed if the calibration's floor is not under
 the feet either."""
-OFF_FLOOR_M = 0.15
-"""Least distance of feet from a floor that they do not touch."""
-LEAST_TILT = np.radians(4.0)
-"""A smaller tilt is usual for people and floors, and is kept."""
+OFF_FLOOR_M = 0.15  # Least distance of feet from a floor that they do not touch.
+LEAST_TILT = np.radians(4.0)  # A smaller tilt is usual for people and floors, and is kept.
 _LEVEL_ROUNDS = 10
 BELOW_M = 0.25
 """Least depth of feet below a wrong floor. Slopes and stairs are less deep near the origin."""

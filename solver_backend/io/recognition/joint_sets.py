@@ -18,17 +18,14 @@ _BONES: tuple[tuple[str, str], ...] = (
 )  # fmt: skip
 """Pairs of near keypoints in every pose. A wrong vocabulary pairs distant points."""
 
-SAMPLED_PEOPLE = 2000
-"""Most detections that are used."""
-CLEAR_RATIO = 1.15
-"""The best set is clear when the next one's bones are this many times longer."""
+SAMPLED_PEOPLE = 2000  # Most detections that are used.
+CLEAR_RATIO = 1.15  # The best set is clear when the next one's bones are this many times longer.
 UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
 to 0.19 in its own order, and 0.42 to 0.57 in the median of others; who crouches comes near."""
 HANDS_ALONE = "Hands alone are not solved, for they lie at the wrists of a body: detect that too."
 """Advice for files of hands."""
-_ENOUGH = 10
-"""Least people for a warning."""
+_ENOUGH = 10  # Least people for a warning.
 
 
 def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:

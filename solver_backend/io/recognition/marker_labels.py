@@ -53,8 +53,7 @@ def unique_labels(labels: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ..
     return tuple(unique), tuple(label for label, times in counts.items() if times > 1)
 
 
-UNPREFIXED = "Unprefixed"
-"""Subject of the labels without a prefix, where they are another person's."""
+UNPREFIXED = "Unprefixed"  # Subject of the labels without a prefix, where they are another person's.
 _FIRST = re.compile(r"(?P<subject>[^:]+?)[ ._-](?P<name>.+)")
 _LAST = re.compile(r"(?P<name>.+)[ ._-](?P<subject>[^:]+?)")
 _COLON_LAST = re.compile(r"(?P<name>[^:]+):(?P<subject>[^:]+)")

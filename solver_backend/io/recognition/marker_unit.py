@@ -12,8 +12,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.arrays import quantile
 from solver_backend.io.recognition.marker_up_axis import raised_part
 
-METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}
-"""Metres in a unit."""
+METRES: dict[str, float] = {"m": 1.0, "cm": 0.01, "mm": 0.001, "inch": 0.0254, "foot": 0.3048}  # Metres in a unit.
 
 
 def metres_in(unit: str) -> float:
@@ -32,8 +31,7 @@ def metres_in(unit: str) -> float:
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
 """Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""
-PERSON_M = (0.25, 4.0)
-"""Spread of the markers of a person, in metres."""
+PERSON_M = (0.25, 4.0)  # Spread of the markers of a person, in metres.
 STATED_FACTOR = 2.0
 """By so much more than people's may parts of a body be apart in the unit that a file states, as with two people in it:
 units that are taken for another are mostly ten times as large."""
@@ -46,12 +44,9 @@ _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m
 class Unit:
     """A length unit and how it was found."""
 
-    name: str
-    """A key of ``METRES``."""
-    note: Diagnostic
-    """How it was found."""
-    problem: Diagnostic | None = None
-    """What is wrong with the file's own statement, None if nothing is."""
+    name: str  # A key of ``METRES``.
+    note: Diagnostic  # How it was found.
+    problem: Diagnostic | None = None  # What is wrong with the file's own statement, None if nothing is.
 
     @property
     def metres(self) -> float:

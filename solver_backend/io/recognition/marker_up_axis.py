@@ -51,21 +51,16 @@ def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
     return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)
 
 
-UPRIGHT = 2.0
-"""Least length ratio of a standing body's axis to every other axis."""
-LEANING = 1.2
-"""The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0."""
-FLOOR_M = 0.3
-"""Largest height of a standing person's feet."""
-LYING_M = 0.4
-"""Largest height of a person on the floor."""
+UPRIGHT = 2.0  # Least length ratio of a standing body's axis to every other axis.
+LEANING = 1.2  # The same in the axes of a camera that looks down by up to 40 degrees, without a floor at 0.
+FLOOR_M = 0.3  # Largest height of a standing person's feet.
+LYING_M = 0.4  # Largest height of a person on the floor.
 PERSON_FACTOR = 2.0
 """By so much less and more than people's may two parts of a body be apart: those of a person who is coiled up, and the
 tallest in a unit that is not far off."""
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where a person may also lie along the axis."""
-_USUAL = ("y", "z")
-"""Axes that point up in nearly all files: who is long along another one may lie."""
+_USUAL = ("y", "z")  # Axes that point up in nearly all files: who is long along another one may lie.
 
 _LEVELS = tuple(
     re.compile(rf"([LR]|LEFT|RIGHT)?({words})(L|R|LEFT|RIGHT)?")
@@ -94,12 +89,9 @@ their distance: the least of children of one metre, who may crouch, an adult's, 
 class UpAxis:
     """An axis and how it was found."""
 
-    name: str
-    """A key of ``UP_AXES``."""
-    note: Diagnostic
-    """How it was found."""
-    problem: Diagnostic | None = None
-    """What is wrong with the file's own statement, None if nothing is."""
+    name: str  # A key of ``UP_AXES``.
+    note: Diagnostic  # How it was found.
+    problem: Diagnostic | None = None  # What is wrong with the file's own statement, None if nothing is.
 
 
 def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str) -> UpAxis:

@@ -15,22 +15,17 @@ from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
-TILT_DEG = 30.0
-"""Between the up of calibration and person. The lifter errs by 3 to 10 degrees."""
+TILT_DEG = 30.0  # Between the up of calibration and person. The lifter errs by 3 to 10 degrees.
 
 
 @dataclass(frozen=True)
 class OneCameraWorld:
     """A single camera in a world with an upright person."""
 
-    camera: Cameras
-    """One camera."""
-    notes: tuple[Diagnostic, ...] = ()
-    """Changes that the settings asked for."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Changes that nobody asked for."""
-    from_person: bool = False
-    """Up, floor and scale are the person's."""
+    camera: Cameras  # One camera.
+    notes: tuple[Diagnostic, ...] = ()  # Changes that the settings asked for.
+    problems: tuple[Diagnostic, ...] = ()  # Changes that nobody asked for.
+    from_person: bool = False  # Up, floor and scale are the person's.
 
 
 def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> OneCameraWorld:

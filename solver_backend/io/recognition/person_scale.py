@@ -29,18 +29,12 @@ length in the T-pose: arms that hang lower the shoulders. Medians of eight takes
 within 0.01."""
 ACROSS = {("left_shoulder", "right_shoulder"): 0.97, ("left_hip", "right_hip"): 0.987}
 """The same of ends on both sides."""
-LEG_SHARE = 0.491
-"""Thigh and shank together over the stature (Drillis and Contini 1966)."""
-LENGTH_SIGMA_M = 0.012
-"""Deviation of a detector's length from the body's."""
-STATURE_SIGMA_M = 0.005
-"""Error of a stated stature."""
-MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
-"""Of adults, where it is not given (NCD-RisC 2016, both sexes)."""
-_ROUNDS = 20
-"""Rounds of reweighting, chosen by hand."""
-_LEAST_LENGTH = 1e-6
-"""Of the longest bone by the size of the world, below which all keypoints are one point."""
+LEG_SHARE = 0.491  # Thigh and shank together over the stature (Drillis and Contini 1966).
+LENGTH_SIGMA_M = 0.012  # Deviation of a detector's length from the body's.
+STATURE_SIGMA_M = 0.005  # Error of a stated stature.
+MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09  # Of adults, where it is not given (NCD-RisC 2016, both sexes).
+_ROUNDS = 20  # Rounds of reweighting, chosen by hand.
+_LEAST_LENGTH = 1e-6  # Of the longest bone by the size of the world, below which all keypoints are one point.
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
@@ -160,15 +154,12 @@ def _statures(body: Body) -> tuple[float, np.ndarray]:
     return of(np.zeros(10)), np.array([(of(e) - of(-e)) / 2 for e in np.eye(10)])
 
 
-STATURES_M = (1.25, 2.15)
-"""Statures that confirm a unit."""
-POSSIBLE_M = (0.6, 2.9)
-"""Statures of children and giants, which keep the unit that the cameras' distance suggests."""
+STATURES_M = (1.25, 2.15)  # Statures that confirm a unit.
+POSSIBLE_M = (0.6, 2.9)  # Statures of children and giants, which keep the unit that the cameras' distance suggests.
 UNIT_STATURE_M = 1.7
 ARRAY_M = 6.0
 """Width of cameras in triangulation, which has limits in metres."""
-OFF_LINE = 0.05
-"""Largest median residual of agreeing views, in the person's extent."""
+OFF_LINE = 0.05  # Largest median residual of agreeing views, in the person's extent.
 _UNITS = ("m", "cm", "mm", "inch")
 """Units that exclude each other by the person's size. Feet do not: 5.8 of them may be 5.8 squares of a board, or units
 of structure from motion."""
@@ -178,12 +169,9 @@ of structure from motion."""
 class PersonUnit:
     """Cameras in the unit that the person shows."""
 
-    cameras: Cameras
-    """In metres, where a known unit explains the person."""
-    to_plausible: float = 1.0
-    """Factor on lengths for finding people, 1 if the person has a possible size."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Corrections."""
+    cameras: Cameras  # In metres, where a known unit explains the person.
+    to_plausible: float = 1.0  # Factor on lengths for finding people, 1 if the person has a possible size.
+    problems: tuple[Diagnostic, ...] = ()  # Corrections.
 
 
 def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") -> PersonUnit:

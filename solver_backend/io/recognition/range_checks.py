@@ -32,10 +32,8 @@ Find = Callable[[Capture], Iterator[Diagnostic]]
 class RangeCheck:
     """One check."""
 
-    find: Find
-    """Yields findings. An error rejects the capture, a warning is one of its problems."""
-    error: type[MocapError] = CaptureInvalid
-    """Raised for errors."""
+    find: Find  # Yields findings. An error rejects the capture, a warning is one of its problems.
+    error: type[MocapError] = CaptureInvalid  # Raised for errors.
 
 
 def checked(capture: Capture) -> Capture:

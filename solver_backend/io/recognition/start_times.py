@@ -18,22 +18,17 @@ from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.frame_numbers import cut_frames, different_frames
 from solver_backend.types import Cameras, Capture, stacked_hands
 
-SOLVED_S, SOLVED_FRAMES = 0.2, 10
-"""The solve corrects smaller delays, to parts of a frame."""
+SOLVED_S, SOLVED_FRAMES = 0.2, 10  # The solve corrects smaller delays, to parts of a frame.
 
 
 @dataclass(frozen=True)
 class InTime:
     """Detections with one moment of all cameras per row."""
 
-    detections: Detections
-    """The kept frames."""
-    first_rows: tuple[int, ...] = ()
-    """First row of each camera. Empty if all begin with their first."""
-    notes: tuple[Diagnostic, ...] = ()
-    """Assumptions."""
-    problems: tuple[Diagnostic, ...] = ()
-    """Warnings for the user."""
+    detections: Detections  # The kept frames.
+    first_rows: tuple[int, ...] = ()  # First row of each camera. Empty if all begin with their first.
+    notes: tuple[Diagnostic, ...] = ()  # Assumptions.
+    problems: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
 
 def reads_apart(options: ReadOptions) -> bool:

@@ -40,8 +40,7 @@ LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 FAR_OFF_PX = 100.0
 """Least shift of a camera that refining cannot correct."""
-BIAS_FRAMES, BIAS_CAMERAS = 40, 24
-"""Frames in which each camera is compared with the others. Fewer with more cameras."""
+BIAS_FRAMES, BIAS_CAMERAS = 40, 24  # Frames in which each camera is compared with the others. Fewer with more cameras.
 _CODES = frozenset(
     {
         "person_triangulated",
@@ -235,8 +234,7 @@ def _is_upright(named: dict[str, np.ndarray]) -> tuple[float, float, float]:
 
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z that needs no closer look if the floor is under the feet."""
-SAME_SCALE = 0.2
-"""Logarithm of a scale that does not change the found people."""
+SAME_SCALE = 0.2  # Logarithm of a scale that does not change the found people.
 OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
 """Logarithm of a scale, and its standard deviations, beyond which a given stature contradicts a calibration with a
 possible person. A badly measured board stays within them."""

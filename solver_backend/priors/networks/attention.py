@@ -6,10 +6,8 @@ import numpy as np
 
 from solver_backend.geometry.arrays import times_transposed
 
-Arrays = dict[str, np.ndarray]
-"""Parameters by name."""
-_EPSILON = np.float32(1e-5)
-"""Keeps a root mean square from zero, as the training has it."""
+Arrays = dict[str, np.ndarray]  # Parameters by name.
+_EPSILON = np.float32(1e-5)  # Keeps a root mean square from zero, as the training has it.
 
 
 def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray | None = None) -> np.ndarray:

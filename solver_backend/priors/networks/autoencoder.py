@@ -23,8 +23,7 @@ from solver_backend.priors.base import (
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.types.shapes import Float
 
-_BLOCK = 64
-"""Poses whose Jacobians are formed at a time, so that the layers' derivatives stay in the cache."""
+_BLOCK = 64  # Poses whose Jacobians are formed at a time, so that the layers' derivatives stay in the cache.
 
 
 def decoded_rotations(decoder: DenseStack, z: Codes) -> Poses:

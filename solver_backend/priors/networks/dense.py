@@ -12,18 +12,15 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant, tim
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")
 """Names of the activations: ``x sigmoid(x)``; ``x`` or ``exp(x) - 1``; ``x`` or ``0.01 x``."""
-LEAK = 0.01
-"""Slope of LeakyReLU below zero, torch's default, which training uses."""
+LEAK = 0.01  # Slope of LeakyReLU below zero, torch's default, which training uses.
 
 
 @dataclass(frozen=True)
 class DenseStack:
     """``x -> W_n a(... a(W_1 x + b_1) ...) + b_n``; an activation after the last layer only if asked for."""
 
-    weights: tuple[Array, ...]
-    """(out, in) each."""
-    biases: tuple[Array, ...]
-    """(out,) each."""
+    weights: tuple[Array, ...]  # (out, in) each.
+    biases: tuple[Array, ...]  # (out,) each.
     activation: str
     activate_last: bool = False
 

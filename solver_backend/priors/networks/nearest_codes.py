@@ -14,8 +14,7 @@ TURN_M = 0.07
 """A joint's turn counts like the way of a point so far from it: what skin and keypoints about a joint move."""
 DAMPING = 0.1
 """Against the mean curvature over the code's directions: those that hardly move the body keep the encoder's value."""
-_BLOCK = 256
-"""Poses whose equations are formed at a time."""
+_BLOCK = 256  # Poses whose equations are formed at a time.
 
 
 def nearer_codes(decode: Callable[[Codes], tuple[Poses, CodeJacobian]], rotations: Poses, z: Codes) -> Codes:

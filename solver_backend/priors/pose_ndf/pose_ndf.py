@@ -34,22 +34,17 @@ from solver_backend.priors.base import (
 )
 from solver_backend.priors.weights import ASSETS, PriorWeights, read_weights
 
-WIDENED = 1.75
-"""Factor of the recorded spread: the projection draws joints together again."""
-_INSIDE = 0.08
-"""Share of a joint's range that is kept clear at both ends, for the projection to move in."""
-_LEAST_RAD = 0.01
-"""Standard deviation that is added to every axis, radians; chosen by hand."""
+WIDENED = 1.75  # Factor of the recorded spread: the projection draws joints together again.
+_INSIDE = 0.08  # Share of a joint's range that is kept clear at both ends, for the projection to move in.
+_LEAST_RAD = 0.01  # Standard deviation that is added to every axis, radians; chosen by hand.
 
 
 @dataclass(frozen=True)
 class JointSpread:
     """A normal distribution of every joint's rotation vector on its own."""
 
-    mean: np.ndarray
-    """(21, 3) rad."""
-    factor: np.ndarray
-    """(21, 3, 3) rad: lower Cholesky factors of the covariances."""
+    mean: np.ndarray  # (21, 3) rad.
+    factor: np.ndarray  # (21, 3, 3) rad: lower Cholesky factors of the covariances.
 
     @classmethod
     def of(cls, rotations: np.ndarray) -> JointSpread:
@@ -69,18 +64,15 @@ class JointSpread:
         return from_swing_and_twist(np.clip(angles, low + clear, high - clear))
 
 
-SHARPNESS = 20.0
-"""The factor β of ``softplus(x) = log(1 + exp(β x)) / β``."""
+SHARPNESS = 20.0  # The factor β of ``softplus(x) = log(1 + exp(β x)) / β``.
 
 
 @dataclass(frozen=True)
 class SoftplusStack:
     """``x -> W_n s(... s(W_1 x + b_1) ...) + b_n``, with a softplus after the last layer too if it must be positive."""
 
-    weights: tuple[Array, ...]
-    """(out, in) each."""
-    biases: tuple[Array, ...]
-    """(out,) each."""
+    weights: tuple[Array, ...]  # (out, in) each.
+    biases: tuple[Array, ...]  # (out,) each.
     last_is_positive: bool = False
 
     def like(self, x: Array) -> SoftplusStack:
@@ -181,16 +173,11 @@ class PoseField:
     Reference: Tiwari et al. 2022, "Pose-NDF", eq. 3.
     """
 
-    w0: Array
-    """(21, H, 4 + l)."""
-    b0: Array
-    """(21, H)."""
-    w1: Array
-    """(21, l, H)."""
-    b1: Array
-    """(21, l)."""
-    distance: SoftplusStack
-    """21 l -> 1, positive; its inputs are the features in the order of the tree's levels."""
+    w0: Array  # (21, H, 4 + l).
+    b0: Array  # (21, H).
+    w1: Array  # (21, l, H).
+    b1: Array  # (21, l).
+    distance: SoftplusStack  # 21 l -> 1, positive; its inputs are the features in the order of the tree's levels.
 
     def like(self, x: Array) -> PoseField:
         """Return the network in the kind, type and device of ``x``."""
@@ -267,10 +254,8 @@ _UNIT_WITHIN = 1e-3
 """Largest error of a quaternion's length that still counts as a unit quaternion."""
 
 
-RECORDED_RAD = 0.4
-"""How far the recorded poses of one person lie from those of all others (median)."""
-_ARRIVED = 1e-3
-"""rad; no distance, and no way worth going."""
+RECORDED_RAD = 0.4  # How far the recorded poses of one person lie from those of all others (median).
+_ARRIVED = 1e-3  # rad; no distance, and no way worth going.
 
 
 @dataclass(frozen=True)

@@ -22,36 +22,27 @@ from solver_backend.sensors.acquisition.blobs import (
 from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
-GROUP_M = 128.0
-"""More than any depth of 16 bits in millimetres, in metres."""
-NORMAL_MAD = 1.4826
-"""Standard deviation of a normal distribution by its median absolute deviation."""
+GROUP_M = 128.0  # More than any depth of 16 bits in millimetres, in metres.
+NORMAL_MAD = 1.4826  # Standard deviation of a normal distribution by its median absolute deviation.
 
 
 @dataclass(frozen=True)
 class Ring:
     """R pixels of all rings."""
 
-    pixel: np.ndarray
-    """(R,) flat indices."""
-    owner: np.ndarray
-    """(R,) index of the blob."""
-    depth: np.ndarray
-    """(R,) metres."""
+    pixel: np.ndarray  # (R,) flat indices.
+    owner: np.ndarray  # (R,) index of the blob.
+    depth: np.ndarray  # (R,) metres.
 
 
 @dataclass(frozen=True)
 class RingDepths:
     """Depths of the rings of N blobs."""
 
-    depth: np.ndarray
-    """(N,) metres along the axis, NaN where too few pixels have a depth."""
-    count: np.ndarray
-    """(N,) number of depths that agree."""
-    spread: np.ndarray
-    """(N,) standard deviation of them in metres, by their median absolute deviation."""
-    rough: np.ndarray
-    """(N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree."""
+    depth: np.ndarray  # (N,) metres along the axis, NaN where too few pixels have a depth.
+    count: np.ndarray  # (N,) number of depths that agree.
+    spread: np.ndarray  # (N,) standard deviation of them in metres, by their median absolute deviation.
+    rough: np.ndarray  # (N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree.
 
     def take_over(self, other: RingDepths, rows: np.ndarray) -> None:
         """Copy the depths of the blobs with indices ``rows`` from another result."""
@@ -246,8 +237,7 @@ def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], mode
     return table
 
 
-_STEPS = 6
-"""Steps of k-means. Chosen by hand."""
+_STEPS = 6  # Steps of k-means. Chosen by hand.
 
 
 def split_merged(blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray) -> tuple[Blobs, Ring, np.ndarray]:
@@ -355,8 +345,7 @@ class SensorSightings:
         return len(self.px)
 
 
-SUNLIGHT = "sensor_sunlight"
-"""Code of a frame without markers because of sunlight, a window or a lamp."""
+SUNLIGHT = "sensor_sunlight"  # Code of a frame without markers because of sunlight, a window or a lamp.
 MEDIAN_LOSS = 1.25
 """Ratio of the standard deviations of a median and a mean. The ring's mean about the median is no worse."""
 

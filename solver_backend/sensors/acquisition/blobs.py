@@ -150,12 +150,9 @@ def joined(count: int, a: np.ndarray, b: np.ndarray) -> tuple[np.ndarray, int]:
 class Blobs:
     """N blobs of P pixels."""
 
-    pixel: np.ndarray
-    """(P,) flat indices."""
-    owner: np.ndarray
-    """(P,) index of the blob."""
-    weight: np.ndarray
-    """(P,) counts above the threshold."""
+    pixel: np.ndarray  # (P,) flat indices.
+    owner: np.ndarray  # (P,) index of the blob.
+    weight: np.ndarray  # (P,) counts above the threshold.
     count: int
     width: int
 
@@ -164,16 +161,11 @@ class Blobs:
 class Shapes:
     """Moments of N blobs."""
 
-    centre: np.ndarray
-    """(N, 2) px, weighted by counts above the threshold."""
-    area: np.ndarray
-    """(N,) pixels."""
-    middle: np.ndarray
-    """(N, 2) px, unweighted."""
-    long: np.ndarray
-    """(N,) px², variance along the longer axis."""
-    axis: np.ndarray
-    """(N, 2) unit vector of that axis."""
+    centre: np.ndarray  # (N, 2) px, weighted by counts above the threshold.
+    area: np.ndarray  # (N,) pixels.
+    middle: np.ndarray  # (N, 2) px, unweighted.
+    long: np.ndarray  # (N,) px², variance along the longer axis.
+    axis: np.ndarray  # (N, 2) unit vector of that axis.
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:

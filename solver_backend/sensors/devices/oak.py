@@ -18,8 +18,7 @@ from solver_backend.exchange.errors import BackendMissing, CalibrationMissing, C
 from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
 
-LEAST_VERSION = 3
-"""Oldest supported major version of depthai."""
+LEAST_VERSION = 3  # Oldest supported major version of depthai.
 QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 """Keep depthai from handling signals and from writing to standard output, which other programs read."""
 
@@ -61,8 +60,7 @@ def open_oak(identifier: str, name: str) -> Any:
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 
-ROLES = ("master", "slave")
-"""Roles on the sync wire."""
+ROLES = ("master", "slave")  # Roles on the sync wire.
 
 
 @dataclass
@@ -126,8 +124,7 @@ class OakPipeline(OpenedDevice, ABC):
 INFRARED, DEPTH = "infrared", "depth"
 WAIT_S = 0.0005
 """Time between looks at an empty queue, in seconds."""
-LARGEST_JUMP_S = 10.0
-"""A device clock was reset if it goes back, or forward by more than this, in seconds."""
+LARGEST_JUMP_S = 10.0  # A device clock was reset if it goes back, or forward by more than this, in seconds.
 
 
 def paired(
@@ -225,8 +222,7 @@ class PairStream:
 
 SYNCS = ("none", "master", "slave", "ptp")
 """Without a wire, by giving or taking the wire's pulse (M8 or FSIN), or by the network's clock (OAK-4 on Ethernet)."""
-SIZES = ((640, 400), (1280, 800))
-"""Picture sizes of the mono cameras in pixels."""
+SIZES = ((640, 400), (1280, 800))  # Picture sizes of the mono cameras in pixels.
 
 
 @dataclass(frozen=True)

@@ -21,12 +21,9 @@ from solver_backend.videos.files.video import library
 from solver_backend.videos.streaming.moments import LivePicture
 from solver_backend.videos.sync.clocks import Clocks
 
-TICKS = 90_000
-"""Ticks of a file's clock per second."""
-WAIT_S = 0.001
-"""Time between looks at an empty queue, in seconds."""
-CLOCKS = "clocks.json"
-"""File of the videos' clocks, see ``Clocks``."""
+TICKS = 90_000  # Ticks of a file's clock per second.
+WAIT_S = 0.001  # Time between looks at an empty queue, in seconds.
+CLOCKS = "clocks.json"  # File of the videos' clocks, see ``Clocks``.
 
 
 @dataclass(frozen=True)

@@ -85,10 +85,8 @@ LARGEST_NUMBER = 1e11
 class RecordingAbout:
     """Contents of ``recording.json``."""
 
-    kind: str
-    """One of ``KINDS``."""
-    fps: float
-    """Requested frames per second."""
+    kind: str  # One of ``KINDS``.
+    fps: float  # Requested frames per second.
     sensors: tuple[SensorFiles, ...]
 
     def text(self) -> str:
@@ -152,12 +150,9 @@ def read_index(path: Path) -> np.ndarray:
     return rows
 
 
-WAITING = 8
-"""Most frames that wait to be written. Chosen by hand."""
-SPARE_BYTES = 64 << 20
-"""Recording ends when the disk has less free space, which other programs need. Chosen by hand."""
-_ASK_EVERY = 32
-"""Number of frames between checks of the free space. Chosen by hand."""
+WAITING = 8  # Most frames that wait to be written. Chosen by hand.
+SPARE_BYTES = 64 << 20  # Recording ends when the disk has less free space, which other programs need. Chosen by hand.
+_ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by hand.
 
 
 class Recording:
@@ -415,8 +410,7 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
         raise SensorFailed(message, where=error.where, hint=hint) from error
 
 
-STUDIO_SHOT = ("clean.npz", "infrared")
-"""Entries of the folder of a studio shot."""
+STUDIO_SHOT = ("clean.npz", "infrared")  # Entries of the folder of a studio shot.
 OTHER_CLOCK_S = 0.5
 """Largest difference of a sensor's clock from the others', in seconds. Beyond it the host's clock relates them."""
 

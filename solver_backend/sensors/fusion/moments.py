@@ -67,8 +67,7 @@ class FusionSettings:
 
 SETTINGS = FusionSettings()
 
-_NEVER = 1e6
-"""Cost of an impossible pair, more than any sum of possible ones."""
+_NEVER = 1e6  # Cost of an impossible pair, more than any sum of possible ones.
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -297,20 +296,17 @@ def _within_radius(time: float, sightings: list[SensorSightings]) -> FusedPoints
     return FusedPoints(time, mean, spread, size, np.zeros(count, int))
 
 
-SILENT_S = 0.25
-"""A sensor counts as silent after this time without a frame, in seconds. The others then go on."""
+SILENT_S = 0.25  # A sensor counts as silent after this time without a frame, in seconds. The others then go on.
 JUMP_S = 0.5
 """Largest difference of a sensor's time step from the host's, in seconds. The host's step replaces a larger one."""
-WAITING, MOST_FINDINGS = 30, 1000
-"""Most waiting frames per sensor, and most findings. Older ones are dropped."""
+WAITING, MOST_FINDINGS = 30, 1000  # Most waiting frames per sensor, and most findings. Older ones are dropped.
 
 
 @dataclass(frozen=True)
 class Finding:
     """An event of a sensor."""
 
-    kind: str
-    """'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code."""
+    kind: str  # 'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code.
     sensor: int
     time: float
     found: Diagnostic
@@ -419,8 +415,7 @@ class Gatherer:
         del self.findings[:-MOST_FINDINGS]
 
 
-_LONGEST_STEP_S = 0.5
-"""Tracks restart after a longer time step, in seconds. Chosen by hand."""
+_LONGEST_STEP_S = 0.5  # Tracks restart after a longer time step, in seconds. Chosen by hand.
 
 
 @dataclass(frozen=True)

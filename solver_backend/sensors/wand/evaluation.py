@@ -16,20 +16,16 @@ from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.views import LEAST_IN_CELL, Coverage, Moments, Wand, WandView
 from solver_backend.videos.sync.clocks import Clocks
 
-GOOD_PX, LATE_S = 1.0, 0.001
-"""Larger errors in pixels and delays in seconds are reported. Chosen by hand."""
+GOOD_PX, LATE_S = 1.0, 0.001  # Larger errors in pixels and delays in seconds are reported. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class WandOptions:
     """Options of a wand calibration."""
 
-    wand: Wand | None = None
-    """The wand with three lights. None for one marker with depth."""
-    clocks: Clocks | None = None
-    """Clocks of a trigger. If None, they are estimated from the wand's movement."""
-    every_sensor: bool = False
-    """Use only moments that all sensors saw, as published. Otherwise two sensors suffice."""
+    wand: Wand | None = None  # The wand with three lights. None for one marker with depth.
+    clocks: Clocks | None = None  # Clocks of a trigger. If None, they are estimated from the wand's movement.
+    every_sensor: bool = False  # Use only moments that all sensors saw, as published. Otherwise two sensors suffice.
 
 
 @dataclass(frozen=True)

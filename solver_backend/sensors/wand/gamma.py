@@ -18,22 +18,14 @@ from solver_backend.sensors.wand.views import points_files, read_table
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
-LENGTH_TOLERANCE_M = 0.025
-"""Largest difference of an edge from the given length, ..."""
-ANGLE_TOLERANCE_DEG = 5.0
-"""... and the corner off a right angle."""
-LEAST_RATIO = 1.15
-"""The long edge is this much longer than the short one."""
-LEAST_FRAMES = 5
-"""Fewest moments with the Γ. Chosen by hand."""
-MOST_POINTS = 24
-"""Most points of a frame. Cover the lamps if there are more."""
-FRAMES_PER_NEWS = 3.0
-"""Number of consecutive frames with correlated errors. Chosen by hand."""
-SHARED_SIGMA_M = 0.5e-3
-"""Constant marker error in a well calibrated array, in metres."""
-_ROUNDS = 20
-"""Rounds at most. Chosen by hand."""
+LENGTH_TOLERANCE_M = 0.025  # Largest difference of an edge from the given length, ...
+ANGLE_TOLERANCE_DEG = 5.0  # ... and the corner off a right angle.
+LEAST_RATIO = 1.15  # The long edge is this much longer than the short one.
+LEAST_FRAMES = 5  # Fewest moments with the Γ. Chosen by hand.
+MOST_POINTS = 24  # Most points of a frame. Cover the lamps if there are more.
+FRAMES_PER_NEWS = 3.0  # Number of consecutive frames with correlated errors. Chosen by hand.
+SHARED_SIGMA_M = 0.5e-3  # Constant marker error in a well calibrated array, in metres.
+_ROUNDS = 20  # Rounds at most. Chosen by hand.
 
 
 class GammaNotFound(MocapError):
@@ -182,10 +174,8 @@ def _tilt_sigma(u: np.ndarray, v: np.ndarray, covariance: np.ndarray) -> float:
     return float(np.sqrt(np.linalg.eigvalsh(across @ np.asarray(total) @ across)[-1]) / np.linalg.norm(w))
 
 
-MEETING_PX = 4.0
-"""Rays of two cameras meet if their midpoint is within this distance of both pixels."""
-MOST_MOMENTS = 300
-"""Most moments that are used, spread over the recording."""
+MEETING_PX = 4.0  # Rays of two cameras meet if their midpoint is within this distance of both pixels.
+MOST_MOMENTS = 300  # Most moments that are used, spread over the recording.
 
 
 def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:

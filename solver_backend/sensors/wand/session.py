@@ -55,8 +55,7 @@ from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
 from solver_backend.videos.sync.signals import Signal, SyncUnknown, convolved, pair_lag
 from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
-SIGMA_PX = 0.3
-"""Standard deviation of a light's or a marker's pixel position. It sets the robust scales."""
+SIGMA_PX = 0.3  # Standard deviation of a light's or a marker's pixel position. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
 HELD_OUT_BLOCKS = 10
 """Number of time ranges of a recording. Every fifth one is not fitted."""
@@ -129,14 +128,10 @@ def held_out(count: int) -> np.ndarray:
     return np.arange(count) * HELD_OUT_BLOCKS // max(count, 1) % 5 == 2
 
 
-LEAST_TOGETHER = 20
-"""Fewest common moments of a pair of sensors."""
-HYPOTHESES = 200
-"""Number of samples of three pairs of points."""
-_REFINEMENTS = 15
-"""Number of reweighted alignments. Chosen by hand."""
-START_SIGMA_PX = 2.0
-"""Distance from an epipolar line at which a point loses its weight at the start."""
+LEAST_TOGETHER = 20  # Fewest common moments of a pair of sensors.
+HYPOTHESES = 200  # Number of samples of three pairs of points.
+_REFINEMENTS = 15  # Number of reweighted alignments. Chosen by hand.
+START_SIGMA_PX = 2.0  # Distance from an epipolar line at which a point loses its weight at the start.
 
 
 def robust_umeyama(
@@ -230,10 +225,8 @@ def _chained(names: Sequence[str], places: np.ndarray, pair: Pair) -> list[Pose]
         raise WandNotSeen(message, where=", ".join(names), hint=hint) from error
 
 
-SENSOR_BIAS_M = 2e-3
-"""Common depth error of one sensor, beyond the measured scatter."""
-ROUNDS = 20
-"""Rounds of reweighting. Chosen by hand."""
+SENSOR_BIAS_M = 2e-3  # Common depth error of one sensor, beyond the measured scatter.
+ROUNDS = 20  # Rounds of reweighting. Chosen by hand.
 
 
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
@@ -262,8 +255,7 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[
     return scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse
 
 
-MOST_PX = 8.0
-"""Largest usable median reprojection error in pixels. Chosen by hand."""
+MOST_PX = 8.0  # Largest usable median reprojection error in pixels. Chosen by hand.
 
 
 def require_fit(found: Adjusted) -> None:
@@ -305,20 +297,13 @@ def held_out_errors(
     return px, np.sqrt(np.nanmean((distances(at) - options.wand.distances_m) ** 2, axis=0))
 
 
-RATE_HZ = 120.0
-"""Rate of the compared speeds, per second."""
-PIECE_S, FLOOR_S = 6.0, 0.004
-"""Length of the compared pieces, and shift of a speed's peak by perspective, in seconds."""
-CLIP_SIGMAS = 3.0
-"""Speeds are limited to this many standard deviations. Chosen by hand."""
-SMOOTHING_S = 0.06
-"""Standard deviation of the smoothing of the wand's path, in seconds."""
-SLOWEST_M_S = 0.05
-"""A slower wand counts as still, in m/s."""
-LEAST_CORRELATION = 0.5
-"""Least correlation of two speeds that is used."""
-MOST_MOMENTS = 900
-"""Most moments that are solved, spread over the recording."""
+RATE_HZ = 120.0  # Rate of the compared speeds, per second.
+PIECE_S, FLOOR_S = 6.0, 0.004  # Length of the compared pieces, and shift of a speed's peak by perspective, in seconds.
+CLIP_SIGMAS = 3.0  # Speeds are limited to this many standard deviations. Chosen by hand.
+SMOOTHING_S = 0.06  # Standard deviation of the smoothing of the wand's path, in seconds.
+SLOWEST_M_S = 0.05  # A slower wand counts as still, in m/s.
+LEAST_CORRELATION = 0.5  # Least correlation of two speeds that is used.
+MOST_MOMENTS = 900  # Most moments that are solved, spread over the recording.
 
 
 def flat_of(view: WandView) -> np.ndarray:
@@ -399,12 +384,9 @@ def _speed(view: WandView, wand: Wand | None) -> Signal:
     return Signal(np.clip(loud, -CLIP_SIGMAS * spread, CLIP_SIGMAS * spread)[:, None], RATE_HZ, float(view.times_s[0]))
 
 
-MOST_CROWDED = 0.5
-"""A recording is refused if a larger share of its frames has other lights. Chosen by hand."""
-REACH_S = 6.5
-"""Largest clock offset that is tested, in seconds."""
-LATE_FRAMES = 0.25
-"""Moments are sampled again if a delay is larger than this share of a frame. Chosen by hand."""
+MOST_CROWDED = 0.5  # A recording is refused if a larger share of its frames has other lights. Chosen by hand.
+REACH_S = 6.5  # Largest clock offset that is tested, in seconds.
+LATE_FRAMES = 0.25  # Moments are sampled again if a delay is larger than this share of a frame. Chosen by hand.
 
 
 def calibrate_by_wand(

@@ -42,8 +42,7 @@ class TimesInvalid(MocapError):
     """A recording's times do not increase."""
 
 
-LARGEST_LEFT_OUT = 0.2
-"""A recording is refused if a larger share of its rows goes back in time. Chosen by hand."""
+LARGEST_LEFT_OUT = 0.2  # A recording is refused if a larger share of its rows goes back in time. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -81,14 +80,10 @@ class WandView:
 class Moments:
     """C views at M common moments."""
 
-    times_s: Float[np.ndarray, " moments"]
-    """(M,) seconds on the first view's clock."""
-    px: Float[np.ndarray, "views moments lights 2"]
-    """(C, M, K, 2) pixels, NaN where not seen."""
-    velocity: Float[np.ndarray, "views moments lights 2"]
-    """(C, M, K, 2) px/s, NaN where unknown."""
-    depth_m: Float[np.ndarray, "views moments lights"]
-    """(C, M, K) metres, NaN where unknown."""
+    times_s: Float[np.ndarray, " moments"]  # (M,) seconds on the first view's clock.
+    px: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) pixels, NaN where not seen.
+    velocity: Float[np.ndarray, "views moments lights 2"]  # (C, M, K, 2) px/s, NaN where unknown.
+    depth_m: Float[np.ndarray, "views moments lights"]  # (C, M, K) metres, NaN where unknown.
 
     @property
     def seen(self) -> Bool[np.ndarray, "views moments"]:
@@ -127,13 +122,11 @@ def with_growing_times(view: WandView) -> WandView:
     return replace(view, times_s=times[good], px=view.px[good], depth_m=depth, findings=findings)
 
 
-SURE_SHARE = 0.43
-"""The ends are distinguished only if the shorter part has at most this share of the visible wand."""
+SURE_SHARE = 0.43  # The ends are distinguished only if the shorter part has at most this share of the visible wand.
 STRAIGHT, STRAIGHT_SIGMAS = 0.03, 4.0
 """Largest distance of the middle light from the line of the others: a share of the visible wand, or a multiple of the
 standard deviation of a pixel position."""
-SHORTEST_M, LONGEST_M = 0.02, 5.0
-"""Limits of a wand's parts, in metres. Chosen by hand."""
+SHORTEST_M, LONGEST_M = 0.02, 5.0  # Limits of a wand's parts, in metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -234,10 +227,8 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     return np.where(known[:, None], (size * z[:, 1])[:, None] * rays[:, 1], np.nan)
 
 
-EXACT_SHARE = 0.01
-"""A moment is equal to a frame if it is nearer than this share of the interval."""
-LONGEST_GAP = 1.5
-"""Longest interval with interpolated values, in usual intervals."""
+EXACT_SHARE = 0.01  # A moment is equal to a frame if it is nearer than this share of the interval.
+LONGEST_GAP = 1.5  # Longest interval with interpolated values, in usual intervals.
 
 
 def values_and_velocities(
@@ -293,12 +284,9 @@ def _slopes(values: np.ndarray, times_s: np.ndarray, usual: float) -> np.ndarray
     return slope
 
 
-COLUMNS, ROWS = 6, 4
-"""Cells of each picture."""
-LEAST_IN_CELL = 5
-"""Fewest sightings in a covered cell. Chosen by hand."""
-CELL_M = 0.5
-"""Edge length of a cell of the volume, in metres."""
+COLUMNS, ROWS = 6, 4  # Cells of each picture.
+LEAST_IN_CELL = 5  # Fewest sightings in a covered cell. Chosen by hand.
+CELL_M = 0.5  # Edge length of a cell of the volume, in metres.
 _ACROSS, _DOWN = ("left", "middle", "right"), ("top", "middle", "bottom")
 
 

@@ -75,20 +75,16 @@ _SCORE: tuple[tuple[float, Pose, float, str], ...] = (
 """Time in s, pose, heading in rad, and the foot that stands from then on."""
 
 
-COLLAR_SHARE = 0.2
-"""Share of an arm's elevation that the collar bone takes."""
+COLLAR_SHARE = 0.2  # Share of an arm's elevation that the collar bone takes.
 
 
 @dataclass(frozen=True)
 class Choreography:
     """SMPL-type parameters of an authored motion, world Z up, floor at z = 0."""
 
-    global_orient: np.ndarray
-    """(F, 3) axis-angle."""
-    body_pose: np.ndarray
-    """(F, 21, 3) axis-angle."""
-    transl: np.ndarray
-    """(F, 3) metres."""
+    global_orient: np.ndarray  # (F, 3) axis-angle.
+    body_pose: np.ndarray  # (F, 21, 3) axis-angle.
+    transl: np.ndarray  # (F, 3) metres.
 
 
 def author_motion(body: Body, betas: np.ndarray, num_frames: int, fps: float, blend_s: float = 0.09) -> Choreography:

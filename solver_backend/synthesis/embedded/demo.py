@@ -26,8 +26,7 @@ from solver_backend.synthesis.faults import (
 )
 from solver_backend.types import NUM_JOINTS, Cameras, Capture, JointSet, Keypoints2D, MarkerCloud
 
-PX_PER_MM = 0.32
-"""Pixels that a millimetre spans 4.2 m from the cameras of the demo, at 1920 px image width."""
+PX_PER_MM = 0.32  # Pixels that a millimetre spans 4.2 m from the cameras of the demo, at 1920 px image width.
 
 
 def detect(
@@ -62,8 +61,7 @@ def detect(
     return np.where(missing[..., None], np.nan, xy), np.where(missing, 0.0, confidence)
 
 
-DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])
-"""Shape of the person in the demo capture."""
+DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])  # Shape of the person in the demo capture.
 
 
 def demo_capture(
@@ -126,10 +124,8 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
     return Cameras(names, K, distortion, R, t, np.tile([1920, 1080], (count, 1)))
 
 
-DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"
-"""The committed take."""
-BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])
-"""Shape of the person who wears the markers."""
+DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # The committed take.
+BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person who wears the markers.
 _SUBJECT = "Demo"
 _UNKNOWN = ("ARMBAND", "LUPA")
 """A label that no layout knows, and the place beside which its marker sits."""

@@ -13,12 +13,9 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import NUM_BETAS, SMPL_JOINTS, JointSet
 
-BETAS_SIGMA = 0.8
-"""Spread of the drawn shapes, within the range of most people."""
-FLOOR_S = 1.0
-"""Within this time some sole stands on the floor."""
-UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))
-"""Y up to Z up."""
+BETAS_SIGMA = 0.8  # Spread of the drawn shapes, within the range of most people.
+FLOOR_S = 1.0  # Within this time some sole stands on the floor.
+UPRIGHT = exp_so3(np.array([np.pi / 2, 0.0, 0.0]))  # Y up to Z up.
 
 
 @dataclass(frozen=True)
@@ -92,20 +89,16 @@ def running_floor(height: np.ndarray, frames: int) -> np.ndarray:
     return np.convolve(lowest, kernel / kernel.sum(), mode="valid")
 
 
-_WAVES = 24
-"""Random waves that make up the flesh's displacement."""
-_WAVELENGTH_M = 0.25
-"""Length of a typical one: a calf, a belly."""
+_WAVES = 24  # Random waves that make up the flesh's displacement.
+_WAVELENGTH_M = 0.25  # Length of a typical one: a calf, a belly.
 
 
 @dataclass(frozen=True)
 class Strangeness:
     """How far a body is from the solver's."""
 
-    bones: float = 0.04
-    """Standard deviation of a bone's length, as a share of it; left and right are alike."""
-    flesh_mm: float = 6.0
-    """Standard deviation, along each axis, of how far the skin lies elsewhere."""
+    bones: float = 0.04  # Standard deviation of a bone's length, as a share of it; left and right are alike.
+    flesh_mm: float = 6.0  # Standard deviation, along each axis, of how far the skin lies elsewhere.
 
 
 def strange_body(seed: int, strangeness: Strangeness = Strangeness(), body: Body | None = None) -> Body:

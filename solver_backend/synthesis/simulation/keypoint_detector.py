@@ -20,32 +20,22 @@ _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
 class DetectorOutput:
     """Detections, and their faults."""
 
-    xy: np.ndarray
-    """(C, F, K, 2) px, NaN where missing."""
-    confidence: np.ndarray
-    """(C, F, K), 0 where missing."""
-    swapped: np.ndarray
-    """(C, F, K) bool: the detection is the other side's."""
-    outlier: np.ndarray
-    """(C, F, K) bool."""
-    swaps: np.ndarray
-    """(N, 4) whole numbers: view, index into ``EXCHANGED``, first frame, one past the last."""
+    xy: np.ndarray  # (C, F, K, 2) px, NaN where missing.
+    confidence: np.ndarray  # (C, F, K), 0 where missing.
+    swapped: np.ndarray  # (C, F, K) bool: the detection is the other side's.
+    outlier: np.ndarray  # (C, F, K) bool.
+    swaps: np.ndarray  # (N, 4) whole numbers: view, index into ``EXCHANGED``, first frame, one past the last.
 
 
 @dataclass(frozen=True)
 class Sight:
     """True view of K keypoints from C cameras."""
 
-    px: np.ndarray
-    """(C, F, K, 2) true pixels."""
-    px_per_mm: np.ndarray
-    """(C, F, K) pixels per millimetre at the point."""
-    seen_from: np.ndarray
-    """(C, F) radians, the camera's direction about the body's upright axis, 0 in front."""
-    occluded: np.ndarray
-    """(C, F, K) bool."""
-    image_size: np.ndarray
-    """(C, 2)."""
+    px: np.ndarray  # (C, F, K, 2) true pixels.
+    px_per_mm: np.ndarray  # (C, F, K) pixels per millimetre at the point.
+    seen_from: np.ndarray  # (C, F) radians, the camera's direction about the body's upright axis, 0 in front.
+    occluded: np.ndarray  # (C, F, K) bool.
+    image_size: np.ndarray  # (C, 2).
 
 
 def detect_keypoints(
@@ -152,8 +142,7 @@ def px_per_mm(cameras: Cameras, points: np.ndarray) -> np.ndarray:
     return cameras.K[:, 0, 0, None, None] / (1000.0 * np.maximum(depth, 0.1))
 
 
-_CLEARANCE_M = 0.035
-"""A sight line ends this far before its point, which is on the skin or slightly below."""
+_CLEARANCE_M = 0.035  # A sight line ends this far before its point, which is on the skin or slightly below.
 _NECK = ("neck", "head", "spine3", "left_collar", "right_collar")
 _FOOT = ("ankle", "foot")
 _AROUND: dict[str, tuple[str, ...]] = {

@@ -15,10 +15,8 @@ from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.synthesis.studio.checked_values import CheckedValues, StudioInvalid
 from solver_backend.types import Cameras
 
-_AHEAD_M = 3.0
-"""Distance from the cameras' middle to their target if their axes do not meet, metres; chosen by hand."""
-_TRUST = 1e-3
-"""Weight of that target against the axis of one camera; chosen by hand."""
+_AHEAD_M = 3.0  # Distance from the cameras' middle to their target if their axes do not meet, metres; chosen by hand.
+_TRUST = 1e-3  # Weight of that target against the axis of one camera; chosen by hand.
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:

@@ -33,8 +33,7 @@ class OtherDataSet(MocapError):
     """The output folder holds another data set, or something else."""
 
 
-_LARGEST = sys.float_info.max
-"""Whole numbers of JSON may be larger; infinite and missing ones are not between."""
+_LARGEST = sys.float_info.max  # Whole numbers of JSON may be larger; infinite and missing ones are not between.
 
 
 class CheckedValues:

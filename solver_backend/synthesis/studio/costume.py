@@ -18,10 +18,8 @@ LABELS = ("nothing", "skin", "top", "bottom", "suit", "shoes", "hair", "marker",
 SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
 _HEM_RINGS = 2
 """Rings of skin that stay below a garment's border, and over which it tapers."""
-_LEAST_M = 0.0006
-"""Smallest distance between layers, metres, so that none shines through; chosen by hand."""
-_WAVES = 10
-"""Number of waves in the folds; chosen by hand."""
+_LEAST_M = 0.0006  # Smallest distance between layers, metres, so that none shines through; chosen by hand.
+_WAVES = 10  # Number of waves in the folds; chosen by hand.
 _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "bare": (),
     "suit": (("suit", 0.002),),
@@ -40,18 +38,12 @@ _LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}
 class Costume:
     """The person's whole surface; N vertices, T triangles."""
 
-    base: np.ndarray
-    """(N,) body vertex of each."""
-    offset_m: np.ndarray
-    """(N,) metres along its posed normal."""
-    faces: np.ndarray
-    """(T, 3) indices into the N vertices, counter-clockwise from outside."""
-    label: np.ndarray
-    """(T,) uint8 index into ``LABELS``."""
-    part: np.ndarray
-    """(T,) joint that moves each triangle most."""
-    body_face: np.ndarray
-    """(T,) body triangle below each."""
+    base: np.ndarray  # (N,) body vertex of each.
+    offset_m: np.ndarray  # (N,) metres along its posed normal.
+    faces: np.ndarray  # (T, 3) indices into the N vertices, counter-clockwise from outside.
+    label: np.ndarray  # (T,) uint8 index into ``LABELS``.
+    part: np.ndarray  # (T,) joint that moves each triangle most.
+    body_face: np.ndarray  # (T,) body triangle below each.
 
     def posed(self, skin: np.ndarray, corners: CornerSums) -> np.ndarray:
         """Return the (F, N, 3) surface of an (F, V, 3) posed skin."""

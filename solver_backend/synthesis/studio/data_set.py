@@ -27,18 +27,12 @@ DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"
 _BYTES_PER_PIXEL = {"infrared": 1.5, "depth": 1.5, "masks": 0.04, "normals": 0.25, "exr": 9.0, "video": 0.3}
 """Of PNG, EXR and MP4; slightly more than the presets were measured to need."""
-_QUIET_COLOUR = 0.8
-"""The same of colour without noise, which adds its bits to each of three channels."""
-_NIGHT_GAIN = 4.0
-"""Factor on the sensor's noise at night."""
-_BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}
-"""Per view."""
-_TRUTH_BYTES = 9000
-"""Per view and frame, of truth and captures."""
-_SCENE_BYTES = 260_000
-"""Per shot filmed in colour."""
-_SPARE = 64 * 2**20
-"""Bytes that stay free on the disk; chosen by hand."""
+_QUIET_COLOUR = 0.8  # The same of colour without noise, which adds its bits to each of three channels.
+_NIGHT_GAIN = 4.0  # Factor on the sensor's noise at night.
+_BYTES_PER_FRAME = {"pose2sim": 1700, "coco": 700}  # Per view.
+_TRUTH_BYTES = 9000  # Per view and frame, of truth and captures.
+_SCENE_BYTES = 260_000  # Per shot filmed in colour.
+_SPARE = 64 * 2**20  # Bytes that stay free on the disk; chosen by hand.
 
 
 @dataclass(frozen=True)

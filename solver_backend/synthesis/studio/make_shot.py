@@ -49,10 +49,8 @@ from solver_backend.synthesis.studio.write_pictures import (
 )
 from solver_backend.types import Capture, Motion
 
-Keep = Callable[[str, int, int, np.ndarray], None]
-"""Takes kind, view, frame and picture."""
-_CHUNK = 16
-"""Frames whose surfaces are held at a time."""
+Keep = Callable[[str, int, int, np.ndarray], None]  # Takes kind, view, frame and picture.
+_CHUNK = 16  # Frames whose surfaces are held at a time.
 
 
 def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
@@ -113,8 +111,7 @@ def _shoot(
     return seen.spheres.seen.astype(np.float32)
 
 
-DONE = "shot.json"
-"""File that marks a complete shot's folder."""
+DONE = "shot.json"  # File that marks a complete shot's folder.
 
 
 def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:

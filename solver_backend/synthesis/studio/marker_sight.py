@@ -19,8 +19,7 @@ from solver_backend.synthesis.studio.stage import Stage
 _TURNED_AWAY = -0.4
 """Cosine between the skin's normal and the way to the camera from which on a limb hides the marker on it, which stands
 9.5 mm off; tuned by what rendered pictures show (``tests/synthesis/studio/test_marker_sight.py``)."""
-_CHUNK = 64
-"""Frames that are looked at together."""
+_CHUNK = 64  # Frames that are looked at together.
 
 
 def marker_sight(stage: Stage) -> np.ndarray:

@@ -19,8 +19,7 @@ from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.simulation.cast import FLOOR_S, Person, Take, cast_person, running_floor
 from solver_backend.types import NUM_BODY_JOINTS, JointSet
 
-CHOREOGRAPHY = "choreography"
-"""Name of the motion that ships."""
+CHOREOGRAPHY = "choreography"  # Name of the motion that ships.
 _SUFFIXES = (".npz", ".bvh")
 _CHOREOGRAPHY_S = 6.0
 """Seconds of the choreography that are drawn at once, then again; chosen by hand."""
@@ -30,10 +29,8 @@ _CHOREOGRAPHY_S = 6.0
 class MotionSource:
     """Where a motion comes from."""
 
-    name: str
-    """Name of the motion, part of a shot's name."""
-    path: Path | None
-    """File, None for the choreography."""
+    name: str  # Name of the motion, part of a shot's name.
+    path: Path | None  # File, None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
         """Return somebody of a shape who does the motion, on the floor, at a frame rate.

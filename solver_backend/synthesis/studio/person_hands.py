@@ -168,8 +168,7 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
     return np.linalg.norm(gap, axis=-1)
 
 
-_SIGHT_CHUNK = 32
-"""Frames evaluated together."""
+_SIGHT_CHUNK = 32  # Frames evaluated together.
 
 
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
@@ -189,18 +188,13 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
     return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
 
 
-SPREAD = 0.7
-"""Share of the prior's deviations that fingers move by; the prior is as wide as its widest source."""
-SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7
-"""Frequencies of the motion; gestures take half a second to open or close a hand."""
+SPREAD = 0.7  # Share of the prior's deviations that fingers move by; the prior is as wide as its widest source.
+SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion; gestures take half a second to open or close a hand.
 SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())
 """Shares of a pose, mixed with a relaxed hand, that are tried until fingers do not intersect."""
-TOUCH_M = 0.002
-"""Overlap of touching fingers."""
-EASE_S = 0.2
-"""Half the time in which a hand relaxes before such a pose and returns after it."""
-_WAVES = 4
-"""Waves per angle; chosen by hand."""
+TOUCH_M = 0.002  # Overlap of touching fingers.
+EASE_S = 0.2  # Half the time in which a hand relaxes before such a pose and returns after it.
+_WAVES = 4  # Waves per angle; chosen by hand.
 
 
 @dataclass(frozen=True)

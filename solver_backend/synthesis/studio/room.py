@@ -20,14 +20,10 @@ _PARTS = 10
 class Room:
     """A box that holds everything, and boxes in it."""
 
-    low: np.ndarray
-    """(3,) metres; z is the floor."""
-    high: np.ndarray
-    """(3,) metres."""
-    walls: bool
-    """Walls and ceiling are there."""
-    furniture: np.ndarray
-    """(N, 4, 3): of each piece the middle, the half sizes, (heading, 0, 0) and its colour, 0..1."""
+    low: np.ndarray  # (3,) metres; z is the floor.
+    high: np.ndarray  # (3,) metres.
+    walls: bool  # Walls and ceiling are there.
+    furniture: np.ndarray  # (N, 4, 3): of each piece the middle, the half sizes, (heading, 0, 0) and its colour, 0..1.
 
     def furniture_mesh(self) -> tuple[np.ndarray, np.ndarray]:
         """Return (V, 3) vertices and (T, 3) triangles of all furniture."""

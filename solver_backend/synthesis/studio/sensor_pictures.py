@@ -17,30 +17,21 @@ from solver_backend.types import SMPL_JOINTS
 class Backdrop:
     """View of a camera without a person, the same in every frame."""
 
-    depth: np.ndarray
-    """(h, w) float32 metres."""
-    label: np.ndarray
-    """(h, w) uint8."""
-    normal: np.ndarray
-    """(h, w, 3) float32, world."""
-    cosine: np.ndarray
-    """(h, w) float32 cosine between normal and sight line."""
-    towards: np.ndarray
-    """(h, w, 3) float32 unit vectors from the surfaces to the camera, world."""
+    depth: np.ndarray  # (h, w) float32 metres.
+    label: np.ndarray  # (h, w) uint8.
+    normal: np.ndarray  # (h, w, 3) float32, world.
+    cosine: np.ndarray  # (h, w) float32 cosine between normal and sight line.
+    towards: np.ndarray  # (h, w, 3) float32 unit vectors from the surfaces to the camera, world.
 
 
 @dataclass(frozen=True)
 class Seen:
     """View of a camera in a frame."""
 
-    depth: np.ndarray
-    """(h, w) float32 metres along the axis to person or room, without markers; inf where nothing is."""
-    label: np.ndarray
-    """(h, w) uint8 index into the labels, with markers."""
-    cosine: np.ndarray
-    """(h, w) float32."""
-    normal: np.ndarray | None
-    """(h, w, 3) float32 unit normals in the world, None unless requested."""
+    depth: np.ndarray  # (h, w) float32 metres along the axis to person or room, without markers; inf where nothing is.
+    label: np.ndarray  # (h, w) uint8 index into the labels, with markers.
+    cosine: np.ndarray  # (h, w) float32.
+    normal: np.ndarray | None  # (h, w, 3) float32 unit normals in the world, None unless requested.
     spheres: Spheres
     person: ZBuffer
 
@@ -93,30 +84,22 @@ def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: 
     return Seen(depth, label, cosine, normal, spheres, person)
 
 
-FULL = 65535
-"""Saturation of the sensor."""
+FULL = 65535  # Saturation of the sensor.
 _ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)
 """Infrared reflectance by label; chosen by hand."""
-_KERNEL_PX = 2
-"""Reach of the lens blur on each side, pixels; chosen by hand."""
+_KERNEL_PX = 2  # Reach of the lens blur on each side, pixels; chosen by hand.
 
 
 @dataclass(frozen=True)
 class InfraredModel:
     """Brightness of things and errors of the sensor; chosen to look like figure 5.5 of the thesis."""
 
-    flood: float = 9000.0
-    """Counts of a white surface at 1 m, facing the camera."""
-    retro: float = 6.0
-    """Counts of a retro-reflector at 2 m, in ``FULL``."""
-    least_retro: float = 1.3
-    """Lower limit of these, as exposure follows the room's size."""
-    blur_px: float = 0.65
-    """Standard deviation of the lens's blur of retro-reflections."""
-    shot_noise: float = 2.0
-    """Standard deviation at one count; it grows with the square root."""
-    read_noise: float = 12.0
-    """Standard deviation of counts in the dark."""
+    flood: float = 9000.0  # Counts of a white surface at 1 m, facing the camera.
+    retro: float = 6.0  # Counts of a retro-reflector at 2 m, in ``FULL``.
+    least_retro: float = 1.3  # Lower limit of these, as exposure follows the room's size.
+    blur_px: float = 0.65  # Standard deviation of the lens's blur of retro-reflections.
+    shot_noise: float = 2.0  # Standard deviation at one count; it grows with the square root.
+    read_noise: float = 12.0  # Standard deviation of counts in the dark.
 
 
 def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel) -> np.ndarray:
@@ -257,8 +240,7 @@ def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return low, high
 
 
-SECTOR_DEG = 30
-"""Angles of poses are counted in sectors of this size, from 0 to 180 degrees."""
+SECTOR_DEG = 30  # Angles of poses are counted in sectors of this size, from 0 to 180 degrees.
 _AT = {name: i for i, name in enumerate(SMPL_JOINTS)}
 _TRUNK = ("neck", "pelvis")
 _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {

@@ -16,16 +16,14 @@ from solver_backend.synthesis.studio.motions import MotionSource, find_motions
 from solver_backend.synthesis.studio.spec import Spec, StudioLook
 from solver_backend.types import NUM_BETAS
 
-_MOST_BETA = 2.5
-"""Standard deviations of a shape coefficient at most; chosen by hand."""
+_MOST_BETA = 2.5  # Standard deviations of a shape coefficient at most; chosen by hand.
 
 
 @dataclass(frozen=True)
 class Shot:
     """One take of one person before one array."""
 
-    name: str
-    """Unique in its data set, and a folder's name."""
+    name: str  # Unique in its data set, and a folder's name.
     motion: MotionSource
     person: int
     array: CameraRing

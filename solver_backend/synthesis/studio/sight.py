@@ -19,10 +19,8 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
 from solver_backend.types import SMPL_JOINTS
 
-CLEARANCE_M = 0.035
-"""A sight line ends this far before its point, which is on the skin or slightly below."""
-_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-"""Row and column of each of a symmetric matrix's six entries."""
+CLEARANCE_M = 0.035  # A sight line ends this far before its point, which is on the skin or slightly below.
+_PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of each of a symmetric matrix's six entries.
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -76,10 +74,8 @@ def hidden_by_boxes(centres: np.ndarray, lines: np.ndarray, furniture: np.ndarra
     return hidden
 
 
-_CELLS = 28
-"""Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees."""
-_FAR_M = 3.0
-"""Distance of the cameras of a table, metres; sight lines from farther away are the same. Chosen by hand."""
+_CELLS = 28  # Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees.
+_FAR_M = 3.0  # Distance of the cameras of a table, metres; sight lines from farther away are the same. Chosen by hand.
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
 
@@ -87,14 +83,10 @@ _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand")
 class RigidSight:
     """Tables of visibility of Q points on rigid parts."""
 
-    point: np.ndarray
-    """(Q,) index of each point."""
-    bone: np.ndarray
-    """(Q,) bone whose frame its table is in."""
-    table: np.ndarray
-    """(Q, cells) bool: hidden from there."""
-    parts: np.ndarray
-    """(Q, J) bool: parts that the table covers."""
+    point: np.ndarray  # (Q,) index of each point.
+    bone: np.ndarray  # (Q,) bone whose frame its table is in.
+    table: np.ndarray  # (Q, cells) bool: hidden from there.
+    parts: np.ndarray  # (Q, J) bool: parts that the table covers.
 
     def hidden(self, centres: np.ndarray, points: np.ndarray, turn: np.ndarray) -> np.ndarray:
         """Return (F, C, Q) bool of (C, 3) camera centres, (F, K, 3) points and (F, J, 3, 3) rotations of the bones."""
@@ -163,8 +155,7 @@ def _looking(way: np.ndarray) -> np.ndarray:
     return np.stack([side, np.cross(way, side), way])
 
 
-_SLAB_M = 0.08
-"""Length of the slabs that parts are cut into across their longest axis, with an ellipsoid each."""
+_SLAB_M = 0.08  # Length of the slabs that parts are cut into across their longest axis, with an ellipsoid each.
 _MOST_SLABS = 8
 _ALONG, _ACROSS = 0.7, 1.03
 """Half axes of an ellipsoid, relative to its slab: along by length, across by the elliptic cross-section. Tuned by how
@@ -179,24 +170,17 @@ _SPREAD = 120
 class PosedProxy:
     """A proxy in F frames, world metres."""
 
-    middle: np.ndarray
-    """(F, S, 3)."""
-    shape: np.ndarray
-    """(F, S, 3, 3) float32, 1/m^2."""
-    points: np.ndarray
-    """(F, P, 3)."""
-    turn: np.ndarray
-    """(F, J, 3, 3) global rotations of the bones."""
+    middle: np.ndarray  # (F, S, 3).
+    shape: np.ndarray  # (F, S, 3, 3) float32, 1/m^2.
+    points: np.ndarray  # (F, P, 3).
+    turn: np.ndarray  # (F, J, 3, 3) global rotations of the bones.
 
 
 @dataclass(frozen=True)
 class _Slab:
-    vertices: np.ndarray
-    """(n,) of the skin."""
-    weight: np.ndarray
-    """(n,) their areas, together 1."""
-    axis: np.ndarray
-    """(3,) direction of the cuts."""
+    vertices: np.ndarray  # (n,) of the skin.
+    weight: np.ndarray  # (n,) their areas, together 1.
+    axis: np.ndarray  # (3,) direction of the cuts.
     bone: int
 
 

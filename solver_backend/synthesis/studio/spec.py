@@ -142,8 +142,7 @@ def sizes_of(faults: Faults) -> dict[str, float]:
 VERSION = 1
 KINDS = ("infrared", "depth", "masks", "normals", "rgb")
 """What can be filmed."""
-FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")
-"""What can be written beside our own capture."""
+FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # What can be written beside our own capture.
 _KEYS = (
     *["version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks"],
     *["film", "write", "markers", "joint_set", "perturb", "rgb", "hands"],

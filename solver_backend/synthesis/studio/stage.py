@@ -19,10 +19,8 @@ from solver_backend.synthesis.studio.spec import Spec, draw_light
 from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import Cameras, JointSet
 
-CLEARANCE_M = 0.1
-"""A camera is at least so far from the skin."""
-_NEAREST = 60
-"""Frames whose skin is looked at: those whose joints are nearest to the camera."""
+CLEARANCE_M = 0.1  # A camera is at least so far from the skin.
+_NEAREST = 60  # Frames whose skin is looked at: those whose joints are nearest to the camera.
 
 
 @dataclass(frozen=True)

@@ -20,8 +20,7 @@ from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet,
 
 OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3
 """Visibility of a point: not in the picture, behind the person's own body, behind furniture, or seen."""
-_CHUNK = 32
-"""Frames that are looked at together."""
+_CHUNK = 32  # Frames that are looked at together.
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
 _SETS = tuple(JointSet)
 

@@ -74,8 +74,7 @@ def _predicted(raw: bytes) -> bytes:
     return parted.astype(np.uint8).tobytes()
 
 
-EXR = "exr"
-"""Kind of pictures of floats: the normal as R, G, B and the depth as Z."""
+EXR = "exr"  # Kind of pictures of floats: the normal as R, G, B and the depth as Z.
 _NOISY = ("infrared", "depth")
 _WAITING = 16
 """Pictures that may wait to be written."""
@@ -196,8 +195,7 @@ show_interp_indices = true
 make_c3d = false
 """
 """What Pose2Sim's step of that name asks for, at its own values; without this section it ends with an error."""
-_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}
-"""Keypoints that a file holds, where they are fewer than the set's."""
+_WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Keypoints that a file holds, where they are fewer than the set's.
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:

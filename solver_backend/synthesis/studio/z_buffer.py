@@ -14,20 +14,16 @@ import numpy as np
 from solver_backend.exchange.lens import distort, is_pinhole, pixels
 from solver_backend.types import Cameras
 
-NEAR_M = 0.02
-"""Triangles with a corner nearer than this are left out."""
-_WIDEST = 1.2
-"""Normalised radius beyond which a distortion polynomial is no longer trusted."""
+NEAR_M = 0.02  # Triangles with a corner nearer than this are left out.
+_WIDEST = 1.2  # Normalised radius beyond which a distortion polynomial is no longer trusted.
 
 
 @dataclass(frozen=True)
 class ZBuffer:
     """What the pixels of one picture see."""
 
-    depth: np.ndarray
-    """(h, w) float32 metres along the optical axis, inf where nothing is."""
-    face: np.ndarray
-    """(h, w) int32 index of the triangle, -1 where nothing is."""
+    depth: np.ndarray  # (h, w) float32 metres along the optical axis, inf where nothing is.
+    face: np.ndarray  # (h, w) int32 index of the triangle, -1 where nothing is.
 
 
 def empty_buffer(size: tuple[int, int]) -> ZBuffer:
@@ -114,8 +110,7 @@ def _at(
     return p[which] + q[which] * x + r[which] * y
 
 
-RADIUS_M = 0.007
-"""Of a common 14 mm marker."""
+RADIUS_M = 0.007  # Of a common 14 mm marker.
 _SUBSAMPLES = 5
 _CLEARANCE_M = 0.012
 """What lies less than this before a sphere's middle is the sphere's own base and the skin it sits on."""
@@ -125,20 +120,13 @@ _CLEARANCE_M = 0.012
 class Spheres:
     """M spheres in one picture."""
 
-    px: np.ndarray
-    """(M, 2) pixels of their middles, NaN where not before the camera."""
-    depth: np.ndarray
-    """(M,) metres along the axis."""
-    radius_px: np.ndarray
-    """(M,)."""
-    seen: np.ndarray
-    """(M,) share of the disc that is in the picture and hidden by nothing, 0..1."""
-    pixel: np.ndarray
-    """(P,) flat index of every pixel that some disc reaches."""
-    cover: np.ndarray
-    """(P,) share of it that the disc covers and that is seen."""
-    owner: np.ndarray
-    """(P,) which sphere."""
+    px: np.ndarray  # (M, 2) pixels of their middles, NaN where not before the camera.
+    depth: np.ndarray  # (M,) metres along the axis.
+    radius_px: np.ndarray  # (M,).
+    seen: np.ndarray  # (M,) share of the disc that is in the picture and hidden by nothing, 0..1.
+    pixel: np.ndarray  # (P,) flat index of every pixel that some disc reaches.
+    cover: np.ndarray  # (P,) share of it that the disc covers and that is seen.
+    owner: np.ndarray  # (P,) which sphere.
 
 
 def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:

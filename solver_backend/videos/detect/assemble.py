@@ -33,8 +33,7 @@ from solver_backend.videos.video_detections import VideoDetections, extent
 
 CROPPED_SHARE = 0.02
 """Largest difference from the calibrated size of a cropped picture, as a share. Coders cut pictures to whole blocks."""
-SHORT_SHARE = 0.5
-"""Least common time of the videos without a warning, as a share of the longest."""
+SHORT_SHARE = 0.5  # Least common time of the videos without a warning, as a share of the longest.
 
 
 @dataclass(frozen=True)
@@ -245,14 +244,11 @@ def _timing(
     return tuple(notes), tuple(problems)
 
 
-WIDTH_PX = 640
-"""Width of the processed pictures. A feature is located to a twentieth of such a pixel."""
+WIDTH_PX = 640  # Width of the processed pictures. A feature is located to a twentieth of such a pixel.
 FEATURES, FEWEST = 400, 40
 """Number of tracked features, and the fewest. Below half of the first, new features are detected."""
-MARGIN = 0.25
-"""Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them."""
-STILL_DEG = 0.25
-"""Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take."""
+MARGIN = 0.25  # Margin of people's boxes as a share of their size, because hair, clothes and shadows move with them.
+STILL_DEG = 0.25  # Largest turn of a still camera in degrees. The noise of the pictures reaches as much over a take.
 LEFT_SHARE, LEFT_PX = 0.15, 1.0
 """Turns explain the background if they leave at most this share of its movement, or this many pixels of 640."""
 SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)
@@ -263,12 +259,9 @@ SCALES_PX = (30.0, 10.0, 3.0, 1.0, 1.0)
 class CameraTurns:
     """Turns of a camera in F pictures."""
 
-    rotations: np.ndarray
-    """(F, 3) rotation vectors since the first picture in radians, camera axes."""
-    moved_px: float
-    """Largest movement of the background, the median of its features, in pixels at a width of 640."""
-    left_px: float
-    """Largest movement that the turns do not explain, in the same pixels."""
+    rotations: np.ndarray  # (F, 3) rotation vectors since the first picture in radians, camera axes.
+    moved_px: float  # Largest movement of the background, the median of its features, in pixels at a width of 640.
+    left_px: float  # Largest movement that the turns do not explain, in the same pixels.
 
     @property
     def largest_deg(self) -> float:

@@ -64,16 +64,11 @@ def least_cost_assignment(cost: np.ndarray) -> list[tuple[int, int]]:
     return sorted((int(row_of[j]) - 1, j - 1) for j in range(1, columns + 1) if row_of[j])
 
 
-SPREAD = 0.1
-"""Standard deviation of a keypoint between two pictures, as a share of the person's size."""
-WIDENING = 5.0
-"""Growth of the spread per second, as a factor."""
-LEAST_SIMILARITY = 0.05
-"""Least similarity of a detection to its track."""
-LOST_S = 1.0
-"""A track ends after this time without a detection, in seconds."""
-MOST_PEOPLE = 12
-"""Most tracked people per picture, the most confident ones. Chosen by hand."""
+SPREAD = 0.1  # Standard deviation of a keypoint between two pictures, as a share of the person's size.
+WIDENING = 5.0  # Growth of the spread per second, as a factor.
+LEAST_SIMILARITY = 0.05  # Least similarity of a detection to its track.
+LOST_S = 1.0  # A track ends after this time without a detection, in seconds.
+MOST_PEOPLE = 12  # Most tracked people per picture, the most confident ones. Chosen by hand.
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -150,8 +145,7 @@ def _numbers(people: np.ndarray, last: dict[int, _Sight], time_s: float, fresh: 
     return numbers
 
 
-_POLL_S = 0.2
-"""Time between looks at the detectors, in seconds. Chosen by hand."""
+_POLL_S = 0.2  # Time between looks at the detectors, in seconds. Chosen by hand.
 
 
 def detect_videos(

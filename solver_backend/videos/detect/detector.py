@@ -41,8 +41,7 @@ _LARGEST_HEAD, _LARGEST_ANSWER, _MOST_ARRAYS = 1 << 20, 1 << 24, 32
 """Largest line and array of an answer in bytes, and most arrays of one. Chosen by hand."""
 READY_S, ANSWER_S = 300.0, 60.0
 """Time limits to start a detector and to detect a picture, in seconds. Large models on slow machines take 10 s."""
-_LOG_BYTES = 1 << 16
-"""Number of bytes read at the end of a detector's log."""
+_LOG_BYTES = 1 << 16  # Number of bytes read at the end of a detector's log.
 _POSE: dict[str, tuple[int | None, ...]] = {"keypoints": (None, None, 3)}
 _HAND: dict[str, tuple[int | None, ...]] = {"points": (NUM_HAND_POINTS, 2), "presence": (1,), "right": (1,)}
 """Arrays of an answer about a body or a hand with their shapes. None is any length."""
@@ -97,12 +96,9 @@ def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
 
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
 """Environment variable with the path of the Python that has MediaPipe."""
-WORKER = ".py"
-"""Suffix of a user's own detector."""
-ENVIRONMENT = ".venv-mediapipe"
-"""Folder that ``dev.py detectors`` creates next to the project's own environment."""
-_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}
-"""Worker of a model by its suffix."""
+WORKER = ".py"  # Suffix of a user's own detector.
+ENVIRONMENT = ".venv-mediapipe"  # Folder that ``dev.py detectors`` creates next to the project's own environment.
+_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}  # Worker of a model by its suffix.
 HINT = (
     "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
 )

@@ -25,17 +25,13 @@ from solver_backend.videos.detect.assemble import CROPPED_SHARE
 from solver_backend.videos.detect.detector import DetectorChoice, DetectorProcess
 from solver_backend.videos.files.video import Picture, probe, read_pictures
 
-SIDE = 224
-"""Size of a crop in pixels."""
-HAND_M = 0.19
-"""Length from the wrist to the middle finger's tip, in metres."""
+SIDE = 224  # Size of a crop in pixels.
+HAND_M = 0.19  # Length from the wrist to the middle finger's tip, in metres.
 MARGIN = 1.3
 """Length of a crop in hand lengths. 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
 caliscope's."""
-AHEAD = 0.45
-"""Distance of the crop's middle from the wrist along the forearm, in hand lengths."""
-SECOND_MARGIN = 1.9
-"""Size of the second crop in extents of the first points."""
+AHEAD = 0.45  # Distance of the crop's middle from the wrist along the forearm, in hand lengths.
+SECOND_MARGIN = 1.9  # Size of the second crop in extents of the first points.
 _WRIST, _KNUCKLE = 0, 9
 
 
@@ -113,19 +109,14 @@ def _crop(middle: np.ndarray, up: np.ndarray, length: float, side: int) -> HandC
     return HandCrop(A, middle - A @ np.full(2, 0.5 * (SIDE - 1)))
 
 
-PRESENCE = 0.5
-"""Least presence of a visible hand, as in MediaPipe."""
+PRESENCE = 0.5  # Least presence of a visible hand, as in MediaPipe.
 PLACED = 0.05
 """Least presence of a first crop that deserves a second one, because the model was trained on better placed crops. Of
 88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
-AWAY_M = 0.1
-"""Largest distance of a hand's wrist from the arm's, in all views or in its own. Chosen on two takes."""
-ALIKE = 0.1
-"""Arms that are closer than this, in hand lengths, need only one crop."""
-NEAREST_M = 0.1
-"""Least distance of a hand from a camera, in metres."""
-SURE = 0.3
-"""Least confidence of a view's own wrist and elbow. Chosen on two takes."""
+AWAY_M = 0.1  # Largest distance of a hand's wrist from the arm's, in all views or in its own. Chosen on two takes.
+ALIKE = 0.1  # Arms that are closer than this, in hand lengths, need only one crop.
+NEAREST_M = 0.1  # Least distance of a hand from a camera, in metres.
+SURE = 0.3  # Least confidence of a view's own wrist and elbow. Chosen on two takes.
 SIGMA = 0.06
 """Standard deviation of a point for the agreement of views, as a share of the hand's length in the picture."""
 RIGHT, LEAST_TRUST = 0.5, 0.1
@@ -138,12 +129,9 @@ fingers from crossing. Of hands below 0.1 that face a view, two thirds are the w
 class HandInCrop:
     """Result of the hand network in a crop."""
 
-    points: np.ndarray
-    """(21, 2) px of the crop, or of the picture."""
-    presence: float
-    """Likelihood of a hand, 0 to 1."""
-    right: float = 1.0
-    """Likelihood of a right hand, as which every crop shows its hand, 0 to 1."""
+    points: np.ndarray  # (21, 2) px of the crop, or of the picture.
+    presence: float  # Likelihood of a hand, 0 to 1.
+    right: float = 1.0  # Likelihood of a right hand, as which every crop shows its hand, 0 to 1.
 
     def counted(self) -> np.ndarray:
         """Return the points with their confidence, (21, 3)."""
@@ -151,18 +139,15 @@ class HandInCrop:
         return np.column_stack([self.points, np.full(len(self.points), trust)])
 
 
-Look = Callable[[np.ndarray], HandInCrop]
-"""Finds a hand in a (224, 224, 3) crop."""
+Look = Callable[[np.ndarray], HandInCrop]  # Finds a hand in a (224, 224, 3) crop.
 
 
 @dataclass(frozen=True)
 class Arms:
     """Elbows and wrists over F frames, or of one frame without that axis. The left side is first."""
 
-    places: np.ndarray
-    """(F, 2, 2, 3) metres of elbow and wrist of each side, NaN where no views agree."""
-    detected: np.ndarray
-    """(C, F, 2, 2, 3) px and confidence of the same in each view."""
+    places: np.ndarray  # (F, 2, 2, 3) metres of elbow and wrist of each side, NaN where no views agree.
+    detected: np.ndarray  # (C, F, 2, 2, 3) px and confidence of the same in each view.
 
     def at(self, frame: int) -> Arms:
         """Return the arms of one frame."""
@@ -308,10 +293,8 @@ def _scaled(points: np.ndarray, scale: np.ndarray) -> np.ndarray:
     return np.concatenate([moved, points[..., 2:]], axis=-1)
 
 
-REACH = 5
-"""Largest detected shift of the footage in frames. With a larger one, crops miss the hands."""
-LEAST_FRAMES = 20
-"""Fewest frames that show a hand and its wrist. Chosen by hand."""
+REACH = 5  # Largest detected shift of the footage in frames. With a larger one, crops miss the hands.
+LEAST_FRAMES = 20  # Fewest frames that show a hand and its wrist. Chosen by hand.
 MOVES = 0.5
 """Largest error at the best shift, as a share of that at the worst one. By ``python -m
 tests.benchmarks.hands.late_footage``, resting hands show no false shift up to 0.7, and 7 of 16 at 1.0. Of 112 known
@@ -376,8 +359,7 @@ def _errors(hand: np.ndarray, wrist: np.ndarray) -> np.ndarray | None:
     return errors
 
 
-_STEP = 25
-"""Number of frames between progress reports. Chosen by hand."""
+_STEP = 25  # Number of frames between progress reports. Chosen by hand.
 
 AGAIN_S = 0.05
 """Time between searches for a hidden hand in seconds, because each costs up to six crops. See

@@ -96,16 +96,11 @@ class TimedPictures:
 class VideoInfo(TimedPictures):
     """A video of F pictures."""
 
-    path: Path
-    """The file, the first of several chapters, or a folder of pictures."""
-    size: tuple[int, int]
-    """Width and height in pixels after the rotation, as a player shows it."""
-    times_s: np.ndarray
-    """(F,) increasing presentation times on the file's clock."""
-    parts: tuple[Path, ...] = ()
-    """Its files in order, see ``parts_of``. Empty for a single file."""
-    timed: bool = True
-    """The file has picture times. Otherwise they are even, at its stated rate."""
+    path: Path  # The file, the first of several chapters, or a folder of pictures.
+    size: tuple[int, int]  # Width and height in pixels after the rotation, as a player shows it.
+    times_s: np.ndarray  # (F,) increasing presentation times on the file's clock.
+    parts: tuple[Path, ...] = ()  # Its files in order, see ``parts_of``. Empty for a single file.
+    timed: bool = True  # The file has picture times. Otherwise they are even, at its stated rate.
 
     @property
     def variable(self) -> bool:
@@ -117,10 +112,8 @@ class VideoInfo(TimedPictures):
         return bool((np.abs(gaps - usual) > OFF_SHARE * usual).mean() > VARIABLE_SHARE)
 
 
-UNTIMED_SHARE = 0.5
-"""Largest share of distinct times in a file without picture times."""
-PICTURES_FPS = 30.0
-"""Assumed rate of a folder of pictures, per second."""
+UNTIMED_SHARE = 0.5  # Largest share of distinct times in a file without picture times.
+PICTURES_FPS = 30.0  # Assumed rate of a folder of pictures, per second.
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
@@ -180,20 +173,16 @@ def quarter_turn(degrees: float) -> int:
     return round(degrees / 90.0) * 90 % 360
 
 
-LOST_SHARE = 0.02
-"""Largest share of broken pictures in a usable video."""
+LOST_SHARE = 0.02  # Largest share of broken pictures in a usable video.
 
 
 @dataclass(frozen=True)
 class Picture:
     """One picture of a video."""
 
-    number: int
-    """Index in presentation order."""
-    time_s: float
-    """Presentation time on the file's clock."""
-    rgb: np.ndarray
-    """(H, W, 3) uint8 after the rotation."""
+    number: int  # Index in presentation order.
+    time_s: float  # Presentation time on the file's clock.
+    rgb: np.ndarray  # (H, W, 3) uint8 after the rotation.
 
 
 def read_pictures(info: VideoInfo) -> Iterator[Picture]:
@@ -249,8 +238,7 @@ def picture_of(frame: Any) -> np.ndarray:
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
 
 
-_PIECE = 1 << 22
-"""Bytes per read. Chosen by hand."""
+_PIECE = 1 << 22  # Bytes per read. Chosen by hand.
 
 
 def file_hash(path: Path | str) -> str:
@@ -280,20 +268,16 @@ def require_different(hashes: Mapping[Path, str]) -> None:
         first[digest] = path
 
 
-RATE_HZ = 16_000
-"""Sample rate of sound, per second."""
-SILENCE = 1e-5
-"""Largest root mean square of silence at full scale 1. Chosen by hand."""
+RATE_HZ = 16_000  # Sample rate of sound, per second.
+SILENCE = 1e-5  # Largest root mean square of silence at full scale 1. Chosen by hand.
 
 
 @dataclass(frozen=True)
 class Sound:
     """Sound of one channel."""
 
-    samples: np.ndarray
-    """(N,) float32 at full scale 1."""
-    start_s: float
-    """Time of the first sample on the clock of the pictures."""
+    samples: np.ndarray  # (N,) float32 at full scale 1.
+    start_s: float  # Time of the first sample on the clock of the pictures.
     rate_hz: int = RATE_HZ
 
 

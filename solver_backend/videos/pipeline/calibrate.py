@@ -31,8 +31,7 @@ from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 
-ONE_CAMERA = "one camera"
-"""Method of a calibration of a single camera."""
+ONE_CAMERA = "one camera"  # Method of a calibration of a single camera.
 _BOARD_FILES = ("board.toml", "charuco.toml")
 
 
@@ -75,8 +74,7 @@ class KnownOfCameras:
 class TakeCalibration:
     """A calibration that was written."""
 
-    method: str
-    """'board', 'person' or ``ONE_CAMERA``."""
+    method: str  # 'board', 'person' or ``ONE_CAMERA``.
     diagnostics: tuple[Diagnostic, ...]
 
 

@@ -16,8 +16,7 @@ from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of, is_picture, is
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
 """Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""
-_SOURCE_FOLDERS = ("inputmedia", "")
-"""Subfolders with a camera's footage: OpenCap's, or the folder itself."""
+_SOURCE_FOLDERS = ("inputmedia", "")  # Subfolders with a camera's footage: OpenCap's, or the folder itself.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
 _MOST_PICTURE_NAMES = 64
 """Most file names that are checked for pictures."""
@@ -84,10 +83,8 @@ VIDEO_FOLDERS = (
     *("recordings", "raw_videos", "videos_raw", "videosraw", "footage"),
 )
 """Folders of a take with its videos. Synchronised ones come first (Pose2Sim, FreeMoCap, caliscope, anipose)."""
-_PICTURE_FOLDERS = ("images", "frames")
-"""Folders of a take with a folder of pictures per camera (EasyMocap)."""
-_LEVELS = 4
-"""Depth of the search for takes. Chosen by hand."""
+_PICTURE_FOLDERS = ("images", "frames")  # Folders of a take with a folder of pictures per camera (EasyMocap).
+_LEVELS = 4  # Depth of the search for takes. Chosen by hand.
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
 _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics|output_data|annotated.*|\..*")
@@ -131,8 +128,7 @@ class FoundTake:
 class CalibrationFootage:
     """Videos or pictures of a board."""
 
-    kind: str
-    """'intrinsics', 'extrinsics', or 'both' if the folder name does not tell."""
+    kind: str  # 'intrinsics', 'extrinsics', or 'both' if the folder name does not tell.
     folder: Path
     cameras: dict[str, Path]
 

@@ -45,8 +45,7 @@ def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
     return canvas
 
 
-PREVIEW_HEIGHT = 720
-"""Shorter side of a preview in pixels at most."""
+PREVIEW_HEIGHT = 720  # Shorter side of a preview in pixels at most.
 PEOPLE_COLOURS = np.array(
     [[60, 220, 90], [255, 140, 40], [70, 160, 255], [240, 80, 220], [250, 230, 60], [120, 240, 240]]
 )
@@ -112,10 +111,8 @@ def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) 
     rgb[y[inside], x[inside]] = colour
 
 
-LOOKED_AT = 240
-"""One of this many first pictures is shown, so that a long video is not read to its middle."""
-SHOWN_S = 12.0
-"""Length of the clocks' curves in seconds."""
+LOOKED_AT = 240  # One of this many first pictures is shown, so that a long video is not read to its middle.
+SHOWN_S = 12.0  # Length of the clocks' curves in seconds.
 _LEFT, _TOP, _RIGHT = 40, 30, 190
 """Margins of the clocks' curves in pixels. The right one has the names of the cameras."""
 _TICKS_S, _MOST_TICKS = (0.1, 0.2, 0.5, 1.0, 2.0), 13

@@ -22,8 +22,7 @@ from solver_backend.videos.files.video import PICTURES_FPS
 from solver_backend.videos.pipeline.calibrate import KnownOfCameras
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
-STEPS = ("detect", "sync", "calibrate", "capture", "solve")
-"""Steps from videos to a motion, in their order."""
+STEPS = ("detect", "sync", "calibrate", "capture", "solve")  # Steps from videos to a motion, in their order.
 
 
 @dataclass(frozen=True)

@@ -56,8 +56,7 @@ def made_of_hands(detector: DetectorChoice | None) -> list[str]:
     return [f"hands by {model.name}, {model.stat().st_size} bytes"]
 
 
-FOUND_SHARE = 0.5
-"""Least share of a video's pictures that show a person without a warning. Chosen by hand."""
+FOUND_SHARE = 0.5  # Least share of a video's pictures that show a person without a warning. Chosen by hand.
 
 
 def run_take(found: FoundFolder, plan: TakePlan, settings: PipelineSettings, progress: Progress = silent) -> Steps:

@@ -26,14 +26,10 @@ from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, l
 class LivePicture:
     """A picture of one camera, decoded on demand."""
 
-    number: int
-    """Index of the picture."""
-    time_s: float
-    """Seconds on the clock that all cameras share."""
-    arrived: float
-    """``time.perf_counter()`` when it arrived, or when a replay is due."""
-    rgb: Callable[[], np.ndarray]
-    """Returns (H, W, 3) uint8."""
+    number: int  # Index of the picture.
+    time_s: float  # Seconds on the clock that all cameras share.
+    arrived: float  # ``time.perf_counter()`` when it arrived, or when a replay is due.
+    rgb: Callable[[], np.ndarray]  # Returns (H, W, 3) uint8.
 
 
 class PictureSource(Protocol):
@@ -58,8 +54,7 @@ class PictureSource(Protocol):
         ...
 
 
-SIZE, FPS = (1280, 720), 30.0
-"""Requested size and rate of a webcam, which may differ."""
+SIZE, FPS = (1280, 720), 30.0  # Requested size and rate of a webcam, which may differ.
 _FORMATS = {"linux": ("v4l2", "/dev/video{}"), "darwin": ("avfoundation", "{}"), "win32": ("dshow", "video={}")}
 """FFmpeg's input format and device name on each system."""
 
@@ -172,8 +167,7 @@ class ReplayedVideo:
         self._closed.set()
 
 
-KEPT = 4
-"""Number of recent pictures per camera, so that all cameras have one of the same moment. Chosen by hand."""
+KEPT = 4  # Number of recent pictures per camera, so that all cameras have one of the same moment. Chosen by hand.
 
 
 class KeypointDetector(Protocol):
@@ -283,12 +277,9 @@ def _named(error: Exception, camera: str) -> MocapError:
     return SolverFailed(f"The camera's thread failed: {type(error).__name__}: {error}", where=camera)
 
 
-FEWEST = 2
-"""Fewest views of a triangulation."""
-_NEW = 0.2
-"""Weight of a new moment in the running mean of the time."""
-_EASY = 0.8
-"""A view is added if the moment then takes less than this share of the interval."""
+FEWEST = 2  # Fewest views of a triangulation.
+_NEW = 0.2  # Weight of a new moment in the running mean of the time.
+_EASY = 0.8  # A view is added if the moment then takes less than this share of the interval.
 
 
 class ViewBudget:
@@ -315,20 +306,13 @@ class ViewBudget:
         self.count = count
 
 
-RATE_HZ = 30.0
-"""Most moments per second, also of faster cameras."""
-SAME_SHARE = 0.6
-"""Largest time difference of pictures of one moment, as a share of the picture interval."""
-STALL_S = 0.15
-"""Longest wait for a camera or its detector while two other views are there, in seconds."""
-BEHIND_S = 2.0
-"""A camera is reported once if its newest picture is older, in seconds."""
-READY_S = 120.0
-"""Time limit for starting the detectors, in seconds."""
-AHEAD_S = 0.05
-"""Time from readiness to the start of the shared clock, in seconds."""
-_LOOK_S = 0.05
-"""Longest uninterrupted wait, in seconds."""
+RATE_HZ = 30.0  # Most moments per second, also of faster cameras.
+SAME_SHARE = 0.6  # Largest time difference of pictures of one moment, as a share of the picture interval.
+STALL_S = 0.15  # Longest wait for a camera or its detector while two other views are there, in seconds.
+BEHIND_S = 2.0  # A camera is reported once if its newest picture is older, in seconds.
+READY_S = 120.0  # Time limit for starting the detectors, in seconds.
+AHEAD_S = 0.05  # Time from readiness to the start of the shared clock, in seconds.
+_LOOK_S = 0.05  # Longest uninterrupted wait, in seconds.
 
 
 @dataclass

@@ -14,25 +14,17 @@ from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
 from solver_backend.videos.sync.signals import RATE_SIGMA, PairLag, Signal, smoothed
 from solver_backend.videos.sync.speeds import person_size
 
-RATE_HZ = 240.0
-"""The wrists are looked at at so many moments per second."""
-FLOOR_S = 0.008
-"""Standard deviation of a clap's moment in a view. Wrists are not palms."""
-SMOOTHING_S = 0.035
-"""Standard deviation of the smoothing. Hands approach each other for about 0.1 s."""
-NEAR = 0.25
-"""Largest distance of wrists in a clap, in sizes of the person in the picture."""
+RATE_HZ = 240.0  # The wrists are looked at at so many moments per second.
+FLOOR_S = 0.008  # Standard deviation of a clap's moment in a view. Wrists are not palms.
+SMOOTHING_S = 0.035  # Standard deviation of the smoothing. Hands approach each other for about 0.1 s.
+NEAR = 0.25  # Largest distance of wrists in a clap, in sizes of the person in the picture.
 WRISTS = ("left_wrist", "right_wrist")
 LEAST_AGREEMENT = 0.3
 """Least correlation of the same claps in two views."""
-MEDIAN_S = 0.15
-"""Length of the running median."""
-TOP_LAGS, KEPT = 8, 40
-"""New lags that are tried for each camera, and sets of lags that are kept."""
-ALIKE = 0.85
-"""Share of the best sum of correlations from which other lags may be true, too."""
-APART_S = 0.1
-"""Least distance of a tried lag to a better one."""
+MEDIAN_S = 0.15  # Length of the running median.
+TOP_LAGS, KEPT = 8, 40  # New lags that are tried for each camera, and sets of lags that are kept.
+ALIKE = 0.85  # Share of the best sum of correlations from which other lags may be true, too.
+APART_S = 0.1  # Least distance of a tried lag to a better one.
 
 
 def claps(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signal:
@@ -165,12 +157,9 @@ def _near(agreement: np.ndarray, lag: int) -> tuple[float, float] | None:
     return at - len(agreement) // 2 + part, float(top)
 
 
-FLASH_RATE_HZ = 240.0
-"""Brightness is compared at so many moments per second."""
-COARSE = 16
-"""Step of rows and columns."""
-CLIP_SIGMAS = 8.0
-"""Spreads at which a change of brightness is clipped, chosen by hand."""
+FLASH_RATE_HZ = 240.0  # Brightness is compared at so many moments per second.
+COARSE = 16  # Step of rows and columns.
+CLIP_SIGMAS = 8.0  # Spreads at which a change of brightness is clipped, chosen by hand.
 
 
 def brightness_signal(info: VideoInfo) -> Signal:
@@ -191,14 +180,12 @@ def brightness_signal(info: VideoInfo) -> Signal:
     return Signal((change - change.mean())[:, None], FLASH_RATE_HZ)
 
 
-SOUND_RATE_HZ = 2000
-"""Samples per second of the onsets: half a millisecond, and peaks are found between samples."""
+SOUND_RATE_HZ = 2000  # Samples per second of the onsets: half a millisecond, and peaks are found between samples.
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
 PIECE_S = 8.0
 SOUND_FLOOR_S = 0.005
 """Sound needs 3 ms for a metre, and microphones stand some metres apart."""
-SOUND_SMOOTHING_S = 0.002
-"""Standard deviation of the smoothing of loudness, seconds, chosen by hand."""
+SOUND_SMOOTHING_S = 0.002  # Standard deviation of the smoothing of loudness, seconds, chosen by hand.
 
 
 def onsets(sound: Sound) -> Signal:

@@ -14,8 +14,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_json
 from solver_backend.videos.sync.signals import PairLag, SyncUnknown
 
-SIGMAS = 2.0
-"""Standard deviations up to which a clock's difference is none: 95 %."""
+SIGMAS = 2.0  # Standard deviations up to which a clock's difference is none: 95 %.
 LARGEST_SIGMA_S = 1e-3
 """A clock with a larger deviation is not called in sync. A wrist at 3 m/s moves 3 mm in this time."""
 
@@ -27,20 +26,13 @@ class Clocks:
     Videos' clocks begin with their first picture. The first camera's clock is everybody's: its offset and rate are 0.
     """
 
-    names: tuple[str, ...]
-    """Names of the cameras."""
-    offset_s: np.ndarray
-    """(C,) seconds at ``middle_s``."""
-    rate: np.ndarray
-    """(C,) seconds per second; 1e-6 is one part in a million."""
-    covariance: np.ndarray
-    """(C, 2, 2) of offset and rate. NaN where unknown."""
-    middle_s: float
-    """t0, seconds."""
-    method: str = "as filmed"
-    """Method of the estimate."""
-    findings: tuple[Diagnostic, ...] = ()
-    """Warnings for the user."""
+    names: tuple[str, ...]  # Names of the cameras.
+    offset_s: np.ndarray  # (C,) seconds at ``middle_s``.
+    rate: np.ndarray  # (C,) seconds per second; 1e-6 is one part in a million.
+    covariance: np.ndarray  # (C, 2, 2) of offset and rate. NaN where unknown.
+    middle_s: float  # t0, seconds.
+    method: str = "as filmed"  # Method of the estimate.
+    findings: tuple[Diagnostic, ...] = ()  # Warnings for the user.
 
     @classmethod
     def alike(cls, names: tuple[str, ...]) -> Clocks:
@@ -134,8 +126,7 @@ def _texts(values: Any) -> list[str]:
     return values
 
 
-CONTRADICTION_S = 0.05
-"""Least deviation of a wrong pair's lag from the others."""
+CONTRADICTION_S = 0.05  # Least deviation of a wrong pair's lag from the others.
 
 
 def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:
@@ -206,10 +197,8 @@ def _require_connected(names: tuple[str, ...], pairs: Mapping[tuple[int, int], P
     )
 
 
-EXACT_SHARE = 0.01
-"""A moment this near a picture, as a share of the interval, is that picture."""
-LONGEST_GAP_S = 0.1
-"""Largest interval of pictures that are interpolated."""
+EXACT_SHARE = 0.01  # A moment this near a picture, as a share of the interval, is that picture.
+LONGEST_GAP_S = 0.1  # Largest interval of pictures that are interpolated.
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:

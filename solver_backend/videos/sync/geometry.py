@@ -15,13 +15,11 @@ from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.sync.clocks import Clocks, at_times, common_times
 from solver_backend.videos.sync.signals import RATE_SIGMA, SyncUnknown, convolved, smoothed
 
-LAG_SIGMA_SHARE = 0.005
-"""Scatter of detections as a share of the picture's width."""
+LAG_SIGMA_SHARE = 0.005  # Scatter of detections as a share of the picture's width.
 LAG_FRAMES = 120
 MOST_FRAMES = 4000
 """Frames on which delays are refined, at most."""
-PATH_FRAMES = 2
-"""Standard deviation of the smoothing of points for their velocity."""
+PATH_FRAMES = 2  # Standard deviation of the smoothing of points for their velocity.
 WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 150
 """Frames between new errors, of a local spread, and of an independent block."""
 OUTLIER_SIGMAS = 8.0
@@ -30,10 +28,8 @@ ROUNDS, REFINED_ROUNDS, SETTLED_FRAMES = 12, (1, 3), 0.002
 LEAST_FRAMES = 24
 NEAR_S = 0.5
 """Largest error of a start."""
-IN_STEP_BONUS = 0.97
-"""Ratio of the residual below which other clocks replace clocks in step."""
-LEAST_COMMON_S, LEAST_COMMON_SHARE = 3.0, 0.7
-"""Least time in common, or share of a shorter video."""
+IN_STEP_BONUS = 0.97  # Ratio of the residual below which other clocks replace clocks in step.
+LEAST_COMMON_S, LEAST_COMMON_SHARE = 3.0, 0.7  # Least time in common, or share of a shorter video.
 _HINT = "Check that these are the calibration's cameras, or use sound: --sync sound."
 MOTION_FRAMES, MOTION_SIGMAS, LEAST_MOVES = 4, 3.0, 100
 """Motion over twice so many frames in deviations, and least number of moves."""
@@ -43,16 +39,11 @@ MOTION_FRAMES, MOTION_SIGMAS, LEAST_MOVES = 4, 3.0, 100
 class FilmedTracks:
     """One person in C views on their own clocks."""
 
-    cameras: Cameras
-    """C calibrated cameras."""
-    tracks: list[np.ndarray]
-    """(F_c, K, 2) px, NaN where missing."""
-    times_s: list[np.ndarray]
-    """(F_c,) from each video's first picture."""
-    joint_set: JointSet
-    """Names of the K keypoints."""
-    fps: float
-    """Pictures per second that all are compared at."""
+    cameras: Cameras  # C calibrated cameras.
+    tracks: list[np.ndarray]  # (F_c, K, 2) px, NaN where missing.
+    times_s: list[np.ndarray]  # (F_c,) from each video's first picture.
+    joint_set: JointSet  # Names of the K keypoints.
+    fps: float  # Pictures per second that all are compared at.
 
 
 def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: float) -> Clocks:

@@ -8,44 +8,31 @@ import numpy as np
 
 from solver_backend.exchange.errors import MocapError
 
-LEAST_CORRELATION = 0.25
-"""Least correlation of pieces and wholes."""
-LEAST_OVERLAP = 0.3
-"""Least overlap of a lag, as a share of the shorter signal."""
-RATE_SIGMA = 25e-6
-"""Prior deviation of a camera's rate: quartz keeps within 50 ppm."""
-ROUNDS = 5
-"""Rounds of reweighting, chosen by hand."""
-HUBER_SIGMAS = 2.0
-"""Scale of the Huber weights, in spreads, chosen by hand."""
+LEAST_CORRELATION = 0.25  # Least correlation of pieces and wholes.
+LEAST_OVERLAP = 0.3  # Least overlap of a lag, as a share of the shorter signal.
+RATE_SIGMA = 25e-6  # Prior deviation of a camera's rate: quartz keeps within 50 ppm.
+ROUNDS = 5  # Rounds of reweighting, chosen by hand.
+HUBER_SIGMAS = 2.0  # Scale of the Huber weights, in spreads, chosen by hand.
 
 
 @dataclass(frozen=True)
 class Signal:
     """N samples of D channels."""
 
-    values: np.ndarray
-    """(N, D), finite, zero mean."""
-    rate_hz: float
-    """Samples per second."""
-    start_s: float = 0.0
-    """When the first sample was taken."""
+    values: np.ndarray  # (N, D), finite, zero mean.
+    rate_hz: float  # Samples per second.
+    start_s: float = 0.0  # When the first sample was taken.
 
 
 @dataclass(frozen=True)
 class PairLag:
     """Lead of a second signal's clock over a first one's: ``lag + rate (t - middle)`` seconds."""
 
-    lag_s: float
-    """At ``middle_s``."""
-    rate: float
-    """Seconds per second."""
-    covariance: np.ndarray
-    """(2, 2) of both."""
-    middle_s: float
-    """On the first one's clock."""
-    correlation: float
-    """Of the wholes at the lag, -1 to 1."""
+    lag_s: float  # At ``middle_s``.
+    rate: float  # Seconds per second.
+    covariance: np.ndarray  # (2, 2) of both.
+    middle_s: float  # On the first one's clock.
+    correlation: float  # Of the wholes at the lag, -1 to 1.
 
 
 def pair_lag(first: Signal, second: Signal, *, reach_s: float, piece_s: float, floor_s: float) -> PairLag | None:

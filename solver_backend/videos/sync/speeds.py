@@ -10,15 +10,12 @@ from solver_backend.types import FEET, LIMBS, JointSet
 from solver_backend.videos.sync.clocks import Clocks, at_times, clocks_of_pairs
 from solver_backend.videos.sync.signals import Signal, pair_lag, smoothed
 
-RATE_HZ = 120.0
-"""Speeds are compared at so many moments per second."""
+RATE_HZ = 120.0  # Speeds are compared at so many moments per second.
 PIECE_S = 6.0
 FLOOR_S = 0.002
 """Shift of a speed's peak by perspective."""
-SMOOTHING_S = 0.04
-"""Standard deviation of the smoothing, the same for all cameras."""
-CLIP_SIGMAS = 4.0
-"""Spreads at which a speed is clipped, chosen by hand."""
+SMOOTHING_S = 0.04  # Standard deviation of the smoothing, the same for all cameras.
+CLIP_SIGMAS = 4.0  # Spreads at which a speed is clipped, chosen by hand.
 
 
 def clocks_by_speeds(

@@ -30,8 +30,7 @@ from solver_backend.videos.video_detections import VideoDetections
 
 WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
 """Methods. ``auto`` uses keypoints, or sound if those show nothing."""
-REACH_S = 6.5
-"""Largest offset."""
+REACH_S = 6.5  # Largest offset.
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
 """Largest offset of cameras in step, and in deviations. Nobody starts four cameras by hand within a frame. The solve
 corrects the rest."""

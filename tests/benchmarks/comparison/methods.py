@@ -37,12 +37,9 @@ BASELINES: dict[str, type[Baseline]] = {
 class Method:
     """A method with some of its settings changed."""
 
-    kind: str
-    """A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``."""
-    changes: tuple[tuple[str, Any], ...] = ()
-    """Names and values of the changed settings."""
-    label: str = ""
-    """How tables call it; made from kind and changes if empty."""
+    kind: str  # A name of ``BASELINES``, ``OURS`` or ``EXACT_PRIOR``.
+    changes: tuple[tuple[str, Any], ...] = ()  # Names and values of the changed settings.
+    label: str = ""  # How tables call it; made from kind and changes if empty.
 
     @classmethod
     def of(cls, kind: str, label: str = "", **changes: Any) -> Method:

@@ -59,14 +59,10 @@ class Run:
 class Outcome:
     """What came of it."""
 
-    row: Row
-    """Figures of the judgement, ``seconds``, ``cpu_s`` (which a busy machine does not change) and ``peak_mb``."""
-    notes: list[str]
-    """What went wrong, in words."""
-    worst: list[Any]
-    """The joints with the largest mean error."""
-    motion: Path | None
-    """The solved motion."""
+    row: Row  # Figures of the judgement, ``seconds``, ``cpu_s`` (which a busy machine does not change) and ``peak_mb``.
+    notes: list[str]  # What went wrong, in words.
+    worst: list[Any]  # The joints with the largest mean error.
+    motion: Path | None  # The solved motion.
 
 
 def outcome(run: Run) -> Outcome:

@@ -24,10 +24,8 @@ Found = dict[Run, Outcome]
 class Scope:
     """On what the tables are measured."""
 
-    takes: tuple[str, ...] = TAKES[:3]
-    """As in ``captures.TAKES``; every take has a seed of its own, its number."""
-    frames: int | None = None
-    """Cut every take to so many frames."""
+    takes: tuple[str, ...] = TAKES[:3]  # As in ``captures.TAKES``; every take has a seed of its own, its number.
+    frames: int | None = None  # Cut every take to so many frames.
 
     def runs(
         self, methods: list[Method], num_views: int = 4, takes: int | None = None, bad: str | None = None

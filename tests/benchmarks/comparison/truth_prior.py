@@ -11,8 +11,7 @@ from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, log_so
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.sposer import SPoser
 
-SHARPNESS = 2000.0
-"""Codes further than about 2 degrees from a true pose's no longer feel its correction."""
+SHARPNESS = 2000.0  # Codes further than about 2 degrees from a true pose's no longer feel its correction.
 
 
 class TruthPrior(AutoencodingPrior):

@@ -33,8 +33,7 @@ from solver_backend.types import Capture, Motion
 
 FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
 """Angles of knuckles and middle joints of the four fingers, as the criterion has them."""
-CHI2_95 = 7.815
-"""Of three dimensions."""
+CHI2_95 = 7.815  # Of three dimensions.
 
 
 @dataclass(frozen=True)
@@ -76,20 +75,13 @@ def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandF
 class HandErrors:
     """How far a solve is from the truth, both hands, frames in which two views or more show the hand."""
 
-    tips_mm: np.ndarray
-    """(n, 5) fingertips in the world."""
-    own_tips_mm: np.ndarray
-    """(n, 5) fingertips from the wrist, hands laid over each other at the palm's turn."""
-    angles_deg: np.ndarray
-    """(n, 8) knuckles' and middle joints' flexion."""
-    wrists_mm: np.ndarray
-    """(n,)."""
-    held: np.ndarray
-    """(n, 15) whether the 95 % ellipsoid of a finger joint holds it."""
-    overlap_mm: np.ndarray
-    """(n,) by which the two fingers that overlap most do."""
-    seen: float
-    """Share of the frames that count."""
+    tips_mm: np.ndarray  # (n, 5) fingertips in the world.
+    own_tips_mm: np.ndarray  # (n, 5) fingertips from the wrist, hands laid over each other at the palm's turn.
+    angles_deg: np.ndarray  # (n, 8) knuckles' and middle joints' flexion.
+    wrists_mm: np.ndarray  # (n,).
+    held: np.ndarray  # (n, 15) whether the 95 % ellipsoid of a finger joint holds it.
+    overlap_mm: np.ndarray  # (n,) by which the two fingers that overlap most do.
+    seen: float  # Share of the frames that count.
 
 
 def errors_of(take: HandTake, motion: Motion) -> HandErrors:

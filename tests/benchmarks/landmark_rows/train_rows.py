@@ -21,16 +21,14 @@ from training.landmarks.loop import LandmarkTraining
 from training.landmarks.rows import named_rows, train_row
 from training.landmarks.train import table_of
 
-BY_VPOSER = "ortho by vposer"
-"""``ortho`` whose rare poses VPoser tells and blends: table 4.6."""
+BY_VPOSER = "ortho by vposer"  # ``ortho`` whose rare poses VPoser tells and blends: table 4.6.
 ROWS = (
     "base", "ortho", "bmse", "squad", "slerp", "lerp", "bezier", "bspline", "random", "σ(D)", "e(D)", "σ(R)", "e(R)",
     "e(D)+squad", "ortho fading", BY_VPOSER, "democap", "democap bmse", "democap ortho", "coordinates",
 )  # fmt: skip
 WIDTH, RESOLUTION, STEPS, BATCH, RATE = 8, 48, 2000, 64, 3e-3
 """A quarter of the paper's width and a third of its pixels: what a GPU trains in a minute a row."""
-LONGER = 2
-"""Times as many steps for networks that see one view."""
+LONGER = 2  # Times as many steps for networks that see one view.
 
 
 def main(argv: list[str] | None = None) -> int:

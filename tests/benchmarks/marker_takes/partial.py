@@ -12,8 +12,7 @@ from solver_backend.fitters import SolveSettings, solve
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Capture, MarkerCloud, Motion
 
-BOUNDS = np.array([2.366, 4.642, 7.815])
-"""Squared distances of the 50, 80 and 95 % ellipsoids, in deviations."""
+BOUNDS = np.array([2.366, 4.642, 7.815])  # Squared distances of the 50, 80 and 95 % ellipsoids, in deviations.
 _LEG = ("hip", "knee", "ankle", "foot")
 _ARM = ("elbow", "wrist", "hand")
 _SHOULDER = ("SHO", "FSH", "BSH")
@@ -24,18 +23,12 @@ _SHOULDER = ("SHO", "FSH", "BSH")
 class Removed:
     """What a partial take gives beside the whole one."""
 
-    kind: str
-    """Which markers were removed."""
-    squared: np.ndarray
-    """(n,) squared distances of resting joints from the whole solve's, in deviations."""
-    flagged: float
-    """Share of the frames that are flagged as resting."""
-    moved_mm: np.ndarray
-    """(n,) distances of joints that are informed from the whole solve's."""
-    wrists_above: float
-    """Share of the frames in which a resting wrist is above its shoulder."""
-    motion: Motion
-    """The partial solve."""
+    kind: str  # Which markers were removed.
+    squared: np.ndarray  # (n,) squared distances of resting joints from the whole solve's, in deviations.
+    flagged: float  # Share of the frames that are flagged as resting.
+    moved_mm: np.ndarray  # (n,) distances of joints that are informed from the whole solve's.
+    wrists_above: float  # Share of the frames in which a resting wrist is above its shoulder.
+    motion: Motion  # The partial solve.
 
 
 KINDS = ("above the pelvis", "right arm", "legs")

@@ -12,8 +12,7 @@ _TO_WALK = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 """The walk's skeleton has its axes a quarter turn about the vertical."""
 _TO_FIGHT = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """The fight's has Y up: (X, Y, Z) are the markers' (y, z, x)."""
-_FIGHT_EVERY = 4
-"""Its skeleton has every fourth frame of the markers."""
+_FIGHT_EVERY = 4  # Its skeleton has every fourth frame of the markers.
 _BONES = {
     "hip": "femur", "knee": "tibia", "ankle": "foot", "shoulder": "humerus", "elbow": "radius", "wrist": "hand",
 }  # fmt: skip

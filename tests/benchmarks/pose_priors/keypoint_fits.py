@@ -83,8 +83,7 @@ def latent_fit(prior: PosePrior, seen: Sighting, pull: float, settings: Keypoint
     return _error_mm(seen, state[0], state[2])
 
 
-_State = tuple[PosedFrames, np.ndarray, np.ndarray]
-"""Poses, their codes (F, d), shape (10,)."""
+_State = tuple[PosedFrames, np.ndarray, np.ndarray]  # Poses, their codes (F, d), shape (10,).
 
 
 @dataclass(frozen=True)

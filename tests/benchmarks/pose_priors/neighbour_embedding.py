@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-PERPLEXITY = 30.0
-"""Neighbours that count for a point, about; the paper's range is 5 to 50."""
-ITERATIONS, EXAGGERATED = 500, 120
-"""Steps in all, and of the first ones, in which likenesses count four times."""
+PERPLEXITY = 30.0  # Neighbours that count for a point, about; the paper's range is 5 to 50.
+ITERATIONS, EXAGGERATED = 500, 120  # Steps in all, and of the first ones, in which likenesses count four times.
 _EXAGGERATION = 4.0
 _HALVINGS = 50
 """Steps of the search for a point's width."""
-_EARLY, _LATE = 0.5, 0.8
-"""Momentum during the exaggeration and afterwards."""
+_EARLY, _LATE = 0.5, 0.8  # Momentum during the exaggeration and afterwards.
 
 
 def neighbours_on_a_plane(

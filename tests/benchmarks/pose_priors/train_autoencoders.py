@@ -18,8 +18,7 @@ from training.train import train
 ROOT = Path(__file__).resolve().parents[3] / "build" / "autoencoder_rows"
 STEPS = {"sposer": 6000}
 """Of the trainings that ship; 3,000 of the others."""
-HIDDEN = 256
-"""Width of SPoser's decoder, as it ships."""
+HIDDEN = 256  # Width of SPoser's decoder, as it ships.
 ROWS = ("vposer", "rvposer", "sposer", "vposer_worded", "svae", "lie_vae", "rvposer_second_norm")
 """The last ships with no weights: its seeds are 0, 1 and 2."""
 

@@ -10,8 +10,7 @@ import numpy as np
 from solver_backend.exchange.joint_sets import JointSet
 from tests.benchmarks.spoiled_views.kinds import Recording
 
-MOVED_M = (0.2, 0.0, 0.0)
-"""By how much somebody who stumbled over a tripod moved a camera after it was calibrated."""
+MOVED_M = (0.2, 0.0, 0.0)  # By how much somebody who stumbled over a tripod moved a camera after it was calibrated.
 POSTER_PX, POSTER_CONFIDENCE = (300.0, 20.0), 0.9
 """Where a picture of somebody hangs beside the person, and how sure the detector is of it."""
 LEGS = (("left_knee", "right_knee"), ("left_ankle", "right_ankle"))

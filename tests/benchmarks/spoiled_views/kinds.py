@@ -22,18 +22,12 @@ LATEST_FRAMES = 600
 class Recording:
     """What lies in a folder: pixels of C cameras, their calibration, and what the user adds to the command."""
 
-    xy: np.ndarray
-    """(C, F, K, 2) px, NaN where unseen."""
-    confidence: np.ndarray
-    """(C, F, K)."""
-    cameras: Cameras
-    """As they are written; K and image size of pictures as they were calibrated."""
-    names: tuple[str, ...]
-    """Of the folders."""
-    transposed_K: bool = False
-    """Intrinsics are written transposed."""
-    starts: np.ndarray | None = None
-    """(C,) frames by which cameras start after the first of all; None: together."""
+    xy: np.ndarray  # (C, F, K, 2) px, NaN where unseen.
+    confidence: np.ndarray  # (C, F, K).
+    cameras: Cameras  # As they are written; K and image size of pictures as they were calibrated.
+    names: tuple[str, ...]  # Of the folders.
+    transposed_K: bool = False  # Intrinsics are written transposed.
+    starts: np.ndarray | None = None  # (C,) frames by which cameras start after the first of all; None: together.
 
 
 def half_size(recording: Recording, chosen: np.ndarray | slice = slice(None)) -> Recording:

@@ -32,8 +32,7 @@ SQUAT = 63
 SCALED, SLIGHTLY_SCALED, FULL = 1.25, 1.1, "as it should be"
 AS_TEXT = tuple(sorted(range(FRAMES), key=str))
 """Frames in the order of texts."""
-_BEGIN = 24
-"""Letters of a sentence by which it is found again in a text that breaks lines."""
+_BEGIN = 24  # Letters of a sentence by which it is found again in a text that breaks lines.
 Spoil = Callable[[Recording, np.random.Generator], Recording]
 
 

@@ -10,12 +10,10 @@ import numpy as np
 from solver_backend.exchange.joint_sets import JointSet
 from tests.benchmarks.spoiled_views.kinds import Recording
 
-FOCAL_ERROR = 1.10
-"""Times the true focal length: a zoom that moved, or another mode of the camera."""
+FOCAL_ERROR = 1.10  # Times the true focal length: a zoom that moved, or another mode of the camera.
 LEFT_SHARE, DROPPED = 0.4, 0.15
 """Share of the take in which the person is away; share of the pictures of one camera that are missing."""
-TREMBLING_PX = 3.0
-"""Standard deviation of detections of somebody who does not move."""
+TREMBLING_PX = 3.0  # Standard deviation of detections of somebody who does not move.
 
 
 def flat_confidence(recording: Recording, value: float) -> Recording:

@@ -22,8 +22,7 @@ SIZE = (1920, 1080)
 NOISE, OFFSET, OUTLIERS = 0.012, 0.008, 0.02
 """Standard deviations of a detector by the person's height in the picture, of errors and of constant offsets; rate of
 errors ten times as large."""
-CORRELATION = 0.8
-"""Of a detector's errors from one frame to the next."""
+CORRELATION = 0.8  # Of a detector's errors from one frame to the next.
 _JOINTS = {
     "right_shoulder": "rhumerus", "right_elbow": "rradius", "right_wrist": "rhand", "left_shoulder": "lhumerus",
     "left_elbow": "lradius", "left_wrist": "lhand", "right_hip": "rfemur", "right_knee": "rtibia",
@@ -76,12 +75,9 @@ HELD_OUT = (
 class Filmed:
     """A take as it is filmed."""
 
-    recording: Recording
-    """Of the main person."""
-    company: tuple[np.ndarray, np.ndarray] | None
-    """Detections of the second person, xy and confidence."""
-    truth: np.ndarray
-    """(F, 25, 3) metres; NaN for keypoints that skeletons lack."""
+    recording: Recording  # Of the main person.
+    company: tuple[np.ndarray, np.ndarray] | None  # Detections of the second person, xy and confidence.
+    truth: np.ndarray  # (F, 25, 3) metres; NaN for keypoints that skeletons lack.
 
 
 def film(take: MotionTake, seed: int) -> Filmed:

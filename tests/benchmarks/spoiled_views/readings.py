@@ -18,12 +18,9 @@ ALIKE_MM, ALIKE_SCALE, ALIKE_DEG = 0.1, 1e-4, 0.2
 class Difference:
     """How one reading's person lies in comparison with another's."""
 
-    off_mm: float
-    """Mean distance of points after a similarity."""
-    scale: float
-    """Of the other against this one."""
-    tilt_deg: float
-    """Angle between the two worlds' up."""
+    off_mm: float  # Mean distance of points after a similarity.
+    scale: float  # Of the other against this one.
+    tilt_deg: float  # Angle between the two worlds' up.
 
     @property
     def alike(self) -> bool:

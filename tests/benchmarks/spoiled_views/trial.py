@@ -34,20 +34,13 @@ CHANGES = {
 class Result:
     """What became of a recording."""
 
-    error_mm: float
-    """Mean error of the joints, the take laid over the truth rigidly; NaN where it was refused."""
-    warnings: tuple[str, ...]
-    """What the solve warned of."""
-    refused: str = ""
-    """Why it was refused, with what to do."""
-    tilt_deg: float = float("nan")
-    """Angle of its world's up with the truth's, NaN where it was refused."""
-    shape_mm: float = float("nan")
-    """As ``error_mm``, but at the truth's size."""
-    scale: float = float("nan")
-    """Of the truth against the result."""
-    codes: tuple[str, ...] = ()
-    """Of what was found in the recording."""
+    error_mm: float  # Mean error of the joints, the take laid over the truth rigidly; NaN where it was refused.
+    warnings: tuple[str, ...]  # What the solve warned of.
+    refused: str = ""  # Why it was refused, with what to do.
+    tilt_deg: float = float("nan")  # Angle of its world's up with the truth's, NaN where it was refused.
+    shape_mm: float = float("nan")  # As ``error_mm``, but at the truth's size.
+    scale: float = float("nan")  # Of the truth against the result.
+    codes: tuple[str, ...] = ()  # Of what was found in the recording.
 
     @property
     def silent(self) -> bool:
@@ -55,8 +48,7 @@ class Result:
         return not self.warnings and not self.refused
 
 
-Known = Callable[[Capture], Result | None]
-"""Gives what is known to become of a reading, None where it must be solved."""
+Known = Callable[[Capture], Result | None]  # Gives what is known to become of a reading, None where it must be solved.
 
 
 def result_of(
@@ -140,8 +132,7 @@ def scale_of(found: np.ndarray, joints: np.ndarray) -> float:
     return spreads[0] / spreads[1]
 
 
-_COMPARED = 12
-"""Frames by which the take is found in the film."""
+_COMPARED = 12  # Frames by which the take is found in the film.
 
 
 def _shown_part(found: np.ndarray, joints: np.ndarray) -> np.ndarray | None:

@@ -21,8 +21,7 @@ from blender_addon.export.write import export_take
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 from tests.support.moving_fingers import FRAMES, moving_fingers
 
-WALK = np.linspace(0.0, 3.0, 60)[:, None] * [0.6, -0.8, 0.0]
-"""Travel over the ground, metres."""
+WALK = np.linspace(0.0, 3.0, 60)[:, None] * [0.6, -0.8, 0.0]  # Travel over the ground, metres.
 
 
 @pytest.fixture

@@ -31,8 +31,7 @@ from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh
 from tests.support.full_disk import full_disk
 
-FEW = (1, 12)
-"""Frames of a file whose contents do not matter; more than a disk of 6,000 bytes holds."""
+FEW = (1, 12)  # Frames of a file whose contents do not matter; more than a disk of 6,000 bytes holds.
 
 
 def test_every_format_has_a_writer() -> None:

@@ -35,10 +35,8 @@ TOLERANCE_MM = 1.0
 class Read:
     """What a file shows to a program that reads it."""
 
-    seconds: np.ndarray
-    """(F,) times of its frames from the first on."""
-    points: np.ndarray
-    """(F, P, 3) joints or vertices in metres, Z up."""
+    seconds: np.ndarray  # (F,) times of its frames from the first on.
+    points: np.ndarray  # (F, P, 3) joints or vertices in metres, Z up.
 
 
 def of_blender(group: str, verb: str, **settings: Any) -> Callable[[Path, float, int, Files], Read]:

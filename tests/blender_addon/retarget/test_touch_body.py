@@ -22,8 +22,7 @@ BROADER = 1.2
 FRAMES = 21
 PALM_M = 0.022
 """Distance of a palm's middle from the skin that it touches."""
-LEFT, RIGHT = (16, 18, 20, 22), (17, 19, 21, 23)
-"""SMPL's joints of the arms."""
+LEFT, RIGHT = (16, 18, 20, 22), (17, 19, 21, 23)  # SMPL's joints of the arms.
 
 
 @pytest.fixture(scope="module")

@@ -23,8 +23,7 @@ from blender_addon.scene.limb_modes import frames_of, pole_places, pose_by_joint
 from tests.support.addon_stand_in import Files
 from tests.support.posed_rig import evaluated, pose
 
-_JOINTS_M, _DEGREES = 2e-4, 0.1
-"""What of the motion may be lost: the task allows 1 mm."""
+_JOINTS_M, _DEGREES = 2e-4, 0.1  # What of the motion may be lost: the task allows 1 mm.
 
 
 def _motion(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:

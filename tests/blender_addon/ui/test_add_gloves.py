@@ -22,8 +22,7 @@ from tests.support.handed_take import handed_take
 from tests.support.narrow_layout import draw_panel
 from tests.support.short_solves import QUICK
 
-FIRST_FINGER = 21
-"""Among the joints after the root."""
+FIRST_FINGER = 21  # Among the joints after the root.
 
 
 @pytest.fixture(scope="module")

@@ -25,10 +25,8 @@ from tests.support.narrow_layout import draw_panel
 from tests.support.own_skeleton import own_skeleton
 from tests.support.played_character import FRAMES, known_clip, play_on_character, write_clip
 
-INSIDE_HANDS = 22
-"""First of the joints that are not SMPL's to turn."""
-BALLS, FPS = (10, 11), 30.0
-"""Of the feet, among SMPL's joints; frames a second of the clips."""
+INSIDE_HANDS = 22  # First of the joints that are not SMPL's to turn.
+BALLS, FPS = (10, 11), 30.0  # Of the feet, among SMPL's joints; frames a second of the clips.
 
 
 def joints_of(armature: bpy.types.Object) -> np.ndarray:

@@ -15,8 +15,7 @@ from tests.support import narrow_layout
 from tests.support.narrow_layout import draw_panel, text_width
 from tests.support.shown_panels import panels_of_all_stages
 
-_NARROW, _DEFAULT = 200, 283
-"""Pixels; the default is Blender's."""
+_NARROW, _DEFAULT = 200, 283  # Pixels; the default is Blender's.
 _WIDTHS = (_NARROW, 265, _DEFAULT)
 
 

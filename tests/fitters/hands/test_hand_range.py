@@ -18,8 +18,7 @@ from tests.support.short_solves import QUICK
 FRAMES, FIRST, LAST, PINNED = 20, 5, 15, 10
 BODY = 21
 """Joints after the root that are no fingers."""
-INDEX = 30
-"""First joint of the left ring finger among the joints after the root."""
+INDEX = 30  # First joint of the left ring finger among the joints after the root.
 
 
 @lru_cache(maxsize=1)

@@ -19,8 +19,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, MarkerCloud, Motion
 
-pytestmark = pytest.mark.slow
-"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+pytestmark = pytest.mark.slow  # Making what these tests look at takes 4 to 14 seconds of CPU time.
 
 FRAMES, LABELS = 80, marker_layout("CMU_41")
 WRIST, BENDING, END_DEG = SMPL_JOINTS.index("left_wrist") - 1, 2, 75.0

@@ -14,8 +14,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 
-pytestmark = pytest.mark.slow
-"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+pytestmark = pytest.mark.slow  # Making what these tests look at takes 4 to 14 seconds of CPU time.
 
 LABELS = marker_layout("CMU_41")
 RENAMED = {"LSHN": "thing 1", "RFRM": "thing 2", "LFHD": "thing 3", "RFWT": "thing 4"}

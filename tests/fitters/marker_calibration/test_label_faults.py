@@ -15,8 +15,7 @@ from solver_backend.geometry.marker_jumps import frozen, jumping, leaving, neigh
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
 from tests.support.worn_markers import worn_markers
 
-pytestmark = pytest.mark.slow
-"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+pytestmark = pytest.mark.slow  # Making what these tests look at takes 4 to 14 seconds of CPU time.
 
 LABELS = marker_layout("PLUGIN_GAIT_39")
 FPS, FRAMES = 60.0, 90

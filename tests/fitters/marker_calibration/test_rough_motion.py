@@ -16,11 +16,8 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 from tests.support.worn_markers import worn_markers
 
-pytestmark = pytest.mark.slow
-"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
-
-FRAMES = 58
-"""The last frame is none of every sixth."""
+pytestmark = pytest.mark.slow  # Making what these tests look at takes 4 to 14 seconds of CPU time.
+FRAMES = 58  # The last frame is none of every sixth.
 
 
 @pytest.fixture(scope="module")

@@ -11,8 +11,7 @@ from solver_backend.fitters.model.states import Keyframes
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 
-LAYOUT = KeyframeLayout(np.array([3, 13, 22, 33]))
-"""Windows of 10, 9 and 11 frames: keys are not evenly spaced."""
+LAYOUT = KeyframeLayout(np.array([3, 13, 22, 33]))  # Windows of 10, 9 and 11 frames: keys are not evenly spaced.
 
 
 def _at(times: np.ndarray, layout: KeyframeLayout = LAYOUT) -> np.ndarray:

@@ -18,8 +18,7 @@ from tests.support.one_view_situations import parts
 from tests.support.short_motion import short_motion
 from tests.support.walking_take import circling
 
-FRAMES, TOGETHER = 90, 25
-"""The second camera sees the person in the first frames alone."""
+FRAMES, TOGETHER = 90, 25  # The second camera sees the person in the first frames alone.
 
 
 @pytest.fixture(scope="module")

@@ -21,8 +21,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.types import SMPL_JOINTS
 
-UPRIGHT = exp_so3(np.array([0.5 * np.pi, 0.0, 0.0]))
-"""The body's up is the world's."""
+UPRIGHT = exp_so3(np.array([0.5 * np.pi, 0.0, 0.0]))  # The body's up is the world's.
 
 
 def sigma_mm(lean_deg: float, part: str, joint: str) -> np.ndarray:

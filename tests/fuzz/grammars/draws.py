@@ -21,10 +21,8 @@ from tests.fuzz.grammars.values import ODDLY, STRATEGIES
 T = TypeVar("T")
 _VALUES = 256
 """Of each kind in a stock."""
-_AT_ONCE, _BYTES = 16, 8192
-"""Values that hypothesis makes in one go, and the bytes of randomness it has for them."""
-_GOES = 200
-"""After so many goes a stock that is not full stays as it is."""
+_AT_ONCE, _BYTES = 16, 8192  # Values that hypothesis makes in one go, and the bytes of randomness it has for them.
+_GOES = 200  # After so many goes a stock that is not full stays as it is.
 
 
 class _Fuzzed(Protocol):

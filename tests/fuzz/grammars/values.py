@@ -8,8 +8,7 @@ import numpy as np
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 
-ODDLY = 24
-"""One of so many values is another than the sound file's."""
+ODDLY = 24  # One of so many values is another than the sound file's.
 _SCALARS = st.one_of(
     st.none(), st.booleans(), st.integers(-(2**70), 2**70), st.floats(), st.text(max_size=8),
     st.sampled_from([0, -1, 1, 2**31, 2**63, 1e308, 1e-308, 1e30, -1e9, "", "nan", "1", "\u0661", "\0", "a/../b", "é"]),

@@ -22,8 +22,7 @@ from solver_backend.exchange.progress import silent
 from tests.fuzz.target import Target, Write
 from tests.kills.run import damaged
 
-LIMIT_S = 20.0
-"""CPU seconds that an input of a verb may take."""
+LIMIT_S = 20.0  # CPU seconds that an input of a verb may take.
 SENSE = 0.8
 """Share of changes that a verb's input is read with; the others stop at the reader, where a million were tried."""
 

@@ -31,8 +31,7 @@ _WAVING = Waving(seconds=6.0, fps=15.0)
 class _ProcessHere:
     """A thread in the place of a sensor's process, which takes a second to begin."""
 
-    broke: ClassVar[list[BaseException]] = []
-    """What ended one unnamed."""
+    broke: ClassVar[list[BaseException]] = []  # What ended one unnamed.
 
     def __init__(self, target: Callable[..., object], args: tuple[Any, Connection], daemon: bool) -> None:
         task, there = args

@@ -12,8 +12,7 @@ from solver_backend.synthesis.simulation.cast import cast_person
 from solver_backend.types import JointSet
 from tests.support.walking_take import walk
 
-HANGING_RAD = 0.27
-"""By which collar bones turn down where arms hang: 0.23 to 0.28 in four of five recorded motions."""
+HANGING_RAD = 0.27  # By which collar bones turn down where arms hang: 0.23 to 0.28 in four of five recorded motions.
 
 
 def scale_of(seed: int, joint_set: JointSet) -> float:

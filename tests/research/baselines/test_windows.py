@@ -25,8 +25,7 @@ def _keys(rng: np.random.Generator, count: int, kind: str) -> KeyState:
     return codes if kind == "slerp" else spherical_normalisation(codes), turns, 0.3 * rng.normal(size=(count, 3))
 
 
-FRAMES = 13
-"""One more than a number that 1 to 4 divide: every key has a frame."""
+FRAMES = 13  # One more than a number that 1 to 4 divide: every key has a frame.
 KINDS = [
     ("sider", 2), ("sider, root by slerp", 2), ("slerp", 1), ("sider", 1), ("sider", 3), ("sider", 4),
     ("sider, root by se3", 2), ("sider, root by se3", 3),

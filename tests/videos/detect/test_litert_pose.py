@@ -27,8 +27,7 @@ from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from tests.support.fake_litert import FakeModel, install, sha256
 
-WIDE, HIGH, SCALE = 960, 540, 3.8
-"""Of the picture, pixels; and pixels of a step of colour."""
+WIDE, HIGH, SCALE = 960, 540, 3.8  # Of the picture, pixels; and pixels of a step of colour.
 LOGIT = 3.0
 
 

@@ -12,8 +12,7 @@ from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteDa
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.recorded_clip import HIP_SPLAY, RecordedClip
 
-FPS = 120.0
-"""CMU's rate; the files do not state it."""
+FPS = 120.0  # CMU's rate; the files do not state it.
 _TPOSE = {
     "lfemur": (0.0, 0.0, -HIP_SPLAY),
     "rfemur": (0.0, 0.0, HIP_SPLAY),

@@ -27,10 +27,8 @@ from training.data.sources.marker_takes import FIT_FPS, fitted_takes
 
 _ARMS = ((13, 16, 1.0), (14, 17, -1.0))
 """(collar, shoulder, sign of x of the arm in the T-pose); columns of SMPL's 21 body joints are these less one."""
-RAISING_SHARE = 0.22
-"""Part of the upper arm's elevation above the horizontal that the collar takes."""
-REACHING_SHARE = 0.15
-"""Part of the upper arm's forward swing that the collar takes."""
+RAISING_SHARE = 0.22  # Part of the upper arm's elevation above the horizontal that the collar takes.
+REACHING_SHARE = 0.15  # Part of the upper arm's forward swing that the collar takes.
 
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
@@ -110,12 +108,9 @@ def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     return out
 
 
-TPOSE = "T-Pose"
-"""Name of the animation that holds the T-pose."""
-_FPS = 30.0
-"""Frames a second at which curves are read; chosen by hand."""
-_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
-"""Numbers of an element by its type (glTF 2.0, section 5.1.3)."""
+TPOSE = "T-Pose"  # Name of the animation that holds the T-pose.
+_FPS = 30.0  # Frames a second at which curves are read; chosen by hand.
+_COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}  # Numbers of an element by its type (glTF 2.0, section 5.1.3).
 
 
 @dataclass(frozen=True)
@@ -223,19 +218,16 @@ def _sampled(times: np.ndarray, quats: np.ndarray, at: np.ndarray) -> np.ndarray
 FPS = 30.0
 KEYED = "keyed"
 """Subject of hand-keyed animations."""
-UNKNOWN = "unknown"
-"""Subject of conversions that do not keep it."""
+UNKNOWN = "unknown"  # Subject of conversions that do not keep it.
 KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
 """A joint this far beyond its anatomical range was tracked wrongly."""
-FAR = "far"
-"""Folder of motions unlike any that is trained on: priors are evaluated on them."""
+FAR = "far"  # Folder of motions unlike any that is trained on: priors are evaluated on them.
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
 """Conversions; a take that several of them hold is read from the first."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
 """Motions that no other conversion with hands and toes holds; all CMU skeletons share their axes, so one serves."""
-_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")
-"""CMU's subject and trial in a file's name, perhaps after a word."""
+_TAKE = re.compile(r"(?:[a-z]+_)?(\d+)_\d+")  # CMU's subject and trial in a file's name, perhaps after a word.
 _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
 """Folders whose files are named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"

@@ -28,16 +28,11 @@ from solver_backend.types import MarkerCloud
 class MarkerFit:
     """How a person is fitted."""
 
-    sigma_m: float = 0.004
-    """Skin and marker noise."""
-    coarse_sigma_m: float = 0.015
-    """The same while the shape is unknown."""
-    robust_scale: float = 1000.0
-    """Geman-McClure's scale in sigmas; 1000 is plain least squares."""
-    sample: int = 40
-    """Frames that shape and offsets are found from."""
-    shape: ShapePrior = field(default_factory=ShapePrior)
-    """How far shape and offsets may go."""
+    sigma_m: float = 0.004  # Skin and marker noise.
+    coarse_sigma_m: float = 0.015  # The same while the shape is unknown.
+    robust_scale: float = 1000.0  # Geman-McClure's scale in sigmas; 1000 is plain least squares.
+    sample: int = 40  # Frames that shape and offsets are found from.
+    shape: ShapePrior = field(default_factory=ShapePrior)  # How far shape and offsets may go.
 
 
 @dataclass(frozen=True)
@@ -123,12 +118,9 @@ def _free(
     ).state
 
 
-FIT_FPS = 10.0
-"""Rate of the fit: the movements last seconds."""
-FIT = MarkerFit(robust_scale=5.0, sample=80)
-"""How takes are fitted; chosen by hand."""
-_UNIT_M = 1e-4
-"""Metres in a unit of these files, a tenth of a millimetre."""
+FIT_FPS = 10.0  # Rate of the fit: the movements last seconds.
+FIT = MarkerFit(robust_scale=5.0, sample=80)  # How takes are fitted; chosen by hand.
+_UNIT_M = 1e-4  # Metres in a unit of these files, a tenth of a millimetre.
 _CACHE = "ui_prmd_poses.npz"
 
 
@@ -136,14 +128,10 @@ _CACHE = "ui_prmd_poses.npz"
 class FittedTake:
     """One take after the fit."""
 
-    name: str
-    """As the file: movement, subject, episode."""
-    subject: str
-    """s01 to s08."""
-    rotations: np.ndarray
-    """(F, 21, 3, 3) local, at ``FIT_FPS``."""
-    residual_mm: np.ndarray
-    """(F,) mean distance of the markers to the body's."""
+    name: str  # As the file: movement, subject, episode.
+    subject: str  # s01 to s08.
+    rotations: np.ndarray  # (F, 21, 3, 3) local, at ``FIT_FPS``.
+    residual_mm: np.ndarray  # (F,) mean distance of the markers to the body's.
 
 
 def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:

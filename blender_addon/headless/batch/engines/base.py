@@ -22,14 +22,10 @@ LOST, ENDED, DIED = "lost", "ended", "died"
 class Ticket:
     """A take that is to be done."""
 
-    capture: Path
-    """File or folder."""
-    name: str
-    """Of the take."""
-    tries: int = 0
-    """Attempts that failed for a reason that may lie with the worker."""
-    avoid: set[str] = field(default_factory=set)
-    """Workers that have failed with it."""
+    capture: Path  # File or folder.
+    name: str  # Of the take.
+    tries: int = 0  # Attempts that failed for a reason that may lie with the worker.
+    avoid: set[str] = field(default_factory=set)  # Workers that have failed with it.
 
 
 @dataclass(frozen=True)
@@ -47,8 +43,7 @@ class Ended:
 class Engine(Protocol):
     """Does takes, perhaps several at a time. Doing one twice does no harm."""
 
-    tries: int
-    """Attempts at a take before it is set aside."""
+    tries: int  # Attempts at a take before it is set aside.
 
     def free(self) -> int:
         """Return how many more takes it would begin now."""

@@ -75,8 +75,7 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
             time.sleep(0.5)
 
 
-_AHEAD = 2
-"""Takes begun for each thread of the workers: one at work, one waiting."""
+_AHEAD = 2  # Takes begun for each thread of the workers: one at work, one waiting.
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
 """Seconds to wait for a scheduler's answer, chosen by hand."""
@@ -286,12 +285,9 @@ class ClusterEngine(Engine):
         self._workers.require_some(patience_s=0.0)
 
 
-MEMORY = "memory_mb"
-"""Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it."""
-_CLOCK_S = 60.0
-"""Clocks that differ by more are reported."""
-_FAILS = 3
-"""A worker that fails to write so many takes in a row gets no more, while there are others."""
+MEMORY = "memory_mb"  # Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it.
+_CLOCK_S = 60.0  # Clocks that differ by more are reported.
+_FAILS = 3  # A worker that fails to write so many takes in a row gets no more, while there are others.
 
 
 class Workers:

@@ -58,15 +58,13 @@ def work_of(values: Plain) -> Work:
     return _KINDS[values["kind"]].from_plain(values)
 
 
-_LOOK_S, _LOOKS = 2.0, 3
-"""The marker must be gone for so many looks: a network's folder may vanish for a moment."""
+_LOOK_S, _LOOKS = 2.0, 3  # The marker must be gone for so many looks: a network's folder may vanish for a moment.
 
 
 class Batch(TypedDict):
     """Data of a batch that each task gets."""
 
-    work: Plain
-    """See ``Work.plain``."""
+    work: Plain  # See ``Work.plain``.
     out: str
     capture: str
     marker: str

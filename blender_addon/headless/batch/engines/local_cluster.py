@@ -15,8 +15,7 @@ from ....backend_environment import backend_folder
 _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Least time between two starts of one process."""
-_END_S = 2.0
-"""Seconds that a worker has to end, chosen by hand."""
+_END_S = 2.0  # Seconds that a worker has to end, chosen by hand.
 
 
 class LocalCluster:

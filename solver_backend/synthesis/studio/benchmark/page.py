@@ -22,8 +22,7 @@ from solver_backend.synthesis.studio.data_set import SHOTS
 from solver_backend.synthesis.studio.z_buffer import in_camera
 from solver_backend.types import SMPL_PARENTS
 
-_WORST = 4
-"""Frames that the page shows, those of the largest errors; chosen by hand."""
+_WORST = 4  # Frames that the page shows, those of the largest errors; chosen by hand.
 _KINDS = ("rgb", "infrared", "masks")
 _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 

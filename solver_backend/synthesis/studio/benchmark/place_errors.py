@@ -24,10 +24,8 @@ from solver_backend.synthesis.studio.shots import seeded
 from solver_backend.synthesis.studio.sight import BodySight, pose_proxy, sight_lines
 from solver_backend.types import Cameras, JointSet
 
-_POSES, _DRAWS = 5, 8
-"""Poses a place, and how often a detector looks at each."""
-_FPS = 30.0
-"""Frames a second of the person that is placed; chosen by hand."""
+_POSES, _DRAWS = 5, 8  # Poses a place, and how often a detector looks at each.
+_FPS = 30.0  # Frames a second of the person that is placed; chosen by hand.
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,7 @@ import numpy as np
 
 from .serve import Refused
 
-LICENCE = "Apache-2.0"
-"""Licence of all known models."""
+LICENCE = "Apache-2.0"  # Licence of all known models.
 
 
 class LiteRtModel:

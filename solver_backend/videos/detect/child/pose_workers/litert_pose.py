@@ -16,19 +16,14 @@ import numpy as np
 from .litert_model import LICENCE, LiteRtModel
 from .serve import Refused, serve
 
-DETECTOR_SIDE = 224
-"""Size of the person detector's input in pixels."""
-_GRIDS = ((28, 2), (14, 2), (7, 6))
-"""Cells per side of each grid of anchors, and anchors per cell."""
+DETECTOR_SIDE = 224  # Size of the person detector's input in pixels.
+_GRIDS = ((28, 2), (14, 2), (7, 6))  # Cells per side of each grid of anchors, and anchors per cell.
 NUM_ANCHORS = sum(cells * cells * anchors for cells, anchors in _GRIDS)
 NUM_NUMBERS = 12
 """Numbers of a box: middle, size, and four points. The first two are the hips and the top of the circle."""
-_LIKELY = 0.5
-"""Least score of an anchor that shows a person."""
-_SAME_BOX = 0.3
-"""Least overlap (intersection over union) of two boxes of one person."""
-_GROWN = 1.25
-"""Length of a square in diameters of the circle."""
+_LIKELY = 0.5  # Least score of an anchor that shows a person.
+_SAME_BOX = 0.3  # Least overlap (intersection over union) of two boxes of one person.
+_GROWN = 1.25  # Length of a square in diameters of the circle.
 
 
 @dataclass(frozen=True)
@@ -143,12 +138,9 @@ SIDE = 256
 NUM_POINTS, _ALL_POINTS, _NUMBERS = 33, 39, 5
 _HIPS, _TOP = 33, 34
 """Points that place the next square."""
-_HEAT, _WINDOW = 64, 3
-"""Cells per side of a point's heat map, and cells around a point that are averaged."""
-_PRESENT, _SURE = 0.5, 0.5
-"""Least likelihood of a person in a square, and least heat of a point that is averaged."""
-_SAME = 0.2
-"""Largest mean distance of the points of one person, as a share of the square's length."""
+_HEAT, _WINDOW = 64, 3  # Cells per side of a point's heat map, and cells around a point that are averaged.
+_PRESENT, _SURE = 0.5, 0.5  # Least likelihood of a person in a square, and least heat of a point that is averaged.
+_SAME = 0.2  # Largest mean distance of the points of one person, as a share of the square's length.
 
 
 class LiteRtPose:

@@ -15,8 +15,7 @@ import numpy as np
 
 from .serve import Refused, serve
 
-PADDING = 114.0
-"""Grey value outside a picture, 0 to 255."""
+PADDING = 114.0  # Grey value outside a picture, 0 to 255.
 
 
 def crop(rgb: np.ndarray, low: np.ndarray, high: np.ndarray, size: tuple[int, int]) -> np.ndarray:
@@ -67,8 +66,7 @@ Outputs = list[tuple[str, list[Any]]]
 Run = Callable[[np.ndarray], list[np.ndarray]]
 LEAST_SCORE = 0.3
 """Least confidence of a person."""
-LARGEST_OVERLAP = 0.65
-"""Largest overlap (intersection over union) of two people's boxes."""
+LARGEST_OVERLAP = 0.65  # Largest overlap (intersection over union) of two people's boxes.
 _MEAN, _STD = np.array([123.675, 116.28, 103.53]), np.array([58.395, 57.12, 57.375])
 """Mean and deviation of ImageNet's pictures (RGB, 0 to 255), the training data of RTMPose."""
 
@@ -242,8 +240,7 @@ class MoveNet(Model):
         return _chosen(corners, score, points, offset, scale, self.most)
 
 
-KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)
-"""Kinds in the order of trial."""
+KINDS = (MoveNet, RtmPose, Rtmo, YoloPose)  # Kinds in the order of trial.
 
 
 def suppressed(corners: np.ndarray, score: np.ndarray, most: int) -> list[int]:

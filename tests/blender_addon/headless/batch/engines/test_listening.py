@@ -22,8 +22,7 @@ from blender_addon.headless.batch.engines.cluster import connected
 from blender_addon.headless.main import main
 from tests.support.tended_cluster import Tended
 
-_LISTENING = "0A"
-"""State of a socket in ``/proc/net/tcp`` (Linux, ``include/net/tcp_states.h``)."""
+_LISTENING = "0A"  # State of a socket in ``/proc/net/tcp`` (Linux, ``include/net/tcp_states.h``).
 _LOOPBACK = ("0100007F", "00000000000000000000000001000000", "0000000000000000FFFF00000100007F")
 
 
