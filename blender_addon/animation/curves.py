@@ -15,8 +15,7 @@ class CurveTarget:
     """The curves of an action for one object."""
 
     action: bpy.types.Action
-    container: Any
-    """The slot's channelbag (Blender 4.4 and later) or the action itself."""
+    container: Any  # The slot's channelbag (Blender 4.4 and later) or the action itself.
 
 
 def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:

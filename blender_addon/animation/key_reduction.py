@@ -193,10 +193,8 @@ class KeyDeviation:
     """Largest differences between a take with few keys and the full take, over all frames and joints."""
 
     keys: int
-    joints_mm: float
-    """Joint positions."""
-    degrees: float
-    """Rotations of the joints against their parents."""
+    joints_mm: float  # Joint positions.
+    degrees: float  # Rotations of the joints against their parents.
 
     def __str__(self) -> str:
         off = f"joints are up to {self.joints_mm:.1f} mm and {self.degrees:.1f}° from the take."

@@ -93,8 +93,7 @@ class RangeTimes:
 
     first: float
     last: float
-    step: float
-    """Between two frames of the take."""
+    step: float  # Between two frames of the take.
 
     def holds(self, times: np.ndarray) -> np.ndarray:
         """Return a mask of the (K,) times inside."""

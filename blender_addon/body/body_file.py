@@ -116,32 +116,21 @@ _Result = TypeVar("_Result")
 class BodyFile:
     """A skinned body in its rest frame: Y up, facing +Z, left = +X, metres."""
 
-    id: str
-    """Name in motion files."""
-    v_template: np.ndarray
-    """(V, 3) metres."""
-    shapedirs: np.ndarray
-    """(V, 3, 10) metres per unit of shape."""
-    posedirs: np.ndarray | None
-    """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1."""
-    J_regressor: np.ndarray
-    """(J, V), rows sum to 1."""
-    weights: np.ndarray
-    """(V, J), rows sum to 1."""
-    faces: np.ndarray
-    """(T, 3) vertex indices."""
-    uv: np.ndarray | None = None
-    """(V, 2) texture coordinates."""
-    face_material: np.ndarray | None = None
-    """(T,) index of each face's material."""
+    id: str  # Name in motion files.
+    v_template: np.ndarray  # (V, 3) metres.
+    shapedirs: np.ndarray  # (V, 3, 10) metres per unit of shape.
+    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1.
+    J_regressor: np.ndarray  # (J, V), rows sum to 1.
+    weights: np.ndarray  # (V, J), rows sum to 1.
+    faces: np.ndarray  # (T, 3) vertex indices.
+    uv: np.ndarray | None = None  # (V, 2) texture coordinates.
+    face_material: np.ndarray | None = None  # (T,) index of each face's material.
     blank_face: tuple[np.ndarray, np.ndarray] | None = None
     """(N,) vertices and (N, 3) metres that remove the face, None if the body has no such look."""
-    layout: BodyLayout = SMPL
-    """Names and tree of the J joints: SMPL's, or those with fingers."""
+    layout: BodyLayout = SMPL  # Names and tree of the J joints: SMPL's, or those with fingers.
     flat_hands: np.ndarray | None = None
     """(30, 3, 3) rotations of finger bones from rest to a flat hand, None if a hand at rest is flat."""
-    licence: str = ""
-    """SPDX identifier, "" if the file states none."""
+    licence: str = ""  # SPDX identifier, "" if the file states none.
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
         """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""

@@ -9,16 +9,12 @@ from dataclasses import dataclass
 class Format:
     """One way to write a take."""
 
-    suffix: str
-    """Of the file, with its dot."""
-    label: str
-    """For people."""
-    description: str
-    """Contents of the file."""
+    suffix: str  # Of the file, with its dot.
+    label: str  # For people.
+    description: str  # Contents of the file.
     is_sampled: bool = True
     """The motion is sampled, at any frame rate and in any range. Otherwise its own keys are written."""
-    keeps: tuple[str, ...] = ()
-    """Fields of ``FileLayout`` that can be chosen. The format states all others itself."""
+    keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that can be chosen. The format states all others itself.
 
 
 FORMATS: dict[str, Format] = {

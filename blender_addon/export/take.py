@@ -29,29 +29,18 @@ _SLACK = 0.01  # Tolerance of keys in frames, as Blender stores them in single p
 class ExportTake:
     """A take in a scene."""
 
-    name: str
-    """Name of the armature."""
-    scene: bpy.types.Scene
-    """Scene with the frame rate."""
+    name: str  # Name of the armature.
+    scene: bpy.types.Scene  # Scene with the frame rate.
     armature: bpy.types.Object
-    meshes: tuple[bpy.types.Object, ...]
-    """Objects that the armature deforms."""
-    first: float
-    """Scene frame of the first frame."""
-    num_frames: int
-    """Number of frames."""
-    fps: float
-    """Frames per second."""
-    step: float = 1.0
-    """Scene frames between two frames."""
-    is_plain: bool = False
-    """It is a copy in the file's unit with a key on every frame, made to be exported."""
-    layout: FileLayout = AS_RECORDED
-    """How the skeleton is laid out in the file."""
-    clip: str = ""
-    """Name of the animation in files that name one, "" for the scene's."""
-    warnings: tuple[Diagnostic, ...] = ()
-    """Warnings of its solve, which exports repeat."""
+    meshes: tuple[bpy.types.Object, ...]  # Objects that the armature deforms.
+    first: float  # Scene frame of the first frame.
+    num_frames: int  # Number of frames.
+    fps: float  # Frames per second.
+    step: float = 1.0  # Scene frames between two frames.
+    is_plain: bool = False  # It is a copy in the file's unit with a key on every frame, made to be exported.
+    layout: FileLayout = AS_RECORDED  # How the skeleton is laid out in the file.
+    clip: str = ""  # Name of the animation in files that name one, "" for the scene's.
+    warnings: tuple[Diagnostic, ...] = ()  # Warnings of its solve, which exports repeat.
 
     @property
     def metres_a_unit(self) -> float:
@@ -209,20 +198,14 @@ _PROGRESS_STEP = 100  # Frames from one report of progress to the next, chosen b
 class PoseSamples:
     """J bones over F frames. Metres, Blender's axes (Z up)."""
 
-    names: tuple[str, ...]
-    """The bones, parents before children."""
-    parents: tuple[int, ...]
-    """Index of each bone's parent, -1 at a root."""
-    rest_heads: np.ndarray
-    """(J, 3) heads at rest in the armature's frame, as large as the world shows it."""
-    rest_tails: np.ndarray
-    """(J, 3) tails at rest."""
+    names: tuple[str, ...]  # The bones, parents before children.
+    parents: tuple[int, ...]  # Index of each bone's parent, -1 at a root.
+    rest_heads: np.ndarray  # (J, 3) heads at rest in the armature's frame, as large as the world shows it.
+    rest_tails: np.ndarray  # (J, 3) tails at rest.
     rotations: np.ndarray
     """(F, J, 3, 3) each bone's rotation from rest, armature's frame to world: identity at rest if that is unmoved."""
-    heads: np.ndarray
-    """(F, J, 3) heads in the world."""
-    fps: float
-    """Frames per second."""
+    heads: np.ndarray  # (F, J, 3) heads in the world.
+    fps: float  # Frames per second.
 
     @property
     def num_frames(self) -> int:

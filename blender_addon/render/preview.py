@@ -27,18 +27,12 @@ _LINE = 20
 class PreviewSettings:
     """Size and length of the preview."""
 
-    size: tuple[int, int] = (848, 480)
-    """Width and height in pixels, both even."""
-    most_fps: float = 30.0
-    """A faster take is shown at its own speed with every second, third ... frame."""
-    most_frames: int = 360
-    """Maximum number of video frames."""
-    most_views: int = 4
-    """Maximum number of cameras."""
-    most_footage_pictures: int = 720
-    """Maximum number of footage images to read, which may reduce the cameras."""
-    body_opacity: float = 0.8
-    """Opacity of the body over footage."""
+    size: tuple[int, int] = (848, 480)  # Width and height in pixels, both even.
+    most_fps: float = 30.0  # A faster take is shown at its own speed with every second, third ... frame.
+    most_frames: int = 360  # Maximum number of video frames.
+    most_views: int = 4  # Maximum number of cameras.
+    most_footage_pictures: int = 720  # Maximum number of footage images to read, which may reduce the cameras.
+    body_opacity: float = 0.8  # Opacity of the body over footage.
 
 
 @dataclass(frozen=True)
@@ -49,10 +43,8 @@ class Pane:
     tile: PictureTile
     stage: RenderStage
     backdrop: Backdrop
-    opacity: float
-    """Opacity of the body."""
-    detections: np.ndarray
-    """(F, K, 2) pixels of the picture, NaN where unseen."""
+    opacity: float  # Opacity of the body.
+    detections: np.ndarray  # (F, K, 2) pixels of the picture, NaN where unseen.
     dot_colour: Colour
 
 

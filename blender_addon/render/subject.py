@@ -98,10 +98,8 @@ class RenderedTake:
     motion: MotionFile
     body: BodyFile
     capture: CaptureFile | None = None
-    joints: np.ndarray = field(init=False)
-    """(F, 24, 3) world metres, of the baked body."""
-    times: np.ndarray = field(init=False)
-    """(F,) scene frames."""
+    joints: np.ndarray = field(init=False)  # (F, 24, 3) world metres, of the baked body.
+    times: np.ndarray = field(init=False)  # (F,) scene frames.
 
     def __post_init__(self) -> None:
         motion = self.motion

@@ -21,8 +21,7 @@ class View:
     """A camera's image, or a part of it, in a picture of ``size`` pixels."""
 
     camera: CameraFile
-    size: tuple[int, int]
-    """Width and height of the picture."""
+    size: tuple[int, int]  # Width and height of the picture.
     part: tuple[float, float, float] = (0.0, 0.0, 1.0)
     """Left and top edge of the part in camera pixels, and its share of the image."""
 

@@ -29,18 +29,12 @@ class Hanging:
     """N controls in their neutral pose, each after those that carry it, in the armature's axes and units."""
 
     names: tuple[str, ...]
-    matrices: np.ndarray
-    """(N, 4, 4) pose matrices."""
-    turns_with: np.ndarray
-    """(N,) index of the control that turns each one, -1 for none."""
-    moves_with: np.ndarray
-    """(N,) index of the control that moves each one, -1 for none."""
-    held: tuple[str, ...]
-    """Controls that their own channels do not turn."""
-    unmoved: tuple[str, ...]
-    """Controls that their own location does not move."""
-    partial: tuple[str, ...]
-    """Controls that follow another in part, such as by a constraint at half influence."""
+    matrices: np.ndarray  # (N, 4, 4) pose matrices.
+    turns_with: np.ndarray  # (N,) index of the control that turns each one, -1 for none.
+    moves_with: np.ndarray  # (N,) index of the control that moves each one, -1 for none.
+    held: tuple[str, ...]  # Controls that their own channels do not turn.
+    unmoved: tuple[str, ...]  # Controls that their own location does not move.
+    partial: tuple[str, ...]  # Controls that follow another in part, such as by a constraint at half influence.
 
 
 def hanging_of(

@@ -30,10 +30,8 @@ class LockedFeet:
     """A take with locked feet."""
 
     action: bpy.types.Action
-    stands: int
-    """Number of locked contacts of a heel or ball."""
-    slid_mm: float
-    """Largest slide in one of them before."""
+    stands: int  # Number of locked contacts of a heel or ball.
+    slid_mm: float  # Largest slide in one of them before.
 
 
 def lock_feet(

@@ -29,10 +29,8 @@ class Channel:
     """One animated property of a control."""
 
     bone: str
-    prop: str
-    """``location`` or a rotation."""
-    values: np.ndarray
-    """(F, n) a column for each of its numbers."""
+    prop: str  # ``location`` or a rotation.
+    values: np.ndarray  # (F, n) a column for each of its numbers.
 
 
 def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
@@ -165,8 +163,7 @@ MAP = "retarget_map"  # Custom property of a retargeted action: the map as text.
 class RetargetSettings:
     """Settings of a retarget."""
 
-    limbs: str = "fk"
-    """``fk`` or ``ik``, for the rig's switches. The controls of both are keyed."""
+    limbs: str = "fk"  # ``fk`` or ``ik``, for the rig's switches. The controls of both are keyed.
     transfer: TransferSettings = field(default_factory=TransferSettings)
 
 
@@ -175,16 +172,12 @@ class Retargeted:
     """A motion on a rig."""
 
     action: bpy.types.Action
-    rig_map: RigMap
-    """The map with its map pose."""
+    rig_map: RigMap  # The map with its map pose.
     scale: float
     """Size of the rig's path by the actor's: the ratio of the legs between their joints, unless it was given."""
-    proportions: Proportions
-    """Source of the scale."""
-    soles: str
-    """Source of the height of the rig's soles: ``mesh`` or ``joints``."""
-    deviation_mm: float
-    """Largest distance of a hand or foot in Blender from its place on a few frames."""
+    proportions: Proportions  # Source of the scale.
+    soles: str  # Source of the height of the rig's soles: ``mesh`` or ``joints``.
+    deviation_mm: float  # Largest distance of a hand or foot in Blender from its place on a few frames.
     notes: tuple[str, ...]
 
 

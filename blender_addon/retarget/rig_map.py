@@ -22,8 +22,7 @@ class Switch:
     """A custom property of a bone with one value for FK limbs and another for IK limbs."""
 
     bone: str
-    key: str
-    """Name of the property."""
+    key: str  # Name of the property.
     fk: float
     ik: float
 
@@ -33,8 +32,7 @@ class RigMap:
     """The map of a rig."""
 
     label: str
-    bones: dict[str, str]
-    """Bones by role."""
+    bones: dict[str, str]  # Bones by role.
     switches: tuple[Switch, ...] = ()
     map_pose: dict[str, tuple[float, float, float, float]] = field(default_factory=dict)
     """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that matches our body's rest

@@ -86,10 +86,8 @@ class TargetRig:
     armature: bpy.types.Object
     target: Target
     switches: tuple[Switch, ...]
-    soles: str
-    """Source of the height of its soles: ``mesh`` or ``joints``."""
-    notes: tuple[str, ...]
-    """Parts of the map that cannot be played, one sentence each."""
+    soles: str  # Source of the height of its soles: ``mesh`` or ``joints``.
+    notes: tuple[str, ...]  # Parts of the map that cannot be played, one sentence each.
 
 
 def read_target(

@@ -57,12 +57,10 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
 class SceneRange:
     """A range of a take's frames, in scene frames."""
 
-    action: bpy.types.Action
-    """The take."""
+    action: bpy.types.Action  # The take.
     first: int
     last: int
-    pins: tuple[tuple[int, str], ...] = ()
-    """Scene frame and ``pinned_values`` of each pinned pose."""
+    pins: tuple[tuple[int, str], ...] = ()  # Scene frame and ``pinned_values`` of each pinned pose.
 
 
 def resolve_of(frames: SceneRange) -> JobRange:

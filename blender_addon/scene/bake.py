@@ -35,22 +35,16 @@ _KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))  # Radius in metres, and c
 class BakeSettings:
     """Settings of a bake."""
 
-    frame_start: int = 1
-    """Scene frame of the take's first frame."""
+    frame_start: int = 1  # Scene frame of the take's first frame.
     set_scene: bool = True
     """Set the scene's frame rate, range and camera. Otherwise keys are placed by time at the scene's own rate."""
-    scene_fps: float | None = None
-    """Frame rate for ``set_scene``, None for the motion's own."""
+    scene_fps: float | None = None  # Frame rate for ``set_scene``, None for the motion's own.
     keys_per_second: float | None = None
     """Average number of the solver's keys to keep, joined by smooth curves. None writes a key on every frame."""
-    tolerance_mm: float | None = None
-    """Keep as few keys as possible with every joint within this tolerance."""
-    asset: bool = False
-    """Mark the action as an asset."""
-    floor: bool = True
-    """Add a floor."""
-    backgrounds: bool = True
-    """Show footage behind the cameras."""
+    tolerance_mm: float | None = None  # Keep as few keys as possible with every joint within this tolerance.
+    asset: bool = False  # Mark the action as an asset.
+    floor: bool = True  # Add a floor.
+    backgrounds: bool = True  # Show footage behind the cameras.
 
 
 @dataclass(frozen=True)
@@ -58,19 +52,16 @@ class BakedTake:
     """The objects of one take."""
 
     collection: bpy.types.Collection
-    body: bpy.types.Collection
-    """Collection of the armature and the mesh."""
+    body: bpy.types.Collection  # Collection of the armature and the mesh.
     armature: bpy.types.Object
     mesh: bpy.types.Object
     action: bpy.types.Action
     cameras: tuple[bpy.types.Object, ...]
     overlays: tuple[bpy.types.Object, ...]
-    props: tuple[bpy.types.Object, ...]
-    """Empties, each with the mesh of its markers as its child."""
+    props: tuple[bpy.types.Object, ...]  # Empties, each with the mesh of its markers as its child.
     floor: bpy.types.Object | None
     timing: TakeTiming
-    notes: tuple[str, ...]
-    """Findings, one sentence each."""
+    notes: tuple[str, ...]  # Findings, one sentence each.
 
 
 def bake_take(

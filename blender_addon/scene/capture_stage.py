@@ -68,8 +68,7 @@ class CaptureStage:
     overlays: tuple[bpy.types.Object, ...]
     floor: bpy.types.Object
     timing: TakeTiming
-    notes: tuple[str, ...]
-    """Findings, one sentence each."""
+    notes: tuple[str, ...]  # Findings, one sentence each.
 
 
 def set_stage(

@@ -32,10 +32,8 @@ class Channels:
     """The channels of an armature."""
 
     armature: bpy.types.Object
-    target: CurveTarget | None
-    """The action that it plays, None for its pose."""
-    times: np.ndarray | None
-    """(F,) scene frames of the action, None for the pose."""
+    target: CurveTarget | None  # The action that it plays, None for its pose.
+    times: np.ndarray | None  # (F,) scene frames of the action, None for the pose.
 
     def set_location(self, bone: str, values: np.ndarray) -> None:
         """Key or set a bone's (F, 3) location."""

@@ -152,8 +152,7 @@ def _remove_live_figure() -> None:
 class LiveFace:
     """A mesh, looked up each time as undo replaces it."""
 
-    mesh: str
-    """Name of the object."""
+    mesh: str  # Name of the object.
     table: Mapping[str, str] = field(default_factory=dict)
     """Shape key of each channel by its name in lower case. The others have the names of their channels."""
 

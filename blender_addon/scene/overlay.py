@@ -25,8 +25,7 @@ class PointLook:
     """Radius and colours of points."""
 
     radius_m: float
-    colours: tuple[Colour, ...]
-    """Linear RGBA, several for graded points (see ``point_player.GRADE``)."""
+    colours: tuple[Colour, ...]  # Linear RGBA, several for graded points (see ``point_player.GRADE``).
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]

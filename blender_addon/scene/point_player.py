@@ -25,13 +25,10 @@ GRADE = "grade"  # Name of the point attribute with the index of a point's mater
 class PlayerSettings:
     """Points that the modifier plays, and their look."""
 
-    points: int
-    """Points in a row."""
+    points: int  # Points in a row.
     rows: int
-    frame_start: float
-    """Scene frame of the first row."""
-    rows_per_frame: float
-    """Rows per scene frame."""
+    frame_start: float  # Scene frame of the first row.
+    rows_per_frame: float  # Rows per scene frame.
     materials: tuple[bpy.types.Material, ...]
     """Materials of the balls, of which ``GRADE`` chooses if there are several."""
 

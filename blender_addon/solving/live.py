@@ -33,36 +33,24 @@ class LivePose:
 
     rotvec: np.ndarray | None
     """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers, None without a pose."""
-    transl: np.ndarray | None
-    """(3,) metres."""
-    points: np.ndarray
-    """(N, 3) metres, as recorded."""
-    state: str
-    """``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``."""
-    why: str
-    """Why there is no pose, or why it is unsure."""
-    off_mm: float
-    """Median distance of the markers from the body, NaN without a pose."""
+    transl: np.ndarray | None  # (3,) metres.
+    points: np.ndarray  # (N, 3) metres, as recorded.
+    state: str  # ``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``.
+    why: str  # Why there is no pose, or why it is unsure.
+    off_mm: float  # Median distance of the markers from the body, NaN without a pose.
     coverage: dict[str, float] = field(default_factory=dict)
     """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
-    rate_hz: float = math.nan
-    """Poses in the last second."""
-    latency_ms: float = math.nan
-    """How long the fit took."""
-    lag_ms: float = math.nan
-    """How far the pose is behind its source."""
-    dropped: int = 0
-    """Frames that were skipped, so that poses are not late."""
+    rate_hz: float = math.nan  # Poses in the last second.
+    latency_ms: float = math.nan  # How long the fit took.
+    lag_ms: float = math.nan  # How far the pose is behind its source.
+    dropped: int = 0  # Frames that were skipped, so that poses are not late.
     face: dict[str, float] = field(default_factory=dict)
     """Value of each channel of the face, by the sender's name for it."""
     off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
     """(N,) metres between each point and the body, NaN where it is none of the body's, (0,) where it is not known."""
-    sigma_m: np.ndarray | None = None
-    """(24,) standard deviation of each joint in metres, None where it is not known."""
-    views: int = 0
-    """Cameras that contribute to the pose."""
-    views_left_out: int = 0
-    """Views that came too late for their moments."""
+    sigma_m: np.ndarray | None = None  # (24,) standard deviation of each joint in metres, None where it is not known.
+    views: int = 0  # Cameras that contribute to the pose.
+    views_left_out: int = 0  # Views that came too late for their moments.
 
 
 @dataclass
@@ -70,15 +58,11 @@ class LiveRun:
     """State of a live run, which ``poll`` updates. Invalid lines of the process raise nothing."""
 
     process: SolverProcess
-    shown: int = 0
-    """Poses that were shown."""
-    dropped: int = 0
-    """Poses that were skipped for newer ones."""
-    betas: np.ndarray | None = None
-    """(10,) shape, once it is known."""
+    shown: int = 0  # Poses that were shown.
+    dropped: int = 0  # Poses that were skipped for newer ones.
+    betas: np.ndarray | None = None  # (10,) shape, once it is known.
     latest: LivePose | None = None
-    message: str = ""
-    """The last message of the solver."""
+    message: str = ""  # The last message of the solver.
     result: Any = None
     error: ErrorEvent | None = None
     finished: bool = False

@@ -42,11 +42,9 @@ class Kind:
     """A detector that can be set up."""
 
     name: str
-    alone: tuple[str, ...]
-    """Packages that are installed without their requirements."""
+    alone: tuple[str, ...]  # Packages that are installed without their requirements.
     packages: tuple[str, ...]
-    probe: str
-    """Program that starts it."""
+    probe: str  # Program that starts it.
 
 
 KINDS = {

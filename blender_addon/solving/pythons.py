@@ -44,12 +44,9 @@ class DetectorFound:
     """Detectors of a Python."""
 
     python: str
-    mediapipe: str
-    """Version, "" without it or without its pose model."""
-    onnxruntime: str
-    """Version, "" without it."""
-    litert: str = ""
-    """Version of Google's LiteRT, "" without it."""
+    mediapipe: str  # Version, "" without it or without its pose model.
+    onnxruntime: str  # Version, "" without it.
+    litert: str = ""  # Version of Google's LiteRT, "" without it.
 
     def __str__(self) -> str:
         versions = (("MediaPipe", self.mediapipe), ("ONNX Runtime", self.onnxruntime), ("LiteRT", self.litert))
@@ -166,8 +163,7 @@ class PythonFound:
 
     python: str
     numpy: str
-    torch: str
-    """'' without torch."""
+    torch: str  # '' without torch.
     devices: tuple[str, ...]
     solver: str
 

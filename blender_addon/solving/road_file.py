@@ -22,12 +22,9 @@ class RoadStep:
     """One step that is done."""
 
     name: str
-    state: str
-    """'made' or 'kept'."""
-    diagnostics: tuple[Diagnostic, ...]
-    """Diagnostics of the step."""
-    pictures: tuple[Path, ...]
-    """Pictures that are there."""
+    state: str  # 'made' or 'kept'.
+    diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
+    pictures: tuple[Path, ...]  # Pictures that are there.
 
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:

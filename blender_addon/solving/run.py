@@ -23,20 +23,17 @@ _LOG_LINES = 2000  # Last lines of a run's log that are kept, chosen by hand.
 class Run:
     """State of one run, which ``poll`` updates."""
 
-    verb: str
-    """Verb of the solver's command line."""
+    verb: str  # Verb of the solver's command line.
     process: SolverProcess
     stage: str = "Starting"
     done: int = 0
     total: int = 0
-    eta_s: float | None = None
-    """Seconds left of the stage as last reported."""
+    eta_s: float | None = None  # Seconds left of the stage as last reported.
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
     """Last lines of the process's log, with the times of its stages."""
     result: Any = None
     """The result event, one of ``_exchange.verb_results``, once it is there and was checked, None before."""
-    error: ErrorEvent | None = None
-    """The error event."""
+    error: ErrorEvent | None = None  # The error event.
     started: float = field(default_factory=time.monotonic)
     finished: bool = False
 

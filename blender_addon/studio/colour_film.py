@@ -36,8 +36,7 @@ class LensPicture:
     """A pinhole camera that Blender can render, and the map to the camera's pixels."""
 
     pinhole: CameraFile
-    resampling: Resampling | None
-    """None if both pictures are equal."""
+    resampling: Resampling | None  # None if both pictures are equal.
 
     def __call__(self, rendered: np.ndarray) -> np.ndarray:
         """Return the camera's (h, w, 3) picture from the pinhole picture."""

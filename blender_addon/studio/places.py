@@ -23,8 +23,7 @@ class PlaceMap:
     array: str
     x_m: np.ndarray
     y_m: np.ndarray
-    error_mm: np.ndarray
-    """(Y, X), NaN where nothing is triangulated."""
+    error_mm: np.ndarray  # (Y, X), NaN where nothing is triangulated.
 
     @property
     def median_mm(self) -> float | None:

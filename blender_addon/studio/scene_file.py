@@ -23,22 +23,15 @@ _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "wall
 class SceneFile:
     """N vertices and T triangles of the dressed person, and the room."""
 
-    base: np.ndarray
-    """(N,) vertex of the body under each vertex."""
-    offset_m: np.ndarray
-    """(N,) distance along its posed normal in metres."""
-    faces: np.ndarray
-    """(T, 3)."""
-    label: np.ndarray
-    """(T,) index into ``labels``."""
+    base: np.ndarray  # (N,) vertex of the body under each vertex.
+    offset_m: np.ndarray  # (N,) distance along its posed normal in metres.
+    faces: np.ndarray  # (T, 3).
+    label: np.ndarray  # (T,) index into ``labels``.
     labels: tuple[str, ...]
-    rest: np.ndarray
-    """(N, 3) vertices of the mean body at rest in metres, Y up, used for patterns."""
-    room: np.ndarray
-    """(2, 3) lower and upper corner, metres."""
+    rest: np.ndarray  # (N, 3) vertices of the mean body at rest in metres, Y up, used for patterns.
+    room: np.ndarray  # (2, 3) lower and upper corner, metres.
     walls: bool
-    furniture: np.ndarray
-    """(P, 4, 3): middle, half sizes, (heading, 0, 0) and colour of each piece."""
+    furniture: np.ndarray  # (P, 4, 3): middle, half sizes, (heading, 0, 0) and colour of each piece.
 
 
 def read_scene(path: Path) -> SceneFile:

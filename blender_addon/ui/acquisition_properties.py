@@ -106,8 +106,7 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     subject: path("Subject", _SUBJECT)
     record: switch("Record", "Save the sensor images to solve them later, 90 MB per second and sensor", on=True)
     take: path("Take", "Recording of the sensors to solve", folder=True)
-    findings: str
-    """Results of the calibration, one sentence per line."""
+    findings: str  # Results of the calibration, one sentence per line.
 
     def sensors(self) -> list[str]:
         """Return the sensors as words of a command line, none if the user has not chosen any."""
@@ -197,15 +196,11 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
     """Accuracy of one camera array in a benchmark."""
 
     array: str
-    faults: str
-    """Label of the simulated errors."""
-    reached: str
-    """Mean joint error of each method."""
-    median_mm: float
-    """Median error of triangulated keypoints on the floor, -1 if none could be triangulated."""
+    faults: str  # Label of the simulated errors.
+    reached: str  # Mean joint error of each method.
+    median_mm: float  # Median error of triangulated keypoints on the floor, -1 if none could be triangulated.
     page: str
-    places: str
-    """File with the errors by place."""
+    places: str  # File with the errors by place.
 
 
 class MocapStudio(bpy.types.PropertyGroup):
@@ -232,10 +227,8 @@ class MocapStudio(bpy.types.PropertyGroup):
     methods: flags("Methods", "Methods to compare", _METHODS, "triangulation", "global")
     against: flags("Compare With", "Further arrays to evaluate", PRESET_ARRAYS)
     fewer: switch("One Camera Fewer", "Also evaluate the array without its last camera")
-    planned: str
-    """Size of the checked data set, "" after a setting has changed."""
+    planned: str  # Size of the checked data set, "" after a setting has changed.
     planned_file: str
     planned_out: str
     rows: Items[MocapBenchmarkRow]
-    shown_mm: bpy.props.FloatVectorProperty(size=2)
-    """Errors at the ends of the colour scale of the map."""
+    shown_mm: bpy.props.FloatVectorProperty(size=2)  # Errors at the ends of the colour scale of the map.

@@ -28,10 +28,8 @@ class MocapMessage(bpy.types.PropertyGroup):
 
     text: str
     is_problem: bool
-    cameras: str
-    """Names, one per line."""
-    diagnostic: str
-    """JSON text of ``findings_text``."""
+    cameras: str  # Names, one per line.
+    diagnostic: str  # JSON text of ``findings_text``.
 
     @property
     def found(self) -> tuple[Diagnostic, ...]:
@@ -45,8 +43,7 @@ class MocapCamera(bpy.types.PropertyGroup):
     use: switch("Use", "Use this camera in the solve", on=True)
     seen_percent: float
     has_footage: bool
-    before_px: float
-    """Median distance of its detections before the calibration was refined."""
+    before_px: float  # Median distance of its detections before the calibration was refined.
     after_px: float
     camera_tag: str
     detections_tag: str
@@ -161,12 +158,9 @@ def _colour_markers(self: bpy.types.PropertyGroup, context: bpy.types.Context) -
 class MocapCapture(bpy.types.PropertyGroup):
     """A capture of the scene."""
 
-    source: str
-    """The recording: a file or folder."""
-    file: str
-    """The capture file made of it."""
-    original: str
-    """The capture file with the recording's own calibration, if the calibration was refined."""
+    source: str  # The recording: a file or folder.
+    file: str  # The capture file made of it.
+    original: str  # The capture file with the recording's own calibration, if the calibration was refined.
     frames: int
     fps: float
     frame_start: int = 1
@@ -189,12 +183,9 @@ class MocapCapture(bpy.types.PropertyGroup):
     cameras: Items[MocapCamera]
     show_agreement: switch("Agreement", "Outline cameras: green, orange with a problem, grey if unused", on=True)
     left_out: Items[MocapLeftOut]
-    checked: str
-    """Results of the calibration check, one per line."""
-    check_findings: str
-    """JSON text of the diagnostics of the calibration check."""
-    suspect_cameras: str
-    """Names from the calibration check, one per line."""
+    checked: str  # Results of the calibration check, one per line.
+    check_findings: str  # JSON text of the diagnostics of the calibration check.
+    suspect_cameras: str  # Names from the calibration check, one per line.
     messages: Items[MocapMessage]
     collection_tag: str
     floor_tag: str
@@ -202,8 +193,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     review: MocapReview
     people: Items[MocapPerson]
     person_shown: bpy.props.IntProperty(update=_show_person)
-    person_active: str
-    """Name of the object that was active when a person was chosen."""
+    person_active: str  # Name of the object that was active when a person was chosen.
 
     @property
     def collection(self) -> bpy.types.Collection | None:

@@ -83,11 +83,9 @@ def _new_session() -> Path:
 class _Link:
     """A path in the open file."""
 
-    owner: Any
-    """Settings of a scene, or an action."""
+    owner: Any  # Settings of a scene, or an action.
     key: str
-    follows: bool
-    """Whether the file follows the .blend file. Files of the user do not."""
+    follows: bool  # Whether the file follows the .blend file. Files of the user do not.
 
     @property
     def text(self) -> str:

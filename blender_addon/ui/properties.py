@@ -154,8 +154,7 @@ class MocapVideos(
     detector: choice("Detector", "Keypoint detector", _DETECTORS)
     model: path("Model", "Pose model, .onnx or .tflite")
     hands: path("Hand Model", "MediaPipe's hand_landmark_full.tflite to solve fingers, empty for the body only")
-    results: str
-    """Folder of detections, delays, calibration and capture."""
+    results: str  # Folder of detections, delays, calibration and capture.
     steps: Items[MocapVideoStep]
 
     def detector_arguments(self) -> list[str]:
@@ -253,13 +252,10 @@ class MocapRetarget(bpy.types.PropertyGroup):
     scale: number(
         "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
     )
-    label: str
-    """The preset of the table."""
+    label: str  # The preset of the table.
     table: Items[MocapRole]
-    warnings: str
-    """One sentence per line."""
-    map_text: str
-    """JSON text of the whole map with its switches and map pose."""
+    warnings: str  # One sentence per line.
+    map_text: str  # JSON text of the whole map with its switches and map pose.
 
 
 def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -276,19 +272,15 @@ class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
     folder: path("Folder", "Folder of captures and takes, empty for 'mocap' next to the .blend file", folder=True)
-    session: str
-    """Folder of the takes until the scene is saved."""
+    session: str  # Folder of the takes until the scene is saved.
     look: choice("Look", "Appearance of the bodies in this scene", _LOOKS, update=_show_look)
     stage: choice("Stage", "Stage of the work to show", STAGES)
     reading: MocapReading
     captures: Items[MocapCapture]
     blank: MocapCapture
-    shown: int
-    """Index of the capture that was imported or chosen last."""
-    shown_active: str
-    """Name of the object that was active at that time."""
-    held: int = -1
-    """Index of the capture of a run that is being received."""
+    shown: int  # Index of the capture that was imported or chosen last.
+    shown_active: str  # Name of the object that was active at that time.
+    held: int = -1  # Index of the capture of a run that is being received.
     solve: MocapSolve
     live: MocapLive
     sensors: MocapSensors

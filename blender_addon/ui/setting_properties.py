@@ -60,8 +60,7 @@ class PropertyRow(NamedTuple):
 
     setting: Setting
     default: Any
-    more: dict[str, Any]
-    """Further arguments of the property."""
+    more: dict[str, Any]  # Further arguments of the property.
 
 
 def _row(kind: Kind, label: str, description: str, default: Any, more: dict[str, Any], **limits: Any) -> PropertyRow:

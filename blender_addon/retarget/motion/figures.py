@@ -62,12 +62,9 @@ class Hand:
     """B finger bones of a hand."""
 
     roles: tuple[str, ...]
-    directions: np.ndarray
-    """(B, 3) directions at rest, in the axes of our body's rest."""
-    bends: np.ndarray
-    """(B, F, 3, 3) rotation of each from rest, in the hand's axes: ``D_hand^T D``."""
-    starts: np.ndarray
-    """(B, 3) metres from the wrist to the head of each at rest, in the axes of our body's rest."""
+    directions: np.ndarray  # (B, 3) directions at rest, in the axes of our body's rest.
+    bends: np.ndarray  # (B, F, 3, 3) rotation of each from rest, in the hand's axes: ``D_hand^T D``.
+    starts: np.ndarray  # (B, 3) metres from the wrist to the head of each at rest, in the axes of our body's rest.
 
 
 @dataclass(frozen=True)
@@ -75,19 +72,13 @@ class Actor:
     """A motion of our body, or of another figure as if it had our joints."""
 
     name: str
-    rest: np.ndarray
-    """(24, 3) joints at rest."""
-    turns: np.ndarray
-    """(F, 24, 3, 3) rotation of each joint from rest."""
-    joints: np.ndarray
-    """(F, 24, 3) positions, with the floor at z = 0."""
+    rest: np.ndarray  # (24, 3) joints at rest.
+    turns: np.ndarray  # (F, 24, 3, 3) rotation of each joint from rest.
+    joints: np.ndarray  # (F, 24, 3) positions, with the floor at z = 0.
     fps: float
-    contacts: np.ndarray | None = None
-    """(F, 2) bool: contacts of the left and right foot."""
-    trunk: Trunk | None = None
-    """The trunk of a figure with other bones than our body, None for our body's."""
-    hands: tuple[Hand, ...] = ()
-    """The fingers, of the hands whose fingers the motion has."""
+    contacts: np.ndarray | None = None  # (F, 2) bool: contacts of the left and right foot.
+    trunk: Trunk | None = None  # The trunk of a figure with other bones than our body, None for our body's.
+    hands: tuple[Hand, ...] = ()  # The fingers, of the hands whose fingers the motion has.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(V, 3) points of the skin at rest by part of the body, empty if unknown."""
 
@@ -103,24 +94,15 @@ class Target:
 
     names: tuple[str, ...]
     roles: tuple[str, ...]
-    heads: np.ndarray
-    """(N, 3) heads in the rest pose."""
-    ends: np.ndarray
-    """(N, 3) knuckles and balls of the feet in the rest pose for hands and feet, NaN if unknown."""
-    axes: np.ndarray
-    """(N, 3, 3) axes in the rest pose, one per column."""
-    place_axes: np.ndarray
-    """(N, 3, 3) axes of each one's location channel in the rest pose."""
-    turns_with: np.ndarray
-    """(N,) index of the control that turns each one, -1 for none."""
-    moves_with: np.ndarray
-    """(N,) index of the control that moves each one, -1 for none."""
-    R_stage_armature: np.ndarray
-    """(3, 3) rotation of the armature's axes to the stage's."""
-    unit_m: float
-    """Metres per unit of the armature's space."""
-    ground: np.ndarray
-    """(3,) metres from the armature's origin to the stage's, in the stage's axes."""
+    heads: np.ndarray  # (N, 3) heads in the rest pose.
+    ends: np.ndarray  # (N, 3) knuckles and balls of the feet in the rest pose for hands and feet, NaN if unknown.
+    axes: np.ndarray  # (N, 3, 3) axes in the rest pose, one per column.
+    place_axes: np.ndarray  # (N, 3, 3) axes of each one's location channel in the rest pose.
+    turns_with: np.ndarray  # (N,) index of the control that turns each one, -1 for none.
+    moves_with: np.ndarray  # (N,) index of the control that moves each one, -1 for none.
+    R_stage_armature: np.ndarray  # (3, 3) rotation of the armature's axes to the stage's.
+    unit_m: float  # Metres per unit of the armature's space.
+    ground: np.ndarray  # (3,) metres from the armature's origin to the stage's, in the stage's axes.
     skin: Mapping[str, np.ndarray] = field(default_factory=dict)
     """(V, 3) points of the skin in the rest pose by part of the body, empty if unknown."""
 
@@ -134,12 +116,9 @@ class BodyAtRest:
     """A body of ours in a shape."""
 
     layout: BodyLayout
-    joints: np.ndarray
-    """(J, 3) in the body's axes."""
-    standing: np.ndarray
-    """(J, 3) the same on the stage."""
-    skin: np.ndarray
-    """(V, 3) on the stage."""
+    joints: np.ndarray  # (J, 3) in the body's axes.
+    standing: np.ndarray  # (J, 3) the same on the stage.
+    skin: np.ndarray  # (V, 3) on the stage.
 
 
 def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:

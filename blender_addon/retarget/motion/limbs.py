@@ -110,10 +110,8 @@ class FootPath:
     """The path of one foot of the target."""
 
     role: str
-    sole: np.ndarray
-    """(F, 3) the point of the floor under the ball of the planted foot."""
-    ankle_from_sole: np.ndarray
-    """(F, 3) the vector from there to the ankle."""
+    sole: np.ndarray  # (F, 3) the point of the floor under the ball of the planted foot.
+    ankle_from_sole: np.ndarray  # (F, 3) the vector from there to the ankle.
 
     @property
     def ankle(self) -> np.ndarray:

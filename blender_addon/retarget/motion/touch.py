@@ -25,14 +25,10 @@ class HandPlace:
     """A place of a hand of the actor and of the target over F frames."""
 
     side: str
-    name: str
-    """``PALM`` or the finger."""
-    place: np.ndarray
-    """(F, 3) of the actor: the middle between wrist and knuckles, or the tip of a finger."""
-    size: float
-    """Metres from the actor's wrist to its knuckles."""
-    own: np.ndarray
-    """(F, 3) the same place of the target, with its wrist in its present place."""
+    name: str  # ``PALM`` or the finger.
+    place: np.ndarray  # (F, 3) of the actor: the middle between wrist and knuckles, or the tip of a finger.
+    size: float  # Metres from the actor's wrist to its knuckles.
+    own: np.ndarray  # (F, 3) the same place of the target, with its wrist in its present place.
     own_size: float
 
     @property
@@ -168,11 +164,9 @@ class Part:
     skin: str
     turned_by: str
     start: str
-    end: str
-    """"" for the highest point of the skin above the start."""
+    end: str  # "" for the highest point of the skin above the start.
     span: tuple[float, float] = (0.0, 1.0)
-    table: tuple[float, float] = (0.0, 1.0)
-    """Shares that the table of radii covers."""
+    table: tuple[float, float] = (0.0, 1.0)  # Shares that the table of radii covers.
 
 
 _WHOLE_TRUNK = (-0.1, 1.0)  # Shares of the way from hips to neck, from the lowest point of the seat up.
@@ -193,14 +187,11 @@ PARTS = {
 class Solid:
     """A part around its rod, in the axes of the joint that turns it in the rest pose of our body."""
 
-    origin: np.ndarray
-    """(3,) metres from the joint to the beginning of the rod."""
-    axes: np.ndarray
-    """(3, 3) unit vectors in columns: along the rod, to the front, and their normal."""
+    origin: np.ndarray  # (3,) metres from the joint to the beginning of the rod.
+    axes: np.ndarray  # (3, 3) unit vectors in columns: along the rod, to the front, and their normal.
     length: float
     table: tuple[float, float]
-    radii: np.ndarray
-    """(K, M) metres from the rod to the skin, by share of the rod and angle from the front."""
+    radii: np.ndarray  # (K, M) metres from the rod to the skin, by share of the rod and angle from the front.
 
     def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return share of the rod, angle and distance from the rod, (F,) each, of points (F, 3)."""

@@ -23,10 +23,8 @@ from .touch import keep_hands_on_body, keep_hands_together
 class TransferSettings:
     """Settings of a transfer."""
 
-    in_place: bool = False
-    """Leave out the travel over the ground."""
-    root_motion: bool = False
-    """Let the root bone carry the travel over the ground and the heading."""
+    in_place: bool = False  # Leave out the travel over the ground.
+    root_motion: bool = False  # Let the root bone carry the travel over the ground and the heading.
     hold_contacts: bool = True
     """Lock planted feet if the motion has contacts, and keep hands in touch with the body and each other."""
     scale: float = 0.0

@@ -225,8 +225,7 @@ class Call:
     """The command line of one run."""
 
     words: Sequence[str]
-    folder: Path
-    """Working folder and place of the log."""
+    folder: Path  # Working folder and place of the log.
     through_blender: bool = False
     """Run the verb of the add-on's command line in a second Blender instead of the solver's verb."""
 
@@ -245,8 +244,7 @@ class SolverOperator(MocapOperator):
 
     needs = (IDLE,)
     verb = ""
-    is_of_capture = True
-    """Whether the result belongs to the capture that was current when the run started."""
+    is_of_capture = True  # Whether the result belongs to the capture that was current when the run started.
     _held = -1
     _timer = None
     _shown = 0.0

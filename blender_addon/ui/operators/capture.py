@@ -297,11 +297,9 @@ def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGrou
 class Fix:
     """A button that remedies a finding."""
 
-    operator: str
-    """Its ``bl_idname``."""
+    operator: str  # Its ``bl_idname``.
     text: str
-    values: tuple[tuple[str, str], ...] = ()
-    """Properties of the operator."""
+    values: tuple[tuple[str, str], ...] = ()  # Properties of the operator.
     is_choice: bool = False
     """Whether only the user can decide, as the fix undoes a correction or suits one of two causes."""
 
