@@ -20,8 +20,7 @@ _ADDON = Path(__file__).resolve().parent
 def backend_folder() -> Path:
     """Return the folder with the solver's package, in the installed extension or the source tree.
 
-    Raises:
-        SolverMissing: neither has it.
+    Raises ``SolverMissing`` if neither has it.
     """
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
@@ -32,11 +31,7 @@ def backend_folder() -> Path:
 def backend_command(python: Path | None = None) -> list[str]:
     """Return the command that starts the solver, without its arguments.
 
-    Args:
-        python: interpreter to use. None means Blender's own.
-
-    Raises:
-        SolverMissing: there is no such interpreter.
+    Raises ``SolverMissing`` if there is no such interpreter.
     """
     executable = Path(python or sys.executable)
     if not executable.is_file():
@@ -53,14 +48,11 @@ def environment_for_child(python: Path | None = None, inherited: Mapping[str, st
 
     ``PYTHONPATH`` contains only the solver. As in Blender, other Python settings are dropped, and modules are not
     imported from the working folder. On a nearly full disk no byte code is written, because Python 3.11 would leave a
-    truncated file that breaks every later start.
+    truncated file that breaks every later start. Raises ``SolverMissing`` if the solver is not there.
 
     Args:
         python: interpreter to use. None means Blender's own, without the user's site packages.
         inherited: environment to start from. None means that of this process.
-
-    Raises:
-        SolverMissing: the solver is not there.
     """
     base = os.environ if inherited is None else inherited
     kept = {name: value for name, value in base.items() if not name.upper().startswith("PYTHON")}

@@ -38,13 +38,9 @@ def bake_action(
     """Write a motion as a new action of an armature and play it.
 
     Args:
-        name: name of the action.
-        motion: the motion.
-        armature: of the body's rig.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
-        timing: position of the take in the scene.
-        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores their distance from
-            the full take. None writes a key on every frame.
+        keys_per_second: average number of keys to keep, joined by smooth curves. The action stores their distance
+            from the full take. None writes a key on every frame.
         tolerance_mm: keep as few keys as possible with every joint within this distance of the full take.
         edited: (F, 3 + 4 J) channels with hand edits, None for the motion's own.
     """
@@ -155,7 +151,6 @@ def read_pose(
     """Return the current pose of a body, constraints and hand edits included.
 
     Args:
-        armature: from ``create_armature``.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
         R_bone_body: (J, 3, 3) from ``rotation_from_body_axes``, to read many poses. None computes it.
         without_root: leave out the motion of the root control, which carries the whole take.

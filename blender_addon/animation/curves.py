@@ -144,9 +144,6 @@ def write_curves(
     Bezier handles of a third of the interval to the next key make a piece a cubic polynomial of time.
 
     Args:
-        target: from ``create_action``.
-        path: data path of the property.
-        group: channel group, one per bone.
         times: (F,) scene frames, ascending, not necessarily whole.
         values: (F, N) one column per index of the property.
         types: (F,) key types, see ``key_type_values``.
@@ -216,15 +213,7 @@ def laid_rate(action: bpy.types.Action) -> float:
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:
-    """Store how an action is placed in time, so that it can follow the scene's frame rate.
-
-    Args:
-        action: the action.
-        fps: frames per second of its motion.
-        frames: number of frames of its motion.
-        start: scene frame of the first one.
-        scene_fps: the scene's frames per second.
-    """
+    """Store how an action is placed in time, so that it can follow the scene's frame rate."""
     action["fps"], action["frames"], action["frame_start"], action[RATE] = fps, frames, start, scene_fps
 
 

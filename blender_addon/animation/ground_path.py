@@ -27,7 +27,6 @@ def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
     Args:
         hips: (F, 3) pelvis, metres, Z up.
         turns: (F, 3, 3) its rotation from facing -Y.
-        fps: frames per second.
     """
     on_ground = hips * [1.0, 1.0, 0.0]
     quat = sign_continuous(quat_from_matrix(turns))

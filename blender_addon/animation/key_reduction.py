@@ -93,8 +93,6 @@ def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance
     Args:
         values: (F, N) whole curves.
         candidates: (C,) frames that may have a key, ascending. The first and last frame always may.
-        count: number of keys, at least 2.
-        distance: distance of curves from the take.
     """
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
@@ -212,9 +210,7 @@ def thin_channels(
 
     Args:
         channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
-        armature: the armature.
         keyframes: (F,) frames that may keep a key, None for all.
-        count: maximum number of keys.
         tolerance_mm: largest distance of a joint from the full take, with keys on any frame, instead of ``count``.
     """
     frames = len(channels)

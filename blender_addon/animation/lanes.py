@@ -48,9 +48,6 @@ def write_confidence(
     The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
 
     Args:
-        target: the take's action.
-        armature: its armature.
-        motion: the motion.
         frames: (N,) frames of the motion that get a key.
         times: (F,) scene frame of each frame of the motion.
     """

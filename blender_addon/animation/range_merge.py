@@ -44,9 +44,6 @@ def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ra
     The controls of limbs and fingers are left out, as the new take is posed joint by joint.
 
     Args:
-        source: the take.
-        target: curves of the new take.
-        start: scene frame of both first frames.
         ratio: scene frame rate of the new take divided by that of the old one.
     """
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
@@ -110,11 +107,6 @@ def merge_range(edited: bpy.types.Action, solved: bpy.types.Action, times: Range
     """Replace a range of an edited action by what was solved again. Its keys outside the range stay bit for bit.
 
     Limbs that it poses by IK are posed by FK inside the range.
-
-    Args:
-        edited: the take.
-        solved: the whole solved motion as it was baked.
-        times: the range.
     """
     new = {(curve.data_path, curve.array_index): curve for curve in action_curves(solved)}
     old = {(curve.data_path, curve.array_index): curve for curve in action_curves(edited)}

@@ -56,10 +56,7 @@ def create_armature(
     """Create the armature object at the world's origin and make it active. Blender must be in object mode.
 
     Args:
-        name: name of the object.
         joints: names and tree of the bones.
-        layout: positions of the bones.
-        collection: the object's collection, in the current view layer.
     """
     has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)

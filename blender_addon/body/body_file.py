@@ -168,15 +168,11 @@ def default_body_path() -> Path:
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     """Read a body with SMPL's keys, of the SMPL, SMPL-H or SMPL-X family.
 
-    The last two bodies are kept while their files stay unchanged. Their arrays are read-only.
+    The last two bodies are kept while their files stay unchanged. Their arrays are read-only. Raises ``BodyInvalid`` if
+    an array has the wrong shape, another tree, or values that are not finite.
 
     Args:
-        path: of the file.
         layout: joints to keep: SMPL's 24, or ``SMPL_HANDS``'s with fingers if the body has any.
-
-    Raises:
-        FileMissing, FileDamaged: see ``read_arrays``.
-        BodyInvalid: an array has the wrong shape, another tree, or values that are not finite.
     """
     path = Path(path)
     if path.suffix.lower() == ".pkl":
@@ -281,9 +277,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
 def body_path_of(provenance: str) -> Path:
     """Return the body file in a motion's provenance (JSON text), the bundled one if there is none.
 
-    Raises:
-        BodyMissing: the body is neither in the user's folder nor at its path.
-        SolverMissing: see ``default_body_path``.
+    Raises ``BodyMissing`` if the body is neither in the user's folder nor at its path.
     """
     choice = _choice(provenance)
     if choice == SHIPPED:
@@ -301,8 +295,7 @@ def body_path_of(provenance: str) -> Path:
 def require_body(motion: MotionFile, body: BodyFile) -> None:
     """Check that a motion belongs to a body. A motion that does not name its body fits any.
 
-    Raises:
-        BodyMismatch: both have an id and the ids differ.
+    Raises ``BodyMismatch`` if both have an id and the ids differ.
     """
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."

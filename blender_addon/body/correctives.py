@@ -144,14 +144,7 @@ def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
 def add_correctives(
     armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, hidden: bpy.types.Collection
 ) -> int:
-    """Add the body's pose correctives to a mesh, if it has any, and return the number of their joints.
-
-    Args:
-        armature: from ``create_armature``.
-        mesh: its mesh, deformed by an armature modifier.
-        body: the body.
-        hidden: collection of the table's points.
-    """
+    """Add the body's pose correctives to a mesh, if it has any, and return the number of their joints."""
     if body.posedirs is None:
         return 0
     axes = np.asarray(rotation_from_body_axes(armature), np.float64)
@@ -178,7 +171,6 @@ def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.nda
     """Return a body's table, without the right half if it mirrors the left one.
 
     Args:
-        body: with correctives.
         axes: (J, 3, 3) of the bones, as bytes of float64.
 
     Returns:

@@ -34,7 +34,6 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     """Create a material with the same colour in viewport and render.
 
     Args:
-        colour: linear RGBA.
         roughness: 0 (mirror) to 1 (chalk).
         glossy: a principled surface, to go on from. Otherwise a diffuse one, a tenth as large in a file.
     """
@@ -69,8 +68,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
     """Return the owner of an input's value and its path there, such as for ``driver_add``.
 
-    Raises:
-        KeyError: the node group has no such input.
+    Raises ``KeyError`` if the node group has no such input.
     """
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later

@@ -22,7 +22,6 @@ def stored(path: Path | str, start: Path | None = None) -> str:
     """Return how a file in a folder keeps a path: relative to the folder, in full without one or on another drive.
 
     Args:
-        path: the path, "" for none.
         start: the folder, None for that of the open .blend file.
     """
     if start is None and bpy.data.filepath:
@@ -70,11 +69,7 @@ def moved_files() -> dict[str, str]:
 
 
 def note_moved(files: dict[Path, Path]) -> None:
-    """Write down where files of an unsaved scene went.
-
-    Raises:
-        OutputNotWritable: it cannot be written down.
-    """
+    """Write down where files of an unsaved scene went. Raises ``OutputNotWritable`` if it cannot be written down."""
     import json
 
     from .._exchange.outputs import write_text

@@ -26,7 +26,6 @@ def add_node(
     Args:
         sources: sockets to link or values of the first inputs.
         inputs: the same by name, where only the input of the node's data type counts.
-        settings: properties of the node.
     """
     node = tree.nodes.new(kind)
     for name, value in settings.items():

@@ -35,7 +35,7 @@ def plain_copy(
 ) -> tuple[bpy.types.Object, ...]:
     """Copy a body without shape keys, drivers and deform bones, with the same meaning of rotations.
 
-    Blender must be in object mode.
+    Blender must be in object mode. Raises ``BodyInvalid`` if the mesh is no body of ours.
 
     Args:
         mesh: its skin, None for the skeleton alone.
@@ -45,9 +45,6 @@ def plain_copy(
 
     Returns:
         The armature and, where there is a skin, the mesh.
-
-    Raises:
-        BodyInvalid: the mesh is no body of ours.
     """
     vertices = None
     if mesh is not None:
@@ -174,10 +171,9 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     """Yield a temporary plain copy of a take of ours under its own names, or any other take unchanged.
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
-    movement included. It is as large as the file's unit states, and keeps to the take's layout.
-
-    Raises:
-        NothingToExport: the armature is stretched, or a motion of others is asked for at another rate than the scene's.
+    movement included. It is as large as the file's unit states, and keeps to the take's layout. Raises
+    ``NothingToExport`` if the armature is stretched, or a motion of others is asked for at another rate than the
+    scene's.
     """
     if not is_body(take):
         if not take.is_on_frames:

@@ -77,16 +77,12 @@ def take_of(
 ) -> ExportTake:
     """Return the take of an armature, sampled by time.
 
-    A solved take lasts as long as its motion, even if the scene's frame rate was changed after the bake.
+    A solved take lasts as long as its motion, even if the scene's frame rate was changed after the bake. Raises
+    ``NothingToExport`` if there is no armature, no motion, or no frame.
 
     Args:
         obj: the armature, or a mesh it deforms.
         frames: first and last scene frame, None for those of the armature's action.
-        fps: frames per second of the export, None for the rate the take was solved at or, for other motions, the
-            scene's.
-
-    Raises:
-        NothingToExport: there is no armature, no motion, or no frame.
     """
     armature = _armature(obj)
     action = current_action(armature)
@@ -116,8 +112,7 @@ def take_of(
 def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
     """Make a take the scene's only selection, and its frames the scene's range, while the block runs.
 
-    Raises:
-        NothingToExport: an object of the take is in a collection that is switched off.
+    Raises ``NothingToExport`` if an object of the take is in a collection that is switched off.
     """
     scene = take.scene
     layer = bpy.context.view_layer
@@ -171,8 +166,7 @@ def staged(take: ExportTake) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgr
 def uniform_scale(take: ExportTake) -> float:
     """Return how many times as large the world shows the armature, its parents' scale included.
 
-    Raises:
-        NothingToExport: it is stretched, mirrored or flat, which bones cannot show.
+    Raises ``NothingToExport`` if it is stretched, mirrored or flat, which bones cannot show.
     """
     matrix = np.array(take.armature.matrix_world)[:3, :3]
     lengths = np.linalg.norm(matrix, axis=0)
@@ -216,11 +210,10 @@ class PoseSamples:
 def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | None = None) -> PoseSamples:
     """Evaluate a take frame by frame.
 
+    Raises ``NothingToExport`` if the armature lacks one of the bones, or has none that deform.
+
     Args:
         names: bones, None for all that deform.
-
-    Raises:
-        NothingToExport: the armature lacks one of the bones, or has none that deform.
     """
     bones = {bone.name: bone for bone in _parents_first(take.armature)}
     names = tuple(name for name, bone in bones.items() if bone.use_deform) if names is None else names

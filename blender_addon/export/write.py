@@ -33,10 +33,6 @@ def export_take(
         format_name: key of ``FORMATS``.
         path: the file. A suffix that is not the format's is an error.
         overwrite: replace a file that is there.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_outputs``.
-        NothingToExport, ExporterMissing, ExportFailed: see the formats.
     """
     chosen = format_of(format_name)
     if path.suffix.lower() != chosen.suffix:
@@ -50,22 +46,14 @@ def export_take(
 
 
 def format_of(name: str) -> Format:
-    """Return a format by its name.
-
-    Raises:
-        NothingToExport: there is none of that name.
-    """
+    """Return a format by its name. Raises ``NothingToExport`` if there is none of that name."""
     if name not in FORMATS:
         raise NothingToExport(f"There is no format '{name}'.", hint=f"Known formats: {', '.join(FORMATS)}.")
     return FORMATS[name]
 
 
 def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
-    """Return the file's name of each format. Of several with one suffix the later ones carry their format's name.
-
-    Raises:
-        NothingToExport: see ``format_of``.
-    """
+    """Return the file's name of each format. Of several with one suffix the later ones carry their format's name."""
     found: dict[str, str] = {}
     for name in formats:
         suffix = format_of(name).suffix

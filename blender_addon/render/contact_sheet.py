@@ -168,11 +168,7 @@ _STAGE = "rendering the contact sheet"
 def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
     """Render twelve poses of the take and, with a capture, up to four camera views of its middle frame.
 
-    Args:
-        path: the ``.png`` file to write.
-
-    Raises:
-        RenderFailed: Blender cannot render here.
+    Raises ``RenderFailed`` if Blender cannot render here.
     """
     cameras = subject.cameras(_MOST_CAMERAS)
     poses = [_grid_tile(i) for i in range(POSES)]

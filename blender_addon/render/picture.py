@@ -18,8 +18,7 @@ from ..errors import RenderFailed
 def read_targa(path: Path) -> np.ndarray:
     """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first.
 
-    Raises:
-        RenderFailed: the file is missing or of another kind.
+    Raises ``RenderFailed`` if the file is missing or of another kind.
     """
     data = path.read_bytes() if path.is_file() else b""
     width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
@@ -37,7 +36,6 @@ def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
     """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948).
 
     Args:
-        path: the file to write or replace.
         level: zlib's level, 0 (fast) to 9 (small).
     """
     height, width = picture.shape[:2]

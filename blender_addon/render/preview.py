@@ -59,13 +59,10 @@ def render_preview(
 ) -> None:
     """Render the preview video of a baked take without changing the user's scene.
 
-    Args:
-        path: the ``.mp4`` file to write.
-        subject: the take, in a view of our own if it has no cameras.
-        settings: size and length.
+    Raises ``RenderFailed`` if Blender cannot render or encode here.
 
-    Raises:
-        RenderFailed: Blender cannot render or encode here.
+    Args:
+        subject: the take, in a view of our own if it has no cameras.
     """
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)

@@ -40,12 +40,10 @@ class RenderStage:
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
         """Return (h, w, 4) uint8 RGBA of a window of the view, ``look.shrink`` times larger than the picture.
 
-        Args:
-            frame: scene frame.
-            window: the part to render, the whole picture if None.
+        Raises ``RenderFailed`` if Blender wrote no picture.
 
-        Raises:
-            RenderFailed: Blender wrote no picture.
+        Args:
+            window: the part to render, the whole picture if None.
         """
         render = self.scene.render
         render.use_border = render.use_crop_to_border = window is not None
@@ -118,8 +116,7 @@ def write_targa(scene: bpy.types.Scene) -> None:
 def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarray:
     """Render one frame of a scene prepared by ``write_targa``: (h, w, 4) uint8 RGBA, top row first.
 
-    Raises:
-        RenderFailed: Blender wrote no picture.
+    Raises ``RenderFailed`` if Blender wrote no picture.
     """
     path = folder / "still.tga"
     path.unlink(missing_ok=True)

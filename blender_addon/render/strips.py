@@ -31,8 +31,7 @@ class FootageReader:
     def image(self, index: int) -> np.ndarray:
         """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8.
 
-        Raises:
-            RenderFailed: the image cannot be decoded.
+        Raises ``RenderFailed`` if the image cannot be decoded.
         """
         frame = 1 + min(max(index, 0), self.length - 1)
         return render_still(self.scene, frame, self.folder)[..., :3]
@@ -60,14 +59,10 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
 def encode_video(pictures: list[Path], size: tuple[int, int], fps: float, path: Path) -> None:
     """Write pictures as an H264 video in an mp4 file.
 
-    Args:
-        pictures: files of one folder, in order.
-        size: width and height, both even.
-        fps: frames per second, may be fractional.
-        path: the file, with the suffix ``.mp4``.
+    Raises ``RenderFailed`` if this Blender wrote no video.
 
-    Raises:
-        RenderFailed: this Blender wrote no video.
+    Args:
+        size: width and height, both even.
     """
     scene = _sequencer_scene("video", size)
     try:

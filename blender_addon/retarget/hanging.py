@@ -42,14 +42,7 @@ def hanging_of(
 ) -> Hanging:
     """Move each control once and return which carries which. Afterwards the rig is as before.
 
-    Args:
-        armature: the rig.
-        scene: its scene.
-        names: its controls.
-        switches: value of each custom property (bone, key) during the measurement.
-
-    Raises:
-        TargetUnsuitable: the rig cannot be posed.
+    Raises ``TargetUnsuitable`` if the rig cannot be posed.
     """
     with neutral(armature, names, switches), alone(armature, scene) as (stage, depsgraph):
         layer = stage.view_layers[0]
@@ -75,8 +68,7 @@ def hanging_of(
 def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
     """Stop a rig's animation, and keep its controls at rest and its switches set while the block runs.
 
-    Raises:
-        TargetUnsuitable: the armature shows its rest position and cannot be changed.
+    Raises ``TargetUnsuitable`` if the armature shows its rest position and cannot be changed.
     """
     animation, data = armature.animation_data, armature.data
     bones = [armature.pose.bones[name] for name in names]

@@ -42,15 +42,7 @@ class LiveRig:
         Planted feet are not held, as their contacts are not known in advance.
 
         Args:
-            armature: the rig. Blender must be in object or pose mode.
-            scene: its scene.
-            rig_map: its bones by role.
-            settings: of the retarget.
-            body: the body of the poses.
             betas: (10,) its shape.
-
-        Raises:
-            TargetUnsuitable, MapInvalid: see ``retarget``. Nothing is changed then.
         """
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())

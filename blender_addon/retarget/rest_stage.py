@@ -203,17 +203,11 @@ def stand_on_stage(
 ) -> tuple[Target, str]:
     """Return the rig with its soles at z = 0, facing -Y, and the source of their height: ``mesh`` or ``joints``.
 
-    A mirrored armature is mirrored on the stage, too: its right limbs play left.
+    A mirrored armature is mirrored on the stage, too: its right limbs play left. Raises ``MapInvalid`` if the map does
+    not show left and right.
 
     Args:
-        armature: the rig.
-        hanging: its controls.
-        roles: of each control.
         bones: by role, with fingers.
-        unit_m: metres per unit of the armature's space.
-
-    Raises:
-        MapInvalid: the map does not show left and right.
     """
     heads = hanging.matrices[:, :3, 3]
     R = stage_axes(dict(zip(roles, heads, strict=True)))

@@ -106,15 +106,7 @@ def deviation_m(
     channels: list[Channel],
     switches: dict[tuple[str, str], float],
 ) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before.
-
-    Args:
-        rig: the rig.
-        scene: its scene.
-        done: the motion with the goals.
-        channels: the channels to check.
-        switches: value of each custom property (bone, key).
-    """
+    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before."""
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     if not ends:
         return 0.0
@@ -189,20 +181,7 @@ def retarget(
     timing: TakeTiming,
     settings: RetargetSettings = RetargetSettings(),
 ) -> Retargeted:
-    """Transfer an actor's motion to a rig as a new action, and put the rig's action on a muted NLA track.
-
-    Args:
-        actor: the motion.
-        armature: the rig. Blender must be in object or pose mode.
-        scene: its scene.
-        rig_map: its bones by role.
-        timing: position of the motion in the scene.
-        settings: of the retarget.
-
-    Raises:
-        TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not reach their places.
-        MapInvalid: see ``read_target``. Nothing is changed then.
-    """
+    """Transfer an actor's motion to a rig as a new action, and put the rig's action on a muted NLA track."""
     fingers = {role for hand in actor.hands for role in hand.roles}
     rig = read_target(armature, scene, rig_map, settings.limbs, fingers)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)

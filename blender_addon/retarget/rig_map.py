@@ -51,8 +51,7 @@ class RigMap:
 def read_map(path: Path) -> RigMap:
     """Read a map or preset.
 
-    Raises:
-        FileMissing, FileDamaged, MapInvalid: the file does not exist, or is no JSON, or no map.
+    Raises ``FileMissing``, ``FileDamaged`` or ``MapInvalid`` if the file does not exist, or is no JSON, or no map.
     """
     return map_of(read_json_file(path), str(path))
 

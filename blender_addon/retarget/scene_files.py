@@ -22,8 +22,7 @@ _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by h
 def read_header(path: Path) -> dict[str, Any]:
     """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4).
 
-    Raises:
-        FileDamaged: it is no such file.
+    Raises ``FileDamaged`` if it is no such file.
     """
     try:
         with path.open("rb") as stream:
@@ -88,10 +87,8 @@ SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")  # Supported file
 def open_scene(path: Path) -> bpy.types.Scene:
     """Open a file and return its scene. Files of other programs are imported into an empty scene.
 
-    The scene has the frame rate of the file's clips.
-
-    Raises:
-        FileMissing, FileDamaged: it does not exist, its format is not supported, or Blender cannot open it.
+    The scene has the frame rate of the file's clips. Raises ``FileMissing`` or ``FileDamaged`` if it does not exist,
+    its format is not supported, or Blender cannot open it.
     """
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")

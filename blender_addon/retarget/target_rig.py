@@ -96,9 +96,6 @@ def read_target(
     """Read a rig by its map. The rig stays unchanged.
 
     Args:
-        armature: the rig.
-        scene: its scene.
-        rig_map: with the names of its bones.
         limbs: ``fk`` or ``ik``, for its switches.
         fingers: roles of finger bones in the motion. Other fingers are ignored.
 

@@ -66,8 +66,7 @@ class SceneRange:
 def resolve_of(frames: SceneRange) -> JobRange:
     """Return the part of a job that solves a frame range again, with the pins inside it.
 
-    Raises:
-        TakeMissing: the take's motion file is missing, or the range is outside the take.
+    Raises ``TakeMissing`` if the take's motion file is missing, or the range is outside the take.
     """
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
@@ -116,10 +115,6 @@ def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
     """Return the median height of the lowest point of the skin, None without a skin.
-
-    Args:
-        scene: the scene, which keeps its current frame.
-        samples: number of frames to use.
 
     Returns:
         Blender units.

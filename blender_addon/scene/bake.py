@@ -74,10 +74,8 @@ def bake_take(
 ) -> BakedTake:
     """Bake a motion and its capture into a new collection of a scene, in ``parent`` if given. Nothing else changes.
 
-    Blender must be in object mode, and the scene the window's current one.
-
-    Raises:
-        BodyMismatch: the motion states that it belongs to another body.
+    Blender must be in object mode, and the scene the window's current one. Raises ``BodyMismatch`` if the motion states
+    that it belongs to another body.
     """
     settings = settings or BakeSettings()
     require_body(motion, body)
@@ -146,22 +144,16 @@ def add_take(
 ) -> tuple[bpy.types.Object, bpy.types.Action]:
     """Add a solved motion as a new action, to the existing body or with a new one.
 
+    Raises ``BodyMismatch`` if the motion belongs to another body.
+
     Args:
-        scene: the scene, which keeps its frame rate.
-        name: name of the take.
-        motion: the motion.
-        body: the body it was solved for.
-        armature: the body of earlier takes, which gets the motion's shape, None if there is none. A motion of another
-            body gets its own armature.
+        armature: the body of earlier takes, which gets the motion's shape, None if there is none. A motion of
+            another body gets its own armature.
         parent: collection of a new body, None for the scene's.
-        frame_start: scene frame of the first frame.
         suffix: suffix of a new body's name, such as the person.
 
     Returns:
         The armature and the action, which it plays.
-
-    Raises:
-        BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
     motion = with_own_hands(motion, body)
@@ -213,13 +205,7 @@ def add_edited_take(
     """Add a take made of another one, with its files and its person, and play it.
 
     Args:
-        scene: the scene.
-        take: the other take.
-        armature: the body.
-        name: name of the new take.
         edited: (F, 3 + 4 J) channels, see ``pose_channels``.
-        keys_per_second: see ``bake_action``.
-        tolerance_mm: see ``bake_action``.
     """
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
@@ -242,15 +228,7 @@ def add_edited_take(
 def keep_edits(
     armature: bpy.types.Object, former: bpy.types.Action, solved: bpy.types.Action, first: int, last: int
 ) -> bpy.types.Action:
-    """Return a take with frames first to last (from 0) as solved and all others as edited, and play it.
-
-    Args:
-        armature: the body.
-        former: the edited take, which stays.
-        solved: the solved motion over all frames, which is removed.
-        first: first frame of the range.
-        last: last frame of the range.
-    """
+    """Return a take with frames first to last (from 0) as solved and all others as edited, and play it."""
     rate, start = laid_rate(solved), float(solved["frame_start"])
     step = rate / float(solved["fps"])
     merged = former.copy()

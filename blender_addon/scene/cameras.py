@@ -57,7 +57,6 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
     Paths are compared as text, so that no file is looked for before it is allowed.
 
     Args:
-        capture: the capture.
         folders: the user's folders, whose contents may be shown.
     """
     cameras, refused = [], []
@@ -150,12 +149,6 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
     """Show the footage behind the camera's view, synchronised by time.
-
-    Args:
-        camera: from ``create_camera``.
-        source: its calibrated camera with the footage.
-        fps: images per second.
-        timing: position of the take in the scene.
 
     Returns:
         A sentence about missing footage, or "".

@@ -147,10 +147,7 @@ def replace_stage(
     Names, parents, visibility and other changes of the user stay. Deleted objects come back.
 
     Args:
-        scene: the scene.
-        stage: the new stage in its own collection.
         former: the former objects in the order of the stage's cameras, overlays and floor, None for a deleted one.
-        collection: of the former stage.
     """
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]

@@ -142,8 +142,6 @@ def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent
     """Return the (F, 4, 4) matrices of a bone's own channels: ``B = L^-1 L_p P_p^-1 P``, L at rest and P posed.
 
     Args:
-        armature: the armature.
-        name: the bone, which has a parent.
         pose: (F, 4, 4) its pose.
         parent_pose: (F, 4, 4) its parent's pose.
     """
@@ -160,17 +158,10 @@ def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
     """Key hands or feet, poles and turns so that the motion of limbs stays, switch them to IK, and show their ends.
 
     The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
-
-    Args:
-        armature: a body with limb controls.
-        scene: its scene.
-        limbs: the limbs.
+    Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
 
     Returns:
         The number of keyed frames, 0 if the body plays nothing and only its pose was set.
-
-    Raises:
-        BodyInvalid: the body lacks these controls, or plays a linked action.
     """
     channels = _channels(armature)
     joints = [joint for limb in limbs for joint in limb.joints]

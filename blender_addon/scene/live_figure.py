@@ -178,8 +178,7 @@ class LiveFace:
 def read_face_table(path: Path) -> dict[str, str]:
     """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``.
 
-    Raises:
-        FileMissing, FileDamaged: it cannot be read, or is no such table.
+    Raises ``FileMissing`` or ``FileDamaged`` if it cannot be read, or is no such table.
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):

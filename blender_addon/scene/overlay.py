@@ -44,13 +44,7 @@ def create_point_overlay(
     """Create one object that plays points in the viewport, not in renders.
 
     Args:
-        name: name of the object.
         points: (F, K, 3) metres in the object's frame, NaN if unseen.
-        fps: frames per second of the points.
-        timing: position of the take in the scene.
-        collection: the object's collection.
-        look: size and colours of a point.
-        players: node groups of earlier overlays to share, to which a new one is added.
     """
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
@@ -98,13 +92,7 @@ def create_view_overlay(
     Through the camera they appear at their positions in the undistorted image.
 
     Args:
-        camera: the Blender camera.
-        source: the calibrated camera.
         xy: (F, K, 2) distorted pixels, NaN if unseen.
-        fps: frames per second of the detections.
-        timing: position of the take in the scene.
-        collection: the object's collection.
-        players: see ``create_point_overlay``.
     """
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))

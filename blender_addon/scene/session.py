@@ -46,11 +46,7 @@ def frame_viewports(target: tuple[float, float, float]) -> None:
 
 
 def save_file(path: Path) -> None:
-    """Save a compressed copy of the open file.
-
-    Raises:
-        OutputNotWritable: Blender cannot write it.
-    """
+    """Save a compressed copy of the open file. Raises ``OutputNotWritable`` if Blender cannot write it."""
     try:
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
     except RuntimeError as error:

@@ -202,16 +202,10 @@ def start_live(
 ) -> LiveRun:
     """Start a live run of the solver in a working folder.
 
+    Raises ``SolverMissing`` if solver or interpreter are not there.
+
     Args:
         verb: ``live``, ``camera-live`` or ``sensors-live``.
-        words: arguments of the verb.
-        python: interpreter to use, None for Blender's own.
-        subject: calibrated person.
-        record: file to record to.
-        grace_s: see ``SolverProcess``.
-
-    Raises:
-        SolverMissing: solver or interpreter are not there.
     """
     command = [*backend_command(python), verb, *words, "--with-points", "--json", "--parent-pipe"]
     command += [] if subject is None else ["--subject", str(subject)]

@@ -74,11 +74,7 @@ def made_litert_python() -> Path | None:
 
 
 def probe_detector(python: Path) -> DetectorFound:
-    """Start a Python and ask which detectors it has.
-
-    Raises:
-        PythonUnsuitable: it does not start.
-    """
+    """Start a Python and ask which detectors it has. Raises ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     try:
         done = _ask(str(python), _PROBE, kept)
@@ -91,8 +87,7 @@ def probe_detector(python: Path) -> DetectorFound:
 def python_to_make_with(kind: str = "mediapipe") -> Path:
     """Return a Python that a detector's wheels are for and that makes environments: Blender's own, or the system's.
 
-    Raises:
-        PythonUnsuitable: there is none.
+    Raises ``PythonUnsuitable`` if there is none.
     """
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
@@ -170,9 +165,6 @@ class PythonFound:
 
 def probe_python(python: Path | None) -> PythonFound:
     """Start a Python and return its versions and devices.
-
-    Args:
-        python: interpreter, None for Blender's own.
 
     Raises:
         SolverMissing: there is no such file, or the solver is not there.

@@ -101,14 +101,7 @@ class Run:
 
 
 def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start the solver.
-
-    Args:
-        python: interpreter to use, None for Blender's own.
-
-    Raises:
-        SolverMissing: solver or interpreter are not there.
-    """
+    """Start the solver. Raises ``SolverMissing`` if solver or interpreter are not there."""
     command = [*backend_command(python), verb, *arguments, "--json", "--parent-pipe", "--verbose"]
     return run_of(verb, command, environment_for_child(python), folder)
 
@@ -116,8 +109,7 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
 def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Run:
     """Start a program that writes the solver's events, and return its run.
 
-    Raises:
-        SolverMissing: it cannot be started.
+    Raises ``SolverMissing`` if it cannot be started.
     """
     run = Run(verb, SolverProcess(command, environment, folder))
     run.log.append(f"> {' '.join(command)}")
@@ -127,12 +119,7 @@ def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], fo
 def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
     """Start a script that writes the solver's events without using the solver.
 
-    Args:
-        verb: name of the run.
-        python: interpreter to use, None for Blender's own.
-
-    Raises:
-        SolverMissing: the interpreter is not there.
+    Raises ``SolverMissing`` if the interpreter is not there.
     """
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
     return run_of(verb, command, environment_for_child(python), folder)

@@ -70,11 +70,7 @@ _BRIGHT = "paint.sl"
 
 
 def engine_id(name: str) -> str:
-    """Return Blender's id of an engine.
-
-    Raises:
-        RenderFailed: this Blender was built without it.
-    """
+    """Return Blender's id of an engine. Raises ``RenderFailed`` if this Blender was built without it."""
     scene = bpy.data.scenes.new("engines")
     try:
         found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)
@@ -88,11 +84,7 @@ def engine_id(name: str) -> str:
 
 
 def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
-    """Set a scene to an engine.
-
-    Raises:
-        RenderFailed: this Blender was built without it.
-    """
+    """Set a scene to an engine. Raises ``RenderFailed`` if this Blender was built without it."""
     scene.render.engine = engine_id(name)
     if name == "workbench":
         display = scene.display

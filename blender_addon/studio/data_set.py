@@ -17,9 +17,6 @@ SHOTS, VIDEOS = "shots", "videos"
 def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
     """Render the colour pictures of every shot without them, and return the number of new pictures.
 
-    Args:
-        frames: of all shots, for the progress.
-
     Raises:
         FileMissing: a shot is missing.
         RenderFailed: Blender cannot render here.
@@ -38,8 +35,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
 def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
     """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes.
 
-    Raises:
-        RenderFailed: this Blender writes no video.
+    Raises ``RenderFailed`` if this Blender writes no video.
     """
     for done, name in enumerate(shots, start=1):
         folder = out / SHOTS / name

@@ -85,7 +85,6 @@ class DressedPerson:
     """A person who can be posed.
 
     Args:
-        scene: its clothes.
         colours: (3 T, 3) linear colour of each corner of its triangles.
     """
 
@@ -152,7 +151,6 @@ class MarkerBalls:
     """Balls at points.
 
     Args:
-        radius_m: their radius.
         colours: (count, 3) linear colours, None for grey.
     """
 

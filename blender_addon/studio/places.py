@@ -83,12 +83,7 @@ def remove_places(scene: bpy.types.Scene) -> None:
 
 
 def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float, float]) -> bpy.types.Object:
-    """Replace the map on the floor of a scene, and return its object.
-
-    Args:
-        places: the map in world coordinates.
-        limits_mm: errors of the first and the last colour.
-    """
+    """Replace the map on the floor of a scene, and return its object."""
     remove_places(scene)
     step = np.array([places.x_m[1] - places.x_m[0], places.y_m[1] - places.y_m[0]])
     middle = np.stack(np.meshgrid(places.x_m, places.y_m), axis=-1).reshape(-1, 2)
@@ -141,12 +136,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
 
 
 def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each array with the mean joint error of each method over its shots.
-
-    Args:
-        verdicts: rows of the result of ``studio-benchmark``.
-        arrays: names of the arrays, in their order.
-    """
+    """Return each array with the mean joint error of each method over its shots."""
     return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 

@@ -59,8 +59,7 @@ def sending_options(properties: Any) -> list[str]:
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     """Return the address in a text, if its protocol is one of the schemes.
 
-    Raises:
-        CommandLineInvalid: the address is invalid, or on another machine while Blender is set to stay offline.
+    Raises ``CommandLineInvalid`` if the address is invalid, or on another machine while Blender is set to stay offline.
     """
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:

@@ -50,8 +50,7 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 def usable(folder: Path) -> Path:
     """Return a folder of captures or takes, created if needed.
 
-    Raises:
-        OutputNotWritable: it cannot be created or written to, or the disk is full.
+    Raises ``OutputNotWritable`` if it cannot be created or written to, or the disk is full.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)

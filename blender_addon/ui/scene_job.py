@@ -30,14 +30,12 @@ def prepare_job(
 ) -> tuple[JobFile, Path]:
     """Write the files of a job, and return the job and its path.
 
+    Raises ``MocapError`` if takes cannot be written, or a file of the settings no longer exists.
+
     Args:
-        scene: the scene.
         frames: a range to solve again, None for the whole take.
         of: one of the scene's captures, None for the current one.
         person: index of one of its people, None for the current one.
-
-    Raises:
-        MocapError: takes cannot be written, or a file of the settings no longer exists.
     """
     settings, capture = scene.mocap.solve, scene.mocap.capture if of is None else of
     person = capture.person_index if person is None else person
@@ -92,11 +90,7 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:
-    """Return the file of a capture.
-
-    Raises:
-        TakeMissing: it no longer exists.
-    """
+    """Return the file of a capture. Raises ``TakeMissing`` if it no longer exists."""
     path = file_of(capture.measured)
     if not path.is_file():
         raise TakeMissing("The capture file no longer exists.", where=str(path), hint="Import it again.")

@@ -64,7 +64,6 @@ class TaggedObject:
     """An object that a property group finds by the tag in one of its text properties.
 
     Args:
-        key: name of that property.
         prefer_active: prefer the active object, or the armature of the active skin, if it is a copy with this tag.
     """
 

@@ -40,10 +40,7 @@ def add_control_shapes(
     The shapes' objects are in a hidden collection next to the armature, so that they are seen only as controls.
 
     Args:
-        armature: from ``create_armature``.
-        body: its body.
         betas: (10,) shape of the layout.
-        layout: positions of its bones.
     """
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True

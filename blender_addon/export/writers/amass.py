@@ -38,11 +38,7 @@ def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names. Jaw and eyes rest.
-
-    Raises:
-        NothingToExport, BodyMissing: see ``export_amass``.
-    """
+    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names. Jaw and eyes rest."""
     arrays, parts = _read_take(take, progress)
     frames = len(parts["root_orient"])
     parts |= {"pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6))}

@@ -25,7 +25,6 @@ def run_exporter(
 
     Args:
         operator: such as ``bpy.ops.export_scene.fbx``.
-        path: file to write.
         settings: known to every version we support.
         newer_settings: ignored by a Blender that lacks them.
 
@@ -65,11 +64,7 @@ _CRATE = b"PXR-USDC"
 
 
 def require_space(path: Path, estimate: int) -> None:
-    """Check that a file of about this many bytes fits on its disk.
-
-    Raises:
-        OSError: it does not.
-    """
+    """Check that a file of about this many bytes fits on its disk. Raises ``OSError`` if it does not."""
     free = shutil.disk_usage(path.parent).free
     if free < estimate + _RESERVE:
         mib = f"about {estimate / 2**20:.0f} MiB are needed, {free / 2**20:.0f} MiB are free"
@@ -80,10 +75,7 @@ def require_whole(path: Path) -> None:
     """Check that an Alembic (Ogawa) or USD (crate) file was written to its end.
 
     Ogawa's sixth byte is 255 once the archive is closed. A crate's header ends with the offset of a table of contents
-    that is written last.
-
-    Raises:
-        OSError: it was not.
+    that is written last. Raises ``OSError`` if it was not.
     """
     with path.open("rb") as stream:
         head = stream.read(24)
@@ -135,8 +127,7 @@ _UNWRITABLE = "betas"
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write USD: metres and Z up, stated in the file. A skeleton of the deforming bones, every frame.
 
-    Raises:
-        OSError: the disk is too full for it.
+    Raises ``OSError`` if the disk is too full for it.
     """
     progress("exporting USD", 0, 1)
     settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}

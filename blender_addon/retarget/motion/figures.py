@@ -149,11 +149,8 @@ def actor_of_poses(
     """Return the actor of a body's poses.
 
     Args:
-        name: of the motion.
-        own: the body.
         rotvec: (F, J, 3) axis-angles.
         transl: (F, 3) metres.
-        fps: frames per second.
         contacts: (F, 2) bool, contacts of the left and right foot.
         still_fingers: include fingers that stay at rest.
     """
@@ -167,7 +164,6 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
     """Return the hands of our own body that have fingers which leave their rest.
 
     Args:
-        layout: names of its J joints.
         rest: (J, 3) joints at rest on the stage.
         turns: (F, J, 3, 3) rotations of the joints from rest.
         still: also return fingers that stay at rest.
@@ -194,7 +190,6 @@ def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.nda
     """Return the (N, F, 3) heads of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where m moves c.
 
     Args:
-        target: the rig.
         turns: (N, F, 3, 3) rotations from rest.
         carrier: the control with its own path.
         path: (F, 3) that path.

@@ -35,13 +35,10 @@ def actor_of_bones(
     a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.
 
     Args:
-        name: of the motion.
-        rest: N bones at rest.
         A: (N, 3, 3) from ``map_pose``.
         turns: (N, F, 3, 3) rotations of the bones since their rest, on the stage.
         places: (N, F, 3) their heads on the stage.
         own_rest: (24, 3) joints of our body at rest on the stage.
-        fps: frames per second.
     """
     index = {role: c for c, role in enumerate(rest.roles)}
     own = {role: turns[c] @ A[c].T for role, c in index.items()}

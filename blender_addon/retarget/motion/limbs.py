@@ -126,8 +126,6 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
     size, so that neither a planted foot nor a rolling one slides.
 
     Args:
-        actor: the motion.
-        target: the rig.
         turns: (N, F, 3, 3) rotations of its controls.
         scale: of the target's legs by the actor's.
     """
@@ -276,7 +274,6 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
     With D the rotations of finger and hand since rest and A the hand's map pose, a bend is ``A D_hand^T D A^T``.
 
     Args:
-        rest: N bones at rest, hands before their fingers.
         A: (N, 3, 3) from ``map_pose``.
         turns: (N, F, 3, 3) rotations of the bones since their rest.
     """
@@ -297,8 +294,6 @@ def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray)
     B is the actor's bend, and S the smallest rotation to the direction of the actor's finger at rest.
 
     Args:
-        actor: the motion.
-        target: the rig.
         A: (N, 3, 3) from ``map_pose``.
         turns: (N, F, 3, 3) rotations of the controls since their rest, with the final hands.
     """

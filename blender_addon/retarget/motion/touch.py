@@ -121,8 +121,6 @@ def keep_hands_together(
     Each hand moves by half of the gap, the mean over the touching pairs. Between touching and not, the gap fades.
 
     Args:
-        actor: the motion.
-        target: the rig.
         turns: (N, F, 3, 3) rotations of its controls.
         goals: (F, 3) places by role, with hands.
     """
@@ -293,8 +291,6 @@ def keep_hands_on_body(
     and not, the shift fades. Several parts or places of a hand that touch have equal weights.
 
     Args:
-        actor: the motion.
-        target: the rig.
         A: (N, 3, 3) its map pose.
         turns: (N, F, 3, 3) rotations of its controls, with limbs bent to their goals.
         places: (N, F, 3) their heads.

@@ -49,10 +49,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     and move if a leg is too short. Every limb is then bent to its goal.
 
     Args:
-        actor: the motion.
-        target: the rig.
         A: (N, 3, 3) from ``map_pose``.
-        settings: of the transfer.
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")

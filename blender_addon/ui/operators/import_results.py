@@ -70,7 +70,6 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     """Set up a capture that the solver has read, and keep its findings in the scene's settings.
 
     Args:
-        scene: the scene.
         result: result event of the verb ``convert``.
         source: the file or folder that the user chose. Footage may be in its folder.
     """
@@ -183,8 +182,6 @@ def take_motion(
     """Add a solved motion to the body of its person.
 
     Args:
-        context: any.
-        files: files of the solve.
         of: one of the scene's captures, None for the current one.
         again: the frames that were solved again, while all others keep their edits. None for a whole take.
         result: result event of the solve with the take's error and warnings, None if it is unknown.
@@ -251,15 +248,7 @@ def add_motion(
     capture: Path | None = None,
     body: Path | None = None,
 ) -> BakedTake:
-    """Add a motion from its file on a body of its own. A new scene selects only this body.
-
-    Args:
-        context: in object mode.
-        file: motion file.
-        settings: of the bake.
-        capture: capture file with cameras and detections to add, None for none.
-        body: body file, None for the one of the solve.
-    """
+    """Add a motion from its file on a body of its own. A new scene selects only this body."""
     motion = read_motion(file)
     figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None

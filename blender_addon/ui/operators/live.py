@@ -71,13 +71,8 @@ class CurrentLive:
         """Show a run in a scene from now on. If the body or the rig cannot be made, kill the run.
 
         Args:
-            run: the run.
-            scene: where it is shown.
-            body: show a body, not only points.
             fingers: show a body with fingers, which takes twice the time to draw. Only poses have fingers.
             on_recorded: called with the recording of a sensor run at the end.
-            face: shape keys to move.
-            character: makes the rig to move.
         """
         import numpy as np
 

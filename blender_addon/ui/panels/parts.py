@@ -35,14 +35,9 @@ def panel(
     """Return a decorator that makes a panel of the function that draws it, ``VIEW3D_PT_mocap_<function>``.
 
     Args:
-        label: of the panel.
         stage: of ``properties.STAGES`` in which it is shown, or ``ACQUIRE``, "" for all stages.
         parent: name of the function of the panel around it, "" for none.
-        order: among the panels of one parent.
         closed: whether it is closed at first.
-        header: whether it has a header.
-        needs: whether there is anything to show.
-        draw_header: draws into its header.
     """
 
     def poll(cls: type, context: bpy.types.Context) -> bool:
