@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,34 +12,28 @@ from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
 from solver_backend.exchange.reading_settings import ROWS as READING
-from solver_backend.exchange.setting import settings_of_class
+from solver_backend.exchange.setting import is_list, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-_TYPES: dict[str, type | tuple[type, ...]] = {
-    "switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list,
-}  # fmt: skip
-"""In a job file, by the kind of a setting."""
-PATHS = {
+_TYPES = {"switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list}
+_TYPES |= {"Path": str, "Path | None": str, "bool": bool}
+"""Types of JSON values by the kind of a setting, or by the type of a field of ``JobFile``."""
+PATHS: dict[str, Callable[[str], bool]] = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
     if row.kind in ("file", "name_or_file")
 }
-"""Settings that may be paths, and the test of whether a text is one."""
+"""Settings that may be paths, and a test whether a text is one."""
 
 
 @dataclass(frozen=True)
-class Resolve:
-    """What is solved again."""
+class Resolve(FrameRange):
+    """A frame range of an earlier motion to solve again."""
 
-    motion: Path  # Motion file of the earlier solve.
-    stretch: FrameRange  # Its frames, and the poses they must pass through.
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values."""
-        return {"motion": str(self.motion), **self.stretch.as_dict()}
+    motion: Path = field(kw_only=True)  # Motion file of the earlier solve.
 
 
 @dataclass(frozen=True)
@@ -52,53 +46,43 @@ class Job(JobFile):
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any], folder: Path = Path()) -> Job:
-        """Build a job from a job file's plain values.
+        """Build a job from the plain values of a job file.
 
         Args:
-            values: ``version``, ``capture``, ``out`` and any other field; ``settings`` holds those of a solve.
-            folder: what relative paths are relative to.
+            values: ``version``, ``capture``, ``out`` and any other field; ``settings`` holds the settings of the solve.
+            folder: base of relative paths.
 
         Raises:
             JobInvalid: the version is another one, a key is unknown or missing, or a value is of the wrong type.
         """
         known = {"version", *cls.__dataclass_fields__}
-        unknown = sorted(set(values) - known)
-        if unknown:
-            raise JobInvalid(
-                f"Unknown key {', '.join(unknown)}.", where="job", hint=f"Known keys: {', '.join(sorted(known))}."
-            )
-        if values.get("version") != VERSION:
-            raise JobInvalid(
-                f"The job has version {values.get('version')!r}; {VERSION} is read.",
-                where="job",
-                hint=f'Write "version": {VERSION}.',
-            )
-        missing = [key for key in ("capture", "out") if not values.get(key)]
-        if missing:
-            raise JobInvalid(
-                f"The job lacks {' and '.join(missing)}.", where="job", hint="Give both as paths of files."
-            )
-        report, subject, labels, start = (_typed(values, key, str) for key in ("report", "subject", "labels", "start"))
+        if unknown := sorted(set(values) - known):
+            hint = f"Known keys: {', '.join(sorted(known))}."
+            raise JobInvalid(f"Unknown key {', '.join(unknown)}.", where="job", hint=hint)
+        if (version := values.get("version")) != VERSION:
+            message = f"The job has version {version!r}; {VERSION} is read."
+            raise JobInvalid(message, where="job", hint=f'Write "version": {VERSION}.')
+        if missing := [key for key in ("capture", "out") if not values.get(key)]:
+            what = f"The job lacks {' and '.join(missing)}."
+            raise JobInvalid(what, where="job", hint="Give both as paths of files.")
+        own = {item.name: str(item.type) for item in fields(JobFile) if item.name not in READING}
+        kinds = own | {name: row.kind for name, row in READING.items()}
+        types = {name: _TYPES[kind] for name, kind in kinds.items() if kind in _TYPES}
+        given = {name: value for name, kind in types.items() if (value := _typed(values, name, kind)) is not None}
+        convert = {name: folder.joinpath for name, kind in own.items() if kind.startswith("Path")}
+        convert |= {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
+        plain = {name: convert.get(name, lambda value: value)(value) for name, value in given.items()}
         return cls(
-            capture=folder / _typed(values, "capture", str),
-            out=folder / _typed(values, "out", str),
-            report=None if report is None else folder / report,
-            overwrite=bool(_typed(values, "overwrite", bool)),
-            strict=bool(_typed(values, "strict", bool)),
-            subject=None if subject is None else folder / subject,
-            start=None if start is None else folder / start,
-            labels=None if labels is None else folder / labels,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
-            **_reading(values),
+            **{name: tuple(value) if is_list(value) else value for name, value in plain.items()},
         )
 
     @classmethod
     def read(cls, path: Path | str) -> Job:
-        """Read a job file; relative paths in it are relative to its folder.
+        """Read a job file. Relative paths start at its folder.
 
         Raises:
-            FileMissing, FileDamaged: it is not there or is not JSON.
             JobInvalid: see ``from_dict``.
         """
         values = read_json(path)
@@ -107,19 +91,15 @@ class Job(JobFile):
         return cls.from_dict(values, Path(path).parent)
 
     def reading(self) -> dict[str, Any]:
-        """Return the arguments that reading the capture takes."""
+        """Return the arguments of ``load_capture``."""
         return {name: getattr(self, name) for name in READING} | {"sync": self.settings.sync}
-
-    def as_dict(self) -> dict[str, object]:
-        """Return the job as plain values, which ``from_dict`` reads back."""
-        return {**super().as_dict(), "settings": asdict(self.settings)}
 
 
 def joint_set_named(name: str) -> JointSet:
     """Return the joint set of this name.
 
     Raises:
-        JobInvalid: there is none; the message lists those there are.
+        JobInvalid: the name is unknown. The hint lists the names.
     """
     try:
         return JointSet(name)
@@ -129,42 +109,20 @@ def joint_set_named(name: str) -> JointSet:
 
 
 def positive_fps(value: float) -> float:
-    """Return a frame rate that can be one.
-
-    Raises:
-        JobInvalid: it is not a positive, finite number.
-    """
+    """Return a frame rate that is positive and finite, or raise ``JobInvalid``."""
     if not 0 < value <= sys.float_info.max:
         raise JobInvalid(f"The frame rate must be a positive number, not {value}.", where="fps")
     return float(value)
 
 
 def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
-    """Return the settings of plain values, with whole paths.
-
-    Args:
-        values: the job's settings.
-        folder: what the paths of a body file, a layout and a noise map are relative to.
-
-    Raises:
-        JobInvalid: a key is unknown, a type wrong or a value impossible.
-    """
+    """Return the settings of plain values. Relative paths of body, layout and noise map start at the folder."""
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):
-        raise JobInvalid(
-            "A path of the settings holds the character U+0000, which is not possible in a path.", where="settings"
-        )
+        what = "A path of the settings holds the character U+0000, which is not possible in a path."
+        raise JobInvalid(what, where="settings")
     return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
-
-
-def _reading(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return how a capture is read, of a job file's values, in the solver's types; without what is not given."""
-    given = {name: _typed(values, name, _TYPES[row.kind]) for name, row in READING.items()}
-    given = {name: value for name, value in given.items() if value is not None}
-    special = {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
-    plain = {name: special[name](value) if name in special else value for name, value in given.items()}
-    return {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
 
 
 def _frames(values: list[Any]) -> tuple[int, int]:
@@ -181,16 +139,16 @@ def _resolve(values: Mapping[str, Any] | None, folder: Path) -> Resolve | None:
         raise JobInvalid("resolve lacks motion.", where="resolve", hint="It is the file of the earlier solve.")
     _typed(values, "pins", list)
     try:
-        return Resolve(folder / motion, FrameRange.from_dict({k: v for k, v in values.items() if k != "motion"}))
+        given = FrameRange.from_dict({key: value for key, value in values.items() if key != "motion"})
     except OverflowError as error:
         raise JobInvalid("A pinned pose holds a number that no float can hold.", where="resolve") from error
+    return Resolve(given.first, given.last, given.pins, motion=folder / motion)
 
 
-def _typed(values: Mapping[str, Any], key: str, kind: type | tuple[type, ...]) -> Any:
-    """Return the value of a key or None, after checking its type (true and false are no numbers)."""
+def _typed(values: Mapping[str, Any], key: str, kind: Any) -> Any:
+    """Return the value of a key, or None, after checking its type. ``True`` and ``False`` are not numbers."""
     value = values.get(key)
-    kinds = kind if isinstance(kind, tuple) else (kind,)
-    if value is None or (isinstance(value, kinds) and (bool in kinds or not isinstance(value, bool))):
+    if value is None or (isinstance(value, kind) and (kind is bool or not isinstance(value, bool))):
         return value
     names = {str: "text", bool: "true or false", dict: "an object", list: "a list"}
-    raise JobInvalid(f"{key} is {value!r}; {names.get(kinds[0], 'a number')} is expected.", where="job")
+    raise JobInvalid(f"{key} is {value!r}; {names.get(kind, 'a number')} is expected.", where="job")

@@ -41,30 +41,26 @@ _REQUIRED = "–"
 
 def job_file_page() -> str:
     """Return the page."""
-    classes = {
-        node.name: node
-        for node in ast.parse(_SOURCE.read_text(encoding="utf-8")).body
-        if isinstance(node, ast.ClassDef)
-    }
+    source = _SOURCE.read_text(encoding="utf-8")
+    classes = {node.name: node for node in ast.parse(source).body if isinstance(node, ast.ClassDef)}
     parts = [_HEAD]
     for name, title, text in _TABLES:
         parts += ["", *([f"## {title}", ""] if title else []), text, ""]
         parts += ["| key | type | default | holds |", "|---|---|---|---|"]
         if name == "JobFile":
             parts.append("| `version` | number | – | 1 |")
-        parts += [_row(*found) for found in _fields(classes[name])]
+        parts += [_row(*found) for found in _fields(classes[name], source.splitlines())]
     return "\n".join([*parts, ""])
 
 
-def _fields(declared: ast.ClassDef) -> list[tuple[str, str, str, str]]:
-    """Return name, type, default and description of each field of a data class."""
+def _fields(declared: ast.ClassDef, lines: list[str]) -> list[tuple[str, str, str, str]]:
+    """Return name, type, default and description of each field of a data class; the description is a comment."""
     found = []
-    for node, after in zip(declared.body, [*declared.body[1:], None], strict=True):
-        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
-            continue
-        text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
-        default = _REQUIRED if node.value is None else ast.unparse(node.value)
-        found.append((node.target.id, ast.unparse(node.annotation), default, str(text)))
+    for node in declared.body:
+        if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+            default = _REQUIRED if node.value is None else ast.unparse(node.value)
+            text = lines[(node.end_lineno or node.lineno) - 1].partition("  # ")[2]
+            found.append((node.target.id, ast.unparse(node.annotation), default, text))
     return found
 
 

@@ -32,9 +32,6 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
         body: body file for a motion, None for the one that the motion was solved for.
         armature: which one, where several move.
         action: which of its actions, "" for the one that it shows.
-
-    Raises:
-        MocapError: the file is missing or wrong, or its actor is not clear.
     """
     from ..retarget.rig_actor import play_action
 
@@ -47,11 +44,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
 
 
 def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iterator[ReadActor]:
-    """Yield every clip of a file, named after file and action: one of a motion file, one per action of others.
-
-    Raises:
-        MocapError: see ``read_source``.
-    """
+    """Yield every clip of a file, named after file and action: one of a motion file, one per action of others."""
     from ..retarget.rig_actor import clips_of, play_action
 
     if path.suffix.lower() == ".npz":

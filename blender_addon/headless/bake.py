@@ -40,9 +40,6 @@ def run_bake(args: Namespace, progress: Progress) -> BakeResult:
     """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
     All files are written or none.
-
-    Raises:
-        MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     kinds = {"blend": ".blend"}
     if not args.no_pictures:
@@ -52,11 +49,7 @@ def run_bake(args: Namespace, progress: Progress) -> BakeResult:
 
 
 def run_render(args: Namespace, progress: Progress) -> BakeResult:
-    """Write the preview video and the contact sheet alone.
-
-    Raises:
-        MocapError: see ``run_bake``.
-    """
+    """Write the preview video and the contact sheet alone."""
     return _bake(args, _PICTURES, {}, progress)
 
 

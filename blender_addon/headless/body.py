@@ -26,11 +26,7 @@ class BodyResult(CommandResult):
 
 
 def run_body(args: Namespace, progress: Progress) -> BodyResult:
-    """Write a Blender file that holds one body, standing on the floor, marked as an asset.
-
-    Raises:
-        MocapError: the body is missing or wrong, or the file exists or cannot be written.
-    """
+    """Write a Blender file that holds one body, standing on the floor, marked as an asset."""
     require_blender()
     from ..body.correctives import CORRECTIVES
     from ..body.rig import create_rig, stand_on_floor

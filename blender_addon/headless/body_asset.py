@@ -31,9 +31,6 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
 
     Args:
         collection: holds them and nothing else.
-
-    Raises:
-        RenderFailed: Blender cannot render the picture here.
     """
     picture = body_picture(rig, collection)
     collection.asset_mark()
@@ -51,11 +48,7 @@ def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> Non
 
 
 def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
-    """Return a (256, 256, 4) float32 sRGB picture of a body, top row first.
-
-    Raises:
-        RenderFailed: Blender cannot render here.
-    """
+    """Return a (256, 256, 4) float32 sRGB picture of a body, top row first."""
     evaluated = rig.mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
     corners = np.array([evaluated.matrix_world @ vertex.co for vertex in evaluated.data.vertices])
     size = (_PREVIEW_PX, _PREVIEW_PX)
@@ -67,11 +60,7 @@ def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
 
 
 def add_catalog(folder: Path) -> None:
-    """Add our catalog to the catalogs of an asset library's folder. Those that are there stay.
-
-    Raises:
-        OutputNotWritable: the file cannot be read or written.
-    """
+    """Add our catalog to the catalogs of an asset library's folder. Those that are there stay."""
     path = folder / CATALOG_FILE
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER

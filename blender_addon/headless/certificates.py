@@ -33,7 +33,6 @@ def run_certificates(args: Namespace, progress: Progress) -> CertificatesResult:
 
     Raises:
         EngineMissing: OpenSSL is not there, or makes none.
-        OutputExists, OutputNotWritable: the files cannot be written.
     """
     program = shutil.which("openssl")
     if program is None:

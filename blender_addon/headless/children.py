@@ -28,9 +28,6 @@ def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> C
 
     Args:
         words: further arguments, before those of the command line.
-
-    Raises:
-        MocapError: see ``run_solver``.
     """
     result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
     files = ("motion", "report", "subject", "markers_file")
@@ -55,10 +52,6 @@ def run_solver(
     Args:
         python: interpreter to use, None for this one.
         stopped: see ``run_to_its_end``.
-
-    Raises:
-        SolverMissing: solver or interpreter are not there.
-        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
     """
     return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
 
@@ -69,21 +62,13 @@ def run_verb(
     """Run a verb of this command line in a process of its own and return its result event.
 
     Blender does one thing at a time, and may crash.
-
-    Raises:
-        SolverMissing: it cannot be started.
-        SolverStopped, MocapError, Cancelled: see ``run_to_its_end``.
     """
     run = start_verb(verb, arguments, Path.cwd())
     return run_to_its_end(run, progress, lambda pid: stopped(), f"Blender's process ({verb})")
 
 
 def start_verb(verb: str, arguments: Sequence[str], folder: Path) -> Run:
-    """Start a verb of this command line in a working folder, and return its run, to be polled.
-
-    Raises:
-        SolverMissing: it cannot be started.
-    """
+    """Start a verb of this command line in a working folder, and return its run, to be polled."""
     command = [*command_line(), verb, *arguments, "--json", "--parent-pipe"]
     known = os.environ.get("PYTHONPATH", "")
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, (str(_PACKAGE.parent), known)))}
@@ -108,8 +93,6 @@ def run_to_its_end(
 
     Raises:
         SolverStopped: it ended with an error, or without a message.
-        MocapError: the error from ``stopped``.
-        Cancelled: it was cancelled, or this program was interrupted.
     """
     try:
         while not run.finished:

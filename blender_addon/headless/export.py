@@ -26,11 +26,7 @@ class ExportResult(TimedResult):
 
 
 def run_export(args: Namespace, progress: Progress) -> ExportResult:
-    """Write a file per format, named after the take, and report the warnings of its solve.
-
-    Raises:
-        MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
-    """
+    """Write a file per format, named after the take, and report the warnings of its solve."""
     require_blender()
     from ..body.shape import body_mesh, show_look
     from ..export.take import take_of

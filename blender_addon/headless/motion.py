@@ -16,11 +16,7 @@ _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cann
 
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a clip as a motion of our body.
-
-    Raises:
-        MocapError: the clip is missing or wrong, its armature is not clear, or the output exists.
-    """
+    """Write a clip as a motion of our body."""
     require_blender()
     with TemporaryDirectory() as folder:
         clip = _readable(args.clip, args.armature, args.action, Path(folder), progress)
@@ -28,11 +24,7 @@ def run_motion(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a motion with the hands of gloves.
-
-    Raises:
-        MocapError: a file is missing or wrong, its armature is not clear, or the output exists.
-    """
+    """Write a motion with the hands of gloves."""
     require_blender()
     with TemporaryDirectory() as folder:
         gloves = [

@@ -21,9 +21,6 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
     Args:
         here: this process uses it.
         instead: what else the user can do.
-
-    Raises:
-        BlenderMissing: it has not.
     """
     if find_spec("bpy") is None:
         hint = f"Install the package 'bpy' into it{instead and ', or '}{instead}."

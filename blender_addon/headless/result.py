@@ -11,21 +11,15 @@ class CommandResult(TypedDict):
     """The ``result`` event. A verb may add keys for programs."""
 
     event: NotRequired[str]
-    outputs: list[str]
-    """Files that were written."""
-    notes: list[str]
-    """Sentences for people."""
+    outputs: list[str]  # Files that were written.
+    notes: list[str]  # Sentences for people.
     exit_code: NotRequired[int]
     table: NotRequired[str]
-    joints_deviation_mm: NotRequired[float]
-    """Largest distance between Blender's joints and the motion's."""
-    skin_deviation_mm: NotRequired[float]
-    """Largest distance between Blender's skin and the motion's."""
+    joints_deviation_mm: NotRequired[float]  # Largest distance between Blender's joints and the motion's.
+    skin_deviation_mm: NotRequired[float]  # Largest distance between Blender's skin and the motion's.
     hands_and_feet_deviation_mm: NotRequired[float]
-    scale: NotRequired[float]
-    """Of a character relative to the person."""
-    map: NotRequired[str]
-    """The character's bones by the roles of ours."""
+    scale: NotRequired[float]  # Of a character relative to the person.
+    map: NotRequired[str]  # The character's bones by the roles of ours.
 
 
 class TimedResult(CommandResult):

@@ -65,11 +65,6 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
     """Retarget to each target. The files of several targets are in folders with the targets' names.
 
     Unsuitable targets are skipped and reported. The worst error gives the exit code.
-
-    Raises:
-        BatchInvalid: two targets have one name, or one map file is to be written for several.
-        TargetUnsuitable: none of several targets is suitable.
-        MocapError: see ``_one`` and ``_clips``.
     """
     require_blender()
     targets = list(dict.fromkeys(args.target))
@@ -109,11 +104,7 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 
 def _one(args: Namespace, progress: Progress) -> RetargetResult:
-    """Write a copy of the target's file in which the rig plays the motion.
-
-    Raises:
-        MocapError: an input is missing or wrong, the rig or its map is unsuitable, or an output exists.
-    """
+    """Write a copy of the target's file in which the rig plays the motion."""
     from ..retarget.retarget import retarget
     from ..retarget.rig_map import write_map
     from ..scene.session import save_file
@@ -150,9 +141,6 @@ def _clips(args: Namespace, progress: Progress) -> ClipsResult:
     """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
 
     Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
-
-    Raises:
-        MocapError: there are no clips, the rig or its map is unsuitable, an output exists, or all clips failed.
     """
     from ..export.take import take_of
     from ..export.write import export_take, format_of

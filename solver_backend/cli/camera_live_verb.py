@@ -79,11 +79,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened.
-
-    Raises:
-        CommandLineInvalid: two have the same name, or a source is invalid.
-    """
+    """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened."""
     from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
     from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
 
@@ -107,11 +103,7 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 
 
 def _calibration(path: Path, names: list[str]) -> Calibration:
-    """Return the calibration of these cameras, in their order.
-
-    Raises:
-        CommandLineInvalid: it lacks a camera.
-    """
+    """Return the calibration of these cameras, in their order."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.io.calibration.search import ordered
     from solver_backend.io.camera_names import listing, match_names

@@ -30,12 +30,7 @@ _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}
 
 
 def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    """Return the calibration that the command line asks for.
-
-    Raises:
-        CommandLineInvalid: what the method needs is not given.
-        MocapError: see the methods.
-    """
+    """Return the calibration that the command line asks for."""
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
     world = given_world(args)
     useless = sorted(set(world) - _WORLD_OPTIONS.get(args.method, {"scale"}))
@@ -60,7 +55,6 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     """Return the lens of each camera that filmed a board.
 
     Raises:
-        CommandLineInvalid: the board or a lens model is not known.
         CalibrationInvalid: a camera has too few pictures of the board.
     """
     from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_lenses

@@ -35,19 +35,12 @@ class LiveSource:
     lines: Iterator[LiveLine]
     proportions: Proportions
     recorder: Recorder[...] | None = None
-    summary: Callable[[], dict[str, object]] = field(default=dict)
-    """Returns plain values about the source at the end."""
-    others: tuple[Recorder[...], ...] = ()
-    """Further recordings."""
+    summary: Callable[[], dict[str, object]] = field(default=dict)  # Returns plain values about the source at the end.
+    others: tuple[Recorder[...], ...] = ()  # Further recordings.
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the source that the command line names, ready to begin.
-
-    Raises:
-        CommandLineInvalid: options do not go with it.
-        MocapError: it cannot be read, or what is recorded cannot be written.
-    """
+    """Return the source that the command line names, ready to begin."""
     if is_address(args.source):
         if args.repeat or args.fast:
             raise CommandLineInvalid("--fast and --repeat work with a file; the source is another program.")

@@ -112,11 +112,7 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Return plain values about the run that has ended: whether it was stopped, recordings, and poses sent.
-
-        Raises:
-            OutputNotWritable: lines were lost.
-        """
+        """Return plain values about the run that has ended: whether it was stopped, recordings, and poses sent."""
         data: dict[str, object] = {"stopped": self.stopped, **recorded(self._recorder)}
         self.lines.require_whole()
         return data if self._sender is None else {**data, **self._sender.summary()}
@@ -142,11 +138,7 @@ class Lines:
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Open the file.
-
-        Raises:
-            OutputNotWritable: it cannot be made.
-        """
+        """Open the file."""
         self._path = path
         if path is not None:
             self._file = open_appended(path, fresh=False)
@@ -156,11 +148,7 @@ class Lines:
         self._file = AppendedFile(sys.__stdout__.fileno(), "standard output")
 
     def write(self, line: Mapping[str, object]) -> None:
-        """Write a line. On a full disk the line is lost, and counted.
-
-        Raises:
-            BrokenPipeError: the reader of the lines is gone.
-        """
+        """Write a line. On a full disk the line is lost, and counted."""
         self._file.append(json.dumps(as_plain(line), allow_nan=False).encode() + b"\n")
 
     def end_line(self) -> None:
@@ -168,11 +156,7 @@ class Lines:
         self._file.append(b"\n")
 
     def require_whole(self) -> None:
-        """Make sure that every line was written.
-
-        Raises:
-            OutputNotWritable: some were not.
-        """
+        """Make sure that every line was written."""
         self._file.require_whole("Make room on the disk of the lines. What --record writes is not affected.")
 
     def __enter__(self) -> Lines:

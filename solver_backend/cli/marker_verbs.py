@@ -141,7 +141,6 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     """Return positions (F, M, 3) in metres, labels and frames per second.
 
     Raises:
-        FileMissing, FileDamaged: the motion cannot be read, or lacks a field.
         MotionInvalid: it was not solved from markers, or does not hold what is wanted.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION

@@ -32,10 +32,6 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     Args:
         choice: name or path of the body.
         keep_shape: use the shape coefficients of an AMASS file, which belong to the body that it was fitted with.
-
-    Raises:
-        MotionInvalid: it is neither.
-        MocapError: see ``load_motion``.
     """
     from solver_backend.body.hands import flat_hands
     from solver_backend.body.kinematics import forward_kinematics
@@ -97,9 +93,6 @@ def read_foreign_motion(
         unit: length unit of the clip. It is estimated from the legs if empty.
         up_axis: axis that points up in the clip. It is detected if empty.
         keep_height: do not put the lowest soles on the floor.
-
-    Raises:
-        MocapError: see ``read_foreign_clip``, ``load_chosen_body`` and ``import_motion``.
     """
     from solver_backend.exchange.rigs.rest_frames import bent_at_rest
     from solver_backend.fitters.motion_import.import_motion import import_motion

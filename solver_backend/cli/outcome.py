@@ -17,10 +17,8 @@ Data = TypeVar("Data", bound=Mapping[str, object], covariant=True)
 class Outcome(Generic[Data]):
     """The result of a verb."""
 
-    text: str
-    """For people. Printed to standard output."""
-    data: Data
-    """For programs: plain JSON values of the result event."""
+    text: str  # For people. Printed to standard output.
+    data: Data  # For programs: plain JSON values of the result event.
     summary: tuple[str, ...] = ()
     """For people, on standard error after the text: every warning, and a last line to trust."""
 

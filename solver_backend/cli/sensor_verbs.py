@@ -153,13 +153,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration.
-
-    Raises:
-        BackendMissing: depthai is not installed.
-        CommandLineInvalid, SensorUnknown: see ``_named``.
-        SensorFailed, CalibrationMissing: see ``oak_cameras``.
-    """
+    """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration."""
     from solver_backend.io.calibration.read import read_calibration
     from solver_backend.sensors.devices import oak
     from solver_backend.sensors.devices.oak import Oak, OakSettings, oak_cameras
@@ -178,7 +172,6 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     """Return the identifiers of the cameras by their names.
 
     Raises:
-        CommandLineInvalid: names repeat.
         SensorUnknown: a camera is of another kind, or has no identifier.
     """
     from solver_backend.sensors.devices.oak import device_named

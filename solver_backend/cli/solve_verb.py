@@ -25,7 +25,6 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
 from solver_backend.exchange.verbs import VERBS
 from solver_backend.fitters.freed_memory import keep_freed_memory
-from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.job import Job, Resolve
 from solver_backend.types import Capture, Motion
 
@@ -86,7 +85,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
         raise CommandLineInvalid("A motion without its recording has no report.", where=str(job.report))
     start = time.monotonic()
     measured, earlier = any_motion(job.capture, job.settings.body), any_motion(job.resolve.motion, job.settings.body)
-    motion = resolve_motion(measured, earlier, job.resolve.stretch, job.settings, progress).motion
+    motion = resolve_motion(measured, earlier, job.resolve, job.settings, progress).motion
     solve_s = time.monotonic() - start
     found = by_gravity([*recorded_diagnostics(motion), *check_motion(motion)])
     return _finish(job, motion, found, solve_s, lambda done: write_motion(job.out, done, overwrite=job.overwrite))
@@ -125,7 +124,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         earlier = read_motion(job.resolve.motion)
         if job.person is None and capture.people and earlier.provenance.get("person"):
             capture = capture.of_person(earlier.provenance["person"])
-        motion = resolve_range(capture, earlier, job.resolve.stretch, job.settings, progress).motion
+        motion = resolve_range(capture, earlier, job.resolve, job.settings, progress).motion
     solve_s = time.monotonic() - start
     found = diagnose(capture, motion)
     outcome = _finish(job, motion, found, solve_s, lambda done: _write_both(job, capture, done, progress))
@@ -140,7 +139,6 @@ def _finish(
     """Write a motion with its diagnostics, and return what is reported.
 
     Raises:
-        MocapError: the job does not accept an error among the diagnostics.
         WarningsRefused: the job is strict, and there are warnings.
     """
     found = refuse_errors(found, job.settings.accept, str(job.capture))
@@ -165,11 +163,7 @@ def _finish(
 
 
 def _write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
-    """Write the motion and its report together. The motion is written even if the report fails.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_files``.
-    """
+    """Write the motion and its report together. The motion is written even if the report fails."""
     from solver_backend.io.native.motion_file import write_motion
 
     if job.report is None:
@@ -209,9 +203,6 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
     """Solve jobs one after another, each for all people if it asks for that. A failure does not stop the others.
 
     The result holds ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
-
-    Raises:
-        MocapError: nothing could be solved. It is the first error.
     """
     texts: list[str] = []
     summary: list[str] = []
@@ -318,4 +309,4 @@ def _resolve(args: argparse.Namespace) -> Resolve | None:
         return None
     if args.frames is None:
         raise CommandLineInvalid("--resolve needs --frames.", hint="--resolve MOTION.npz --frames FIRST LAST")
-    return Resolve(args.resolve, FrameRange(*args.frames))
+    return Resolve(*args.frames, motion=args.resolve)

@@ -35,8 +35,6 @@ class ClusterStretches:
 
     Raises:
         SchedulerUnsafe: the scheduler is on another host, without TLS, or certificates for TLS are not given.
-        BackendMissing: Dask is not installed.
-        CommandLineInvalid: no scheduler answers.
     """
 
     def __init__(self, address: str) -> None:

@@ -128,10 +128,6 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
     Args:
         out: where detections and clocks are kept.
-
-    Raises:
-        CommandLineInvalid: the folder holds several takes.
-        MocapError: see the steps.
     """
     from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_detector
@@ -216,11 +212,7 @@ def _footage(given: list[Path]) -> dict[str, Path]:
 
 
 def _only_take(takes: Sequence[Any], folder: Path) -> Any:
-    """Return the take of a folder.
-
-    Raises:
-        CommandLineInvalid: there are several.
-    """
+    """Return the take of a folder."""
     if len(takes) > 1:
         hint = f"Choose one: {_names(takes)}."
         raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=hint)

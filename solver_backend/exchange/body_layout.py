@@ -75,14 +75,10 @@ class BodyLayout:
     name: str
     joints: tuple[str, ...]
     """Names; the same joint of the other side is named alike, with ``left_`` and ``right_`` exchanged."""
-    parents: tuple[int, ...]
-    """Parent of each joint; -1 at the root."""
-    groups: tuple[str, ...]
-    """Group of each joint, such as trunk, left_arm or left_hand."""
-    resting: tuple[str, ...] = ()
-    """Groups at the end of the joints that solves leave at rest."""
-    recorded_as: BodyLayout | None = None
-    """Layout of the motions of such bodies; None: this one."""
+    parents: tuple[int, ...]  # Parent of each joint; -1 at the root.
+    groups: tuple[str, ...]  # Group of each joint, such as trunk, left_arm or left_hand.
+    resting: tuple[str, ...] = ()  # Groups at the end of the joints that solves leave at rest.
+    recorded_as: BodyLayout | None = None  # Layout of the motions of such bodies; None: this one.
     limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
     """How far joints turn, by name; what is not in it turns freely. Motion files do without."""
 
@@ -140,11 +136,7 @@ class BodyLayout:
         return ends
 
     def numbers(self, *joints: str) -> tuple[int, ...]:
-        """Return the numbers of joints by their names.
-
-        Raises:
-            BodyInvalid: the layout lacks one of them.
-        """
+        """Return the numbers of joints by their names."""
         if missing := [name for name in joints if name not in self.joints]:
             raise BodyInvalid(f"{self.name} has no {', '.join(missing)}.", where=self.name)
         return tuple(self.joints.index(name) for name in joints)
@@ -158,11 +150,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the joint of this body that stands for each joint of another's.
-
-        Raises:
-            BodyInvalid: a joint has none.
-        """
+        """Return the joint of this body that stands for each joint of another's."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -175,11 +163,7 @@ class BodyLayout:
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
-        """Check that a motion of this layout can stand where one of another is expected.
-
-        Raises:
-            MotionInvalid: joints or tree differ.
-        """
+        """Check that a motion of this layout can stand where one of another is expected."""
         if (self.joints, self.parents) != (other.joints, other.parents):
             found = f"The motion is of the layout {self.name} ({self.num_joints} joints)"
             what = f"{found}; {other.name} ({other.num_joints} joints) is expected."

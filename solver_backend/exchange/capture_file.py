@@ -28,20 +28,13 @@ class CameraFile:
     """One calibrated camera: ``x_cam = R @ x_world + t`` in OpenCV's axes, pixel (0, 0) is a pixel's centre."""
 
     name: str
-    K: np.ndarray
-    """(3, 3) intrinsic matrix in pixels."""
-    R: np.ndarray
-    """(3, 3) rotation world to camera."""
-    t: np.ndarray
-    """(3,) metres."""
-    image_size: tuple[int, int]
-    """Width and height in pixels."""
-    distortion: np.ndarray
-    """(8,) coefficients in the order of the lens model, padded with zeros."""
-    distortion_model: str
-    """Name of the lens model, of ``LENS_MODELS``."""
-    footage: Path | None
-    """Video file or folder of images; it may not exist."""
+    K: np.ndarray  # (3, 3) intrinsic matrix in pixels.
+    R: np.ndarray  # (3, 3) rotation world to camera.
+    t: np.ndarray  # (3,) metres.
+    image_size: tuple[int, int]  # Width and height in pixels.
+    distortion: np.ndarray  # (8,) coefficients in the order of the lens model, padded with zeros.
+    distortion_model: str  # Name of the lens model, of ``LENS_MODELS``.
+    footage: Path | None  # Video file or folder of images; it may not exist.
     footage_first: int = 0
     """Picture of the footage that belongs to the first frame, from 0; negative where the camera started later."""
 
@@ -51,19 +44,13 @@ class CaptureFile:
     """What was recorded; C cameras, F frames, K keypoints."""
 
     name: str
-    cameras: tuple[CameraFile, ...]
-    """The calibrated cameras, in the order of the views."""
-    fps: float
-    """Frames per second of the detections."""
-    xy: np.ndarray | None = None
-    """(C, F, K, 2) distorted pixels, NaN where unseen."""
-    confidence: np.ndarray | None = None
-    """(C, F, K) in 0..1, 0 where unseen."""
+    cameras: tuple[CameraFile, ...]  # The calibrated cameras, in the order of the views.
+    fps: float  # Frames per second of the detections.
+    xy: np.ndarray | None = None  # (C, F, K, 2) distorted pixels, NaN where unseen.
+    confidence: np.ndarray | None = None  # (C, F, K) in 0..1, 0 where unseen.
     joint_set: str = ""
-    markers: np.ndarray | None = None
-    """(F, M, 3) optical markers in world metres, NaN where unseen."""
-    marker_labels: tuple[str, ...] = ()
-    """M labels of ``markers``, none where the recording named none."""
+    markers: np.ndarray | None = None  # (F, M, 3) optical markers in world metres, NaN where unseen.
+    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``, none where the recording named none.
 
     @property
     def num_frames(self) -> int:
@@ -77,7 +64,6 @@ def read_capture(path: Path) -> CaptureFile:
     """Read what is shown of a capture file.
 
     Raises:
-        FileMissing, FileDamaged: see ``read_arrays``.
         CaptureInvalid: cameras or detections have wrong shapes or impossible values.
     """
     path = Path(path)

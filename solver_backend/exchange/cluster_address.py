@@ -25,7 +25,6 @@ def require_safe(address: str) -> None:
 
     Raises:
         SchedulerUnsafe: it is on another host and its address does not begin with ``tls://``.
-        FileMissing, FileDamaged: the scheduler's file cannot be read.
     """
     found = address
     if address.endswith(".json"):
@@ -44,9 +43,6 @@ def require_certificates(address: str, known: object) -> None:
 
     Args:
         known: Dask's setting ``distributed.comm.tls.ca-file``, which ``use_certificates`` or the user's own makes.
-
-    Raises:
-        SchedulerUnsafe: there are none.
     """
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} speaks TLS, and no certificates are given."
@@ -64,9 +60,6 @@ def use_certificates(folder: Path) -> None:
     """Give Dask, in this process and in those that it starts, the certificates in a folder.
 
     To be called before Dask is imported.
-
-    Raises:
-        FileMissing: ``ca.pem``, ``cert.pem`` or ``key.pem`` is not there.
     """
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file

@@ -48,18 +48,12 @@ _DONE = {"reported": "", "repaired": ": corrected", "excluded": ": not used ther
 class DiagnosticEntry:
     """One row of the table."""
 
-    group: str
-    """Heading on the reference page."""
-    severity: Severity
-    """Unless the caller states another one."""
-    text: str
-    """A sentence without its full stop, with parameters in braces."""
-    cause: str
-    """The usual cause, for the reference page."""
-    remedy: str
-    """Advice; empty if there is nothing to do."""
-    role: str = ""
-    """In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all"."""
+    group: str  # Heading on the reference page.
+    severity: Severity  # Unless the caller states another one.
+    text: str  # A sentence without its full stop, with parameters in braces.
+    cause: str  # The usual cause, for the reference page.
+    remedy: str  # Advice; empty if there is nothing to do.
+    role: str = ""  # In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Text of each named value of a parameter, which may hold parameters itself."""
 
@@ -95,10 +89,8 @@ class Where:
     """What a diagnostic concerns; fields are empty if it is none in particular."""
 
     file: str = ""
-    frames: Frames = ()
-    """Frame ranges."""
-    cameras: tuple[str, ...] = ()
-    """Names of cameras; the first is at fault if others are named for comparison."""
+    frames: Frames = ()  # Frame ranges.
+    cameras: tuple[str, ...] = ()  # Names of cameras; the first is at fault if others are named for comparison.
     markers: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     person: str = ""
@@ -124,12 +116,10 @@ class DiagnosticValues(TypedDict):
 class Diagnostic:
     """One thing that was found."""
 
-    code: str
-    """Its row in the table; a file of another version may have a code that the table lacks."""
+    code: str  # Its row in the table; a file of another version may have a code that the table lacks.
     severity: Severity
     where: Where = Where()
-    values: Mapping[str, Any] = field(default_factory=dict)
-    """Parameters of the table's texts: plain JSON values."""
+    values: Mapping[str, Any] = field(default_factory=dict)  # Parameters of the table's texts: plain JSON values.
     remedy: Remedy = Remedy.REPORTED
 
     def as_dict(self) -> DiagnosticValues:
@@ -143,8 +133,7 @@ class Words(NamedTuple):
     """A diagnostic for people."""
 
     what: str
-    advice: str
-    """What to do; empty if there is nothing to do."""
+    advice: str  # What to do; empty if there is nothing to do.
 
 
 # fmt: off
@@ -160,9 +149,6 @@ def diagnostic(
         severity: the table's if None.
         file, frames, cameras, markers, joints, person: see ``Where``.
         values: parameters of the table's texts; numbers are kept to six digits.
-
-    Raises:
-        KeyError: the table has no such code.
     """
     runs = tuple((int(a), int(b)) for a, b in frames)
     where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)

@@ -14,16 +14,12 @@ from .plain_text import plain
 class ExitCode(IntEnum):
     """How a run ended."""
 
-    RESULT = 0
-    """There is a result."""
-    USAGE = 2
-    """The command line, the job file or a setting is wrong."""
+    RESULT = 0  # There is a result.
+    USAGE = 2  # The command line, the job file or a setting is wrong.
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
-    FAILED = 4
-    """The solver, or what else does the work, failed."""
-    CANCELLED = CANCELLED
-    """The user, or a signal, ended the work; nothing was left half-written."""
+    FAILED = 4  # The solver, or what else does the work, failed.
+    CANCELLED = CANCELLED  # The user, or a signal, ended the work; nothing was left half-written.
 
 
 class ErrorEvent(TypedDict):

@@ -4,122 +4,86 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import MISSING, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
 from .errors import JobInvalid, OutputNotWritable
+from .json_file import as_plain
 from .outputs import write_text
 from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
-from .setting import values_that_differ
 
 VERSION = 1  # Of the schema; a job of another version is refused.
 MOTION_SUFFIX = ".npz"
-_PATHS = ("report", "subject", "start", "labels")
 
 
 @dataclass(frozen=True)
 class JobPin:
-    """A pose the animator set, which the solver must keep."""
+    """A pose set by the animator, which the solver keeps."""
 
-    frame: int
-    """Frame of the capture, from 0."""
-    global_orient: Sequence[float]
-    """(3,) axis-angle, body to world."""
-    body_pose: Sequence[float]
-    """(69,) axis-angle of joints 1..23."""
-    transl: Sequence[float]
-    """(3,) metres."""
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values."""
-        return {
-            "frame": int(self.frame),
-            "global_orient": [float(v) for v in self.global_orient],
-            "body_pose": [float(v) for v in self.body_pose],
-            "transl": [float(v) for v in self.transl],
-        }
+    frame: int  # Frame of the capture, from 0.
+    global_orient: Sequence[float]  # (3,) axis-angle, body to world.
+    body_pose: Sequence[float]  # (69,) axis-angle of joints 1..23.
+    transl: Sequence[float]  # (3,) metres.
 
 
 @dataclass(frozen=True)
 class JobRange:
     """A range of frames of an earlier motion to solve again."""
 
-    motion: Path
-    """Motion file that stays as it is outside the range."""
-    first: int
-    """First frame, from 0."""
-    last: int
-    """Last frame, included."""
-    pins: tuple[JobPin, ...] = ()
-    """Poses inside the range that are kept."""
-
-    def as_dict(self) -> dict[str, object]:
-        """Return plain values."""
-        pins = [pin.as_dict() for pin in self.pins]
-        return {"motion": str(self.motion), "first": int(self.first), "last": int(self.last), "pins": pins}
+    motion: Path  # Motion file that stays as it is outside the range.
+    first: int  # First frame, from 0.
+    last: int  # Last frame, included.
+    pins: tuple[JobPin, ...] = ()  # Poses inside the range that are kept.
 
 
 @dataclass(frozen=True)
 class JobFile(ReadingSettings, TimeSettings, WorldSettings):
-    """One solve: what is read, how it is solved, where the result goes.
+    """One solve: input, settings and output.
 
     Raises:
         JobInvalid: the motion's name has another ending, two of the files are one, or a path or setting is invalid.
     """
 
-    capture: Path
-    """File or folder of the capture."""
-    out: Path
-    """Motion file to be written."""
-    report: Path | None = None
-    """HTML page to be written; None for none."""
-    overwrite: bool = False
-    """Replace results that are already there."""
-    strict: bool = False
-    """Refuse a result that has warnings, and write nothing."""
-    subject: Path | None = None
-    """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
-    start: Path | None = None
-    """Earlier motion of these frames at which several cameras start, such as that of one of them."""
-    labels: Path | None = None
-    """File of user-assigned labels of points of a recording of markers; the solver never overrides them."""
-    settings: Any = field(default_factory=dict)
-    """Settings of the solve by name; the solver has defaults for those left out."""
-    resolve: Any = None
-    """``JobRange``: solve only some frames of an earlier motion again; None for the whole take."""
+    capture: Path  # File or folder of the capture.
+    out: Path  # Motion file to be written.
+    report: Path | None = None  # HTML page to be written; None for none.
+    overwrite: bool = False  # Replace results that are already there.
+    strict: bool = False  # Refuse a result that has warnings, and write nothing.
+    subject: Path | None = None  # Subject file of the person to solve, None to calibrate on the take itself.
+    start: Path | None = None  # Earlier motion of these frames to start from, such as the motion of one camera.
+    labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
+    settings: Any = field(default_factory=dict)  # Settings of the solve by name. The others have their defaults.
+    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again; None for the whole take.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # which checks the settings of every class
         earlier = None if self.resolve is None else self.resolve.motion
-        files = (self.capture, self.out, *(getattr(self, name) for name in _PATHS), earlier)
-        if any("\0" in str(path) for path in files if path is not None):
+        files = [value for item in fields(self) if isinstance(value := getattr(self, item.name), Path)]
+        if any("\0" in str(path) for path in (*files, earlier)):
             raise JobInvalid("A path of the job holds the character U+0000, which no path can have.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             hint = f"Try {self.out.name}{MOTION_SUFFIX}."
             raise JobInvalid(f"A motion file ends in {MOTION_SUFFIX}.", where=f"out = {self.out}", hint=hint)
-        # A motion that came without its recording is measured by itself: then it stands in for the capture.
-        again = earlier is not None and earlier.resolve() == self.capture.resolve()
-        places = [p.resolve() for p in (files[:-1] if again else files) if p is not None]
-        if len(set(places)) < len(places):
+        # A motion without its recording is its own capture, and may be the earlier motion, too.
+        if earlier is not None and earlier.resolve() != self.capture.resolve():
+            files.append(earlier)
+        if len({path.resolve() for path in files}) < len(files):
             what = "Capture, motion, report, subject, names and earlier motion must be different files."
             raise JobInvalid(what, where=str(self.out))
 
     def as_dict(self) -> dict[str, object]:
-        """Return plain values in the file's schema; what is left at its default is left out."""
-        given = {name: getattr(self, name) for name in ("overwrite", "strict", "settings")}
-        given |= {name: str(value) for name in _PATHS if (value := getattr(self, name))}
-        given["resolve"] = self.resolve and self.resolve.as_dict()
-        values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
-        return values | {name: value for name, value in given.items() if value} | values_that_differ(self, ROWS)
+        """Return the version and all fields that differ from their defaults, as plain JSON values."""
+        values: dict[str, object] = {"version": VERSION}
+        for item in sorted(fields(self), key=lambda item: item.name in ROWS):
+            value, default = getattr(self, item.name), None if item.default is MISSING else item.default
+            if value != default and (value or default):
+                values[item.name] = as_plain(value)
+        return values
 
 
 def write_job(path: Path, job: JobFile) -> None:
-    """Write a job file, complete or not at all.
-
-    Raises:
-        OutputNotWritable: the folder cannot be made or written to.
-    """
+    """Write a job file, complete or not at all."""
     try:
         write_text(path, json.dumps(job.as_dict(), indent=2, ensure_ascii=False), overwrite=True)
     except OutputNotWritable as error:

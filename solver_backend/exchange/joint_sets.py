@@ -37,8 +37,7 @@ class JointSet(StrEnum):
     """A detector's vocabulary; its value is the name written to files."""
 
     _value_: str
-    keypoints: tuple[str, ...]
-    """Anatomical name of each column that is used: the first ones, see ``num_written``."""
+    keypoints: tuple[str, ...]  # Anatomical name of each column that is used: the first ones, see ``num_written``.
     num_written: tuple[int, ...]
     """Numbers of columns that detectors write. More than are used are hands and face, also behind BODY_25, and MPII's
     chest; of COCO's whole body detectors also write the first 23 alone: body and feet."""

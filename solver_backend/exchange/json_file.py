@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,12 +15,7 @@ LARGEST = 20_000_000  # Bytes of a file that a person or a program writes as tex
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
-    """Return what a JSON file in UTF-8 holds.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is too large, cannot be read, or is not JSON.
-    """
+    """Return what a JSON file in UTF-8 holds."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:
@@ -34,11 +30,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Return what the text of a file holds.
-
-    Raises:
-        FileDamaged: it is not JSON, or nested more deeply than anything real.
-    """
+    """Return what the text of a file holds."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:
@@ -47,7 +39,9 @@ def parse_json(text: str, path: Path | str) -> Any:
 
 
 def as_plain(value: Any) -> Any:
-    """Return the value in JSON's types: arrays as lists, numbers that are not finite as null, the rest as text."""
+    """Return a value in JSON's types: arrays as lists, data classes as objects, numbers that are not finite as null."""
+    if is_dataclass(value):
+        value = {item.name: getattr(value, item.name) for item in fields(value)}
     if isinstance(value, dict):
         return {str(key): as_plain(item) for key, item in value.items()}
     if hasattr(value, "tolist"):  # of NumPy or PyTorch, without importing either

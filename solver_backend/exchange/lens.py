@@ -24,11 +24,7 @@ _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 
 
 def require_models(names: Sequence[str]) -> None:
-    """Check that lens models are known.
-
-    Raises:
-        CalibrationInvalid: one is not.
-    """
+    """Check that lens models are known."""
     unknown = next((name for name in names if name not in LENS_MODELS), None)
     if unknown is not None:
         raise CalibrationInvalid(f"Unknown distortion model '{unknown}'; valid are {', '.join(LENS_MODELS)}.")

@@ -17,12 +17,9 @@ MOST_TERMS = 8  # Coefficients of a lens at most; models with fewer are padded w
 class LensModel:
     """One lens model; its functions take arrays of any namespace ``xp`` that follows the array interface."""
 
-    name: str
-    """As files and messages call it."""
-    terms: tuple[str, ...]
-    """Names of the coefficients, in order."""
-    is_straight: bool
-    """A lens whose coefficients are all zero is a pinhole."""
+    name: str  # As files and messages call it.
+    terms: tuple[str, ...]  # Names of the coefficients, in order.
+    is_straight: bool  # A lens whose coefficients are all zero is a pinhole.
     distort: Callable[[Any, Any, Terms, Any], tuple[Any, Any, tuple[Any, Any, Any]]]
     """From (x, y, terms, xp) to distorted x and y, and the entries xx, xy and yy of the symmetric derivative."""
     growth: Callable[[Any, Terms, Any], tuple[Any, Any]]
@@ -33,10 +30,8 @@ class LensModel:
     """From distorted (..., 2), terms and xp to undistorted coordinates; None for Newton's method in the plane."""
     turn: Callable[[np.ndarray], np.ndarray] = np.copy
     """From (8,) terms to those of pictures turned by 90 degrees clockwise."""
-    aliases: tuple[str, ...] = ()
-    """Other names in calibration files, in lower case without separators."""
-    lengths: tuple[int, ...] = (MOST_TERMS,)
-    """Numbers of coefficients that calibration files list, ascending."""
+    aliases: tuple[str, ...] = ()  # Other names in calibration files, in lower case without separators.
+    lengths: tuple[int, ...] = (MOST_TERMS,)  # Numbers of coefficients that calibration files list, ascending.
     colmap: tuple[tuple[str, int, tuple[int, ...]], ...] = ()
     """COLMAP's models of this kind: name, number of focal lengths, and places of their terms among ours."""
     fits: tuple[tuple[str, tuple[int, ...]], ...] = ()

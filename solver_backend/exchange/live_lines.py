@@ -9,11 +9,9 @@ class EventLine(TypedDict):
     """Something that happened."""
 
     event: str
-    t: float | None
-    """Seconds on the source's clock, None where it is not known."""
+    t: float | None  # Seconds on the source's clock, None where it is not known.
     message: str
-    betas: NotRequired[list[float]]
-    """Of the event ``shape``."""
+    betas: NotRequired[list[float]]  # Of the event ``shape``.
 
 
 class PoseValues(TypedDict):
@@ -35,21 +33,16 @@ class FrameLine(TypedDict):
     pose: NotRequired[list[float]]
     trans: NotRequired[list[float]]
     points: NotRequired[int]
-    markers: NotRequired[int]
-    """Points that are taken for markers."""
-    views: NotRequired[int]
-    """Cameras that a pose is made of."""
+    markers: NotRequired[int]  # Points that are taken for markers.
+    views: NotRequired[int]  # Cameras that a pose is made of.
     off_mm: NotRequired[float]
     latency_ms: NotRequired[float]
     lag_ms: NotRequired[float]
-    face: NotRequired[dict[str, float]]
-    """Channels by name."""
-    coverage: NotRequired[dict[str, float]]
-    """Share of each camera's picture that a wand visited."""
+    face: NotRequired[dict[str, float]]  # Channels by name.
+    coverage: NotRequired[dict[str, float]]  # Share of each camera's picture that a wand visited.
     cloud: NotRequired[list[list[float]]]
     cloud_off_mm: NotRequired[list[float | None]]
-    sigma_mm: NotRequired[list[float | None]]
-    """Of each joint."""
+    sigma_mm: NotRequired[list[float | None]]  # Of each joint.
     dropped: NotRequired[int]
     views_left_out: NotRequired[int]
     rate_hz: NotRequired[float]

@@ -56,11 +56,7 @@ _DTYPES = {
 
 
 def has_amass_fingers(fields: Fields) -> bool:
-    """Return whether a file is AMASS's and turns fingers.
-
-    Raises:
-        MotionInvalid: ``poses`` are no numbers.
-    """
+    """Return whether a file is AMASS's and turns fingers."""
     if "format" in fields:
         return False
     poses = fields.floats("poses", MotionInvalid)
@@ -85,44 +81,28 @@ class MotionFile:
     """An animated body, F frames; metres, radians, world Z up."""
 
     name: str
-    rotvec: np.ndarray
-    """(F, J, 3) axis-angle: the root maps body to world, the others child to parent."""
-    transl: np.ndarray
-    """(F, 3) metres: the pelvis is at ``J_0(betas) + transl``."""
-    betas: np.ndarray
-    """(10,) shape."""
-    fps: float
-    """Frames per second."""
-    body: str = ""
-    """Id of the body it was solved for, "" if the file does not name it."""
-    body_layout: BodyLayout = SMPL
-    """Names and tree of the J joints."""
-    flat_hands: bool = False
-    """Fingers turn from a flat hand, as AMASS has it; False: from the body's rest."""
-    joints: np.ndarray | None = None
-    """(F, J, 3) world metres."""
-    keypoints3d: np.ndarray | None = None
-    """(F, K, 3) triangulated keypoints in world metres, NaN where unseen."""
-    joint_set: str = ""
-    """Name of the set of ``keypoints3d``."""
-    keyframes: np.ndarray | None = None
-    """(F,) bool: the frame is a keyframe of the solver."""
-    contacts: np.ndarray | None = None
-    """(F, 2) bool: left and right foot on the floor."""
-    joint_sigma: np.ndarray | None = None
-    """(F, J) standard deviation of each joint in metres."""
+    rotvec: np.ndarray  # (F, J, 3) axis-angle: the root maps body to world, the others child to parent.
+    transl: np.ndarray  # (F, 3) metres: the pelvis is at ``J_0(betas) + transl``.
+    betas: np.ndarray  # (10,) shape.
+    fps: float  # Frames per second.
+    body: str = ""  # Id of the body it was solved for, "" if the file does not name it.
+    body_layout: BodyLayout = SMPL  # Names and tree of the J joints.
+    flat_hands: bool = False  # Fingers turn from a flat hand, as AMASS has it; False: from the body's rest.
+    joints: np.ndarray | None = None  # (F, J, 3) world metres.
+    keypoints3d: np.ndarray | None = None  # (F, K, 3) triangulated keypoints in world metres, NaN where unseen.
+    joint_set: str = ""  # Name of the set of ``keypoints3d``.
+    keyframes: np.ndarray | None = None  # (F,) bool: the frame is a keyframe of the solver.
+    contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot on the floor.
+    joint_sigma: np.ndarray | None = None  # (F, J) standard deviation of each joint in metres.
     joint_covariance: np.ndarray | None = None
     """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
-    flags: np.ndarray | None = None
-    """(F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``."""
+    flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
     """(F, J) bool: nothing measured informs where the joint is; it is shown at rest. None: all are informed."""
     reprojection_px: np.ndarray | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
-    markers: np.ndarray | None = None
-    """(F, M, 3) world metres: where the solved body puts each optical marker."""
-    marker_labels: tuple[str, ...] = ()
-    """M labels of ``markers``."""
+    markers: np.ndarray | None = None  # (F, M, 3) world metres: where the solved body puts each optical marker.
+    marker_labels: tuple[str, ...] = ()  # M labels of ``markers``.
     marker_residual_mm: np.ndarray | None = None
     """(F, M) distance between recorded and solved markers in millimetres, NaN where not seen."""
     marker_flags: np.ndarray | None = None
@@ -133,12 +113,9 @@ class MotionFile:
     """(F, M, 3) world metres: the recorded markers with swaps undone and gaps filled."""
     offsets: np.ndarray | None = None
     """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
-    layout: tuple[str, ...] = ()
-    """M places of the markers on the body."""
-    props: tuple[Prop, ...] = ()
-    """What moves as a rigid body and is no part of the person, F frames each."""
-    provenance: str = ""
-    """JSON text: version, settings and sources of the solve."""
+    layout: tuple[str, ...] = ()  # M places of the markers on the body.
+    props: tuple[Prop, ...] = ()  # What moves as a rigid body and is no part of the person, F frames each.
+    provenance: str = ""  # JSON text: version, settings and sources of the solve.
 
     def __post_init__(self) -> None:
         frames, joints = (*np.shape(self.rotvec), 0)[0], self.body_layout.num_joints
@@ -174,7 +151,6 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
     """Read what is shown of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
 
     Raises:
-        FileMissing, FileDamaged: see ``read_arrays``.
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
     """
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
@@ -187,11 +163,7 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
 
 
 def motion_of(fields: Fields) -> MotionFile:
-    """Return the motion that the arrays of a file describe; optional ones that are not there are None.
-
-    Raises:
-        MotionInvalid: shapes disagree, there is no frame rate, or its numbers cannot be (see ``plausible``).
-    """
+    """Return the motion that the arrays of a file describe; optional ones that are not there are None."""
     layout, flat = layout_of(fields), has_amass_fingers(fields)
     layout = SMPL_HANDS if flat else layout
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
@@ -220,9 +192,6 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
     ``poses`` (F, 156) holds the root and the joints that SMPL shares with AMASS; SMPL's hand joints, which AMASS does
     not know, are kept in ``hand_pose`` (F, 6) where they are not zero. A motion of another layout holds all its joints
     in ``poses`` (F, 3 J), and the layout.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
     """
     rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
     poses = rotvec.astype(np.float32)
@@ -262,11 +231,7 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def layout_of(fields: Fields) -> BodyLayout:
-    """Return the layout that a motion file names; files without one are SMPL's.
-
-    Raises:
-        MotionInvalid: it is none.
-    """
+    """Return the layout that a motion file names; files without one are SMPL's."""
     if "joint_names" not in fields:
         return SMPL
     joints, groups, resting = (fields.texts(key) for key in _LAYOUT[1:])

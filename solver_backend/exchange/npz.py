@@ -37,11 +37,7 @@ class NeedsPickle(ValueError):
 
 
 class Members:
-    """The arrays of an open archive by name.
-
-    Raises:
-        ValueError: it has far too many members.
-    """
+    """The arrays of an open archive by name."""
 
     def __init__(self, archive: zipfile.ZipFile, size: int) -> None:
         entries = archive.infolist()
@@ -136,23 +132,13 @@ _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
 def array_names(path: Path | str) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz``; none of them is read.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: the file is truncated or no npz.
-    """
+    """Return the names of the arrays of an ``.npz``; none of them is read."""
     with _opened(path) as members:
         return frozenset(members.names)
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays of an ``.npz`` that need no pickle; arrays that would need it are left out.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: the file is truncated or no npz, or an array is forged.
-    """
+    """Read the wanted arrays of an ``.npz`` that need no pickle; arrays that would need it are left out."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -162,12 +148,7 @@ def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True
 
 
 def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Read the named arrays of an ``.npz``; optional ones that are not there are left out.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: the file is truncated, is no ``.npz``, or lacks required arrays; or one would need pickle.
-    """
+    """Read the named arrays of an ``.npz``; optional ones that are not there are left out."""
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
@@ -182,7 +163,6 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
     """Write arrays to a compressed ``.npz`` that holds no pickles, whole or not at all.
 
     Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
         ValueError: an array is of type object.
     """
     plain = {key: np.asarray(value) for key, value in arrays.items()}

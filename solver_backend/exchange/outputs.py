@@ -35,11 +35,7 @@ def is_leftover(name: str) -> bool:
 
 
 def probe(folder: Path) -> None:
-    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins.
-
-    Raises:
-        OSError: the system reports why it cannot be written.
-    """
+    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins."""
     path = folder / f"{_PROBE}-{secrets.token_hex(8)}"
     path.touch(exist_ok=False)
     try:
@@ -54,9 +50,6 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
     A lock file of that name is locked meanwhile, which the system releases however this process ends. What processes
     have left that ended without tidying is removed first.
-
-    Raises:
-        OSError: the folder cannot be written to.
     """
     held = folder / f"{_PART}-{secrets.token_hex(8)}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -71,11 +64,7 @@ def unfinished_names(folder: Path) -> Iterator[str]:
 
 @contextmanager
 def temporary_folder() -> Iterator[Path]:
-    """Yield a new folder among the system's temporary ones, and remove it at the end.
-
-    Raises:
-        OSError: it cannot be made.
-    """
+    """Yield a new folder among the system's temporary ones, and remove it at the end."""
     from tempfile import gettempdir  # registering the add-on loads this module, and should load little
 
     place = Path(gettempdir())
@@ -92,9 +81,6 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
         unfinished: folder beside the other, named by ``unfinished_names``.
         whole: what it is to be called.
         mark: path of a file that states that what bears the name is whole, from the folder around it.
-
-    Raises:
-        OSError: it cannot be renamed.
     """
     try:
         unfinished.rename(whole)
@@ -173,10 +159,6 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
     """Return the output's path after checking that it can be written; meant to be called before long work.
 
     Missing folders are made. Nothing is left behind in the folder.
-
-    Raises:
-        OutputExists: the file or folder is there and ``overwrite`` is off.
-        OutputNotWritable: the folder cannot be made or written to, or the output is a link, a device or a folder.
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:
@@ -192,24 +174,14 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
 @contextmanager
 def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that becomes ``path`` when the block ends well, and vanishes otherwise.
-
-    Raises:
-        OutputExists: the output is there and ``overwrite`` is off.
-        OutputNotWritable: the folder cannot be written to, or the disk is full.
-    """
+    """Yield a temporary path beside ``path`` that becomes ``path`` when the block ends well, and vanishes otherwise."""
     with atomic_files([path], overwrite=overwrite) as [temporary]:
         yield temporary
 
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path; those that are written take their names when the block ends well.
-
-    Raises:
-        OutputExists: one of the outputs is there and ``overwrite`` is off.
-        OutputNotWritable: a folder cannot be written to, or the disk is full.
-    """
+    """Yield a temporary path beside each path; those that are written take their names when the block ends well."""
     checked = [check_output(path, overwrite=overwrite) for path in paths]
     with _named_at_the_end(checked, checked[0], overwrite) as temporary:
         yield temporary
@@ -221,10 +193,6 @@ def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = Fa
 
     Existing files are replaced only with ``overwrite``. Missing folders are made, and removed again if nothing was
     written.
-
-    Raises:
-        OutputExists: one of the files is there, and ``overwrite`` is off.
-        OutputNotWritable: the folder cannot be made or written to.
     """
     existing = [name for name in names if os.path.lexists(folder / name)]
     if existing and not overwrite:
@@ -348,11 +316,7 @@ def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
 
 
 def require_file(path: Path | str) -> Path:
-    """Return the path of a file that exists.
-
-    Raises:
-        FileMissing: there is no such file, or a folder, pipe or device in its place.
-    """
+    """Return the path of a file that exists."""
     path = Path(path)
     if not path.is_file():
         other = "A folder, a pipe or a device is in the place of the file."
@@ -366,19 +330,12 @@ def open_regular(path: Path | str) -> BinaryIO:
 
     Some files of the system call themselves ordinary, have no size, and wait for data when they are read
     (``/proc/kmsg``): such a one is tried without waiting.
-
-    Raises:
-        OSError: it cannot be opened, is a device, a pipe or a folder, or has nothing to read yet.
     """
     return os.fdopen(_opened(path)[0], "rb")
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return what an ordinary file holds, and its size; of a larger one nothing, of one that grows a byte too much.
-
-    Raises:
-        OSError: see ``open_regular``.
-    """
+    """Return what an ordinary file holds, and its size; of a larger one nothing, of one that grows a byte too much."""
     handle, size = _opened(path)
     try:
         if size > largest:

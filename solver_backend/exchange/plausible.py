@@ -17,11 +17,7 @@ LARGEST_TURN = 1000.0  # Radians of an axis-angle vector; tracks that count turn
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:
-    """Make sure that a frame rate can be.
-
-    Raises:
-        MocapError: it cannot; of the class ``error``.
-    """
+    """Make sure that a frame rate can be."""
     least, most = FRAME_RATES
     if not (isinstance(fps, int | float | np.number) and least <= fps <= most):
         raise error(f"The frame rate must be {least:g} to {most:g}, not {fps}.", where=where)
@@ -33,11 +29,7 @@ def largest_finite(values: np.ndarray) -> float:
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Make sure that all numbers are finite and none is beyond what can be.
-
-    Raises:
-        MocapError: one is not; of the class ``error``.
-    """
+    """Make sure that all numbers are finite and none is beyond what can be."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
@@ -55,9 +47,6 @@ def require_motion(
     Args:
         turns: axis-angle of the joints, frames first.
         joints: (F, J, 3) metres, if they are known.
-
-    Raises:
-        MocapError: it has no frames, or its rate, places, turns or shape cannot be.
     """
     if not len(turns):
         raise error("The motion has no frames.", where=where)

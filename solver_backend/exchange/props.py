@@ -26,14 +26,10 @@ class Prop:
     """A rigid body over F frames, ``x_world = R(rotvec) x + transl``, metres and radians."""
 
     name: str
-    labels: tuple[str, ...]
-    """M labels of its markers."""
-    points: np.ndarray
-    """(M, 3) the markers in its own frame."""
-    rotvec: np.ndarray
-    """(F, 3) axis-angle, own frame to world."""
-    transl: np.ndarray
-    """(F, 3) its origin in the world."""
+    labels: tuple[str, ...]  # M labels of its markers.
+    points: np.ndarray  # (M, 3) the markers in its own frame.
+    rotvec: np.ndarray  # (F, 3) axis-angle, own frame to world.
+    transl: np.ndarray  # (F, 3) its origin in the world.
     sigma: np.ndarray
     """(F, 2) standard deviations: of the origin, the root mean square over the axes (metres), and of the rotation about
     the axis that is known least (radians)."""
@@ -86,11 +82,7 @@ class Prop:
 
 
 def require_length(props: Sequence[Prop], frames: int) -> None:
-    """Check that props are as long as their take.
-
-    Raises:
-        MotionInvalid: one is not.
-    """
+    """Check that props are as long as their take."""
     for prop in props:
         if len(prop.rotvec) != frames:
             what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected."

@@ -50,11 +50,7 @@ class TimeSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class WorldSettings:
-    """Changes to the calibration's world before anything is solved.
-
-    Raises:
-        JobInvalid: a value has another type or is out of range.
-    """
+    """Changes to the calibration's world before anything is solved."""
 
     # fmt: off
     stature: float = setting(
@@ -81,11 +77,7 @@ class WorldSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """What the files of a recording leave open. The panel has its own lists of sets, units, axes and people.
-
-    Raises:
-        JobInvalid: a value has another type or is out of range.
-    """
+    """What the files of a recording leave open. The panel has its own lists of sets, units, axes and people."""
 
     # fmt: off
     fps: float | None = setting(
@@ -127,11 +119,7 @@ DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # 
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
-    """Return by how many frames each camera started late, from texts such as ``cam02=60``.
-
-    Raises:
-        JobInvalid: a text names no camera, or no whole number.
-    """
+    """Return by how many frames each camera started late, from texts such as ``cam02=60``."""
     found: dict[str, int] = {}
     for text in texts:
         name, _, frames = (part.strip() for part in text.rpartition("="))
@@ -147,11 +135,7 @@ def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
 
 
 def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
-    """Return the calibrated names of recorded cameras, from texts such as ``hall_left=cam02``.
-
-    Raises:
-        JobInvalid: a text lacks one of the names.
-    """
+    """Return the calibrated names of recorded cameras, from texts such as ``hall_left=cam02``."""
     found: dict[str, str] = {}
     for text in texts:
         recorded, _, calibrated = (part.strip() for part in text.partition("="))

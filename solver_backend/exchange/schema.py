@@ -30,11 +30,7 @@ class Fields:
         return key in self.arrays
 
     def array(self, key: str) -> np.ndarray:
-        """Return a required array.
-
-        Raises:
-            FileDamaged: the file lacks it.
-        """
+        """Return a required array."""
         if key not in self.arrays:
             raise FileDamaged(
                 f"The file lacks '{key}'; it holds {', '.join(sorted(self.arrays)) or 'nothing'}.", where=str(self.path)
@@ -42,11 +38,7 @@ class Fields:
         return self.arrays[key]
 
     def numbers(self, key: str, shape: Shape) -> np.ndarray:
-        """Return a required numeric array as float64 whose shape matches.
-
-        Raises:
-            FileDamaged: it is missing, not numeric or of another shape.
-        """
+        """Return a required numeric array as float64 whose shape matches."""
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
@@ -55,34 +47,21 @@ class Fields:
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
-        """Return a required array as float64.
-
-        Raises:
-            FileDamaged: the file lacks it.
-            MocapError: it does not hold numbers; of the class ``invalid``.
-        """
+        """Return a required array as float64."""
         value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}; numbers are expected.", where=str(self.path))
         return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
-        """Return the first number of an array, which may be a scalar.
-
-        Raises:
-            MocapError: it holds no number; of the class ``invalid``.
-        """
+        """Return the first number of an array, which may be a scalar."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
             raise invalid(f"{key} is empty; a number is expected.", where=str(self.path))
         return float(values[0])
 
     def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
-        """Return an array as float64 whose shape matches.
-
-        Raises:
-            MocapError: it is of another shape; of the class ``invalid``.
-        """
+        """Return an array as float64 whose shape matches."""
         value = self.floats(key, invalid)
         if not fits(value.shape, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
@@ -108,11 +87,7 @@ class Fields:
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:
-        """Return the joint set that is named.
-
-        Raises:
-            FileDamaged: the name is unknown.
-        """
+        """Return the joint set that is named."""
         from .joint_sets import JointSet  # which needs the body layout, which needs this module
 
         name = self.text("joint_set")
@@ -123,22 +98,14 @@ class Fields:
             raise FileDamaged(f"Unknown joint set '{name}'; known are {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
-        """Check the file's format and version.
-
-        Raises:
-            FileDamaged: it is another format or a version from the future.
-        """
+        """Check the file's format and version."""
         found = self.text("format", "")
         if found != name:
             raise other_kind(found, name, str(self.path))
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Check the format and version of a file to be shown, where it states them.
-
-        Raises:
-            FileDamaged: the file states that it is something else, or that it is newer than this add-on.
-        """
+        """Check the format and version of a file to be shown, where it states them."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))
@@ -156,9 +123,6 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
 
     Args:
         prefix: also those whose names begin with it.
-
-    Raises:
-        FileMissing, FileDamaged: see ``read_npz``.
     """
     known = frozenset(names)
     return Fields(

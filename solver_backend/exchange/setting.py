@@ -40,51 +40,31 @@ class Setting:
     """One setting."""
 
     kind: Kind
-    label: str
-    """Noun phrase of the panel."""
-    description: str
-    """A sentence without a full stop: the tooltip and the help text."""
-    group: str = ""
-    """Heading in help and panels; a verb's own options need none."""
-    low: float | None = None
-    """Least value of numbers, or least count of "numbers"."""
-    high: float | None = None
-    """Greatest value of numbers, or greatest count of "numbers"."""
-    soft_high: float | None = None
-    """End of the panel's slider, if before ``high``."""
-    unit: str = ""
-    """Of numbers; "" for a plain factor."""
-    count: int = 0
-    """Number of values; 0 for one, or for any number of "numbers"."""
+    label: str  # Noun phrase of the panel.
+    description: str  # A sentence without a full stop: the tooltip and the help text.
+    group: str = ""  # Heading in help and panels; a verb's own options need none.
+    low: float | None = None  # Least value of numbers, or least count of "numbers".
+    high: float | None = None  # Greatest value of numbers, or greatest count of "numbers".
+    soft_high: float | None = None  # End of the panel's slider, if before ``high``.
+    unit: str = ""  # Of numbers; "" for a plain factor.
+    count: int = 0  # Number of values; 0 for one, or for any number of "numbers".
     choices: tuple[Choice, ...] = ()
-    metavar: str = ""
-    """Stands for the value in help texts."""
-    in_panel: bool = True
-    """False where the panel has its own control, such as a list."""
-    methods: tuple[str, ...] = ()
-    """Methods of a solve in which it acts; empty for all."""
-    name: str = ""
-    """Key in job files, attribute of parsed arguments and name of the panel's property."""
+    metavar: str = ""  # Stands for the value in help texts.
+    in_panel: bool = True  # False where the panel has its own control, such as a list.
+    methods: tuple[str, ...] = ()  # Methods of a solve in which it acts; empty for all.
+    name: str = ""  # Key in job files, attribute of parsed arguments and name of the panel's property.
     default: Any = None
     of_class: bool = False
     """Declared in a dataclass, which has the default: where it is not given, the command line states None."""
-    option: str = ""
-    """Options of the command line, blanks between; empty for ``--name``."""
-    positional: bool = False
-    """Named by its place on the command line."""
+    option: str = ""  # Options of the command line, blanks between; empty for ``--name``.
+    positional: bool = False  # Named by its place on the command line.
     required: bool = False
-    many: bool = False
-    """Takes one or more values."""
-    repeated: bool = False
-    """May be given several times; the value is a list."""
-    excludes: str = ""
-    """Settings of one verb with the same text here exclude each other."""
-    endings: tuple[str, ...] = ()
-    """Endings that the file may have, with their dots; empty for any."""
-    is_output: bool = False
-    """A file that the verb writes: it is checked before the work begins."""
-    hidden: bool = False
-    """Left out of help and reference pages."""
+    many: bool = False  # Takes one or more values.
+    repeated: bool = False  # May be given several times; the value is a list.
+    excludes: str = ""  # Settings of one verb with the same text here exclude each other.
+    endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots; empty for any.
+    is_output: bool = False  # A file that the verb writes: it is checked before the work begins.
+    hidden: bool = False  # Left out of help and reference pages.
 
     @property
     def options(self) -> tuple[str, ...]:
@@ -211,11 +191,7 @@ def check_settings(values: Any) -> None:
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain values as a dataclass of settings takes them: lists as tuples, without those that are None.
-
-    Raises:
-        JobInvalid: a name is unknown.
-    """
+    """Return plain values as a dataclass of settings takes them: lists as tuples, without those that are None."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:

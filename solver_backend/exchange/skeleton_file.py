@@ -27,14 +27,10 @@ class SkeletonMotion:
     name: str
     names: tuple[str, ...]
     """J joints, parents before children; places where a chain ends count as joints and are named after their parent."""
-    parents: tuple[int, ...]
-    """Parent of each joint, -1 at the root."""
-    rest: np.ndarray
-    """(J, 3) places where no joint turns; metres, but in a file any unit."""
-    joints: np.ndarray
-    """(F, J, 3) places, in the same unit."""
-    turns: np.ndarray
-    """(F, J, 3, 3) rotations from the rest axes to the world."""
+    parents: tuple[int, ...]  # Parent of each joint, -1 at the root.
+    rest: np.ndarray  # (J, 3) places where no joint turns; metres, but in a file any unit.
+    joints: np.ndarray  # (F, J, 3) places, in the same unit.
+    turns: np.ndarray  # (F, J, 3, 3) rotations from the rest axes to the world.
     fps: float
 
     def __post_init__(self) -> None:
@@ -67,11 +63,7 @@ class SkeletonMotion:
 
 
 def require_distinct(names: tuple[str, ...], where: str) -> None:
-    """Make sure that no two joints have the same name.
-
-    Raises:
-        MotionInvalid: two have.
-    """
+    """Make sure that no two joints have the same name."""
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise MotionInvalid(f"Several joints are called '{twice}'.", where=where, hint="Give every joint its own name.")
@@ -85,11 +77,7 @@ class SkeletonFile(SkeletonMotion):
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:
-    """Write a skeleton file.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
+    """Write a skeleton file."""
     write_npz(
         path,
         {
@@ -106,8 +94,6 @@ def read_skeleton(path: Path) -> SkeletonFile:
     """Read a skeleton file.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, or is none.
-        NonFiniteData: a value is NaN or infinite.
         MotionInvalid: it has no frames, or parents are no tree.
     """
     fields = read_fields(path, _ARRAYS)

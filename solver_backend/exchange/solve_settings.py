@@ -49,11 +49,7 @@ SYNCS = (
 
 @dataclass(frozen=True)
 class SolveSettings:
-    """Settings of a solve.
-
-    Raises:
-        JobInvalid: a value has another type or is out of range.
-    """
+    """Settings of a solve."""
 
     # fmt: off
     method: str = setting(
@@ -159,9 +155,5 @@ class SolveSettings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
-        """Build settings from plain values; None stands for the default.
-
-        Raises:
-            JobInvalid: a name is unknown, or a value is of another type or out of range.
-        """
+        """Build settings from plain values; None stands for the default."""
         return cls(**known_values(cls, values))

@@ -18,8 +18,7 @@ from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of
 Group = Literal[
     "solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"
 ]  # fmt: skip
-_PROPER_NAMES = ("Blender", "Dask", "Python")
-"""Words that keep their capital within a sentence."""
+_PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that keep their capital within a sentence.
 
 
 @dataclass(frozen=True)
@@ -27,18 +26,13 @@ class Verb:
     """One verb."""
 
     name: str
-    task: str
-    """Heading in help and on the reference page."""
+    task: str  # Heading in help and on the reference page.
     group: Group
-    help: str
-    """What it does, in lower case, without a full stop."""
-    example: str
-    """A command line without the program."""
-    run: str
-    """``module:function`` in the program's package; imported when the verb runs."""
+    help: str  # What it does, in lower case, without a full stop.
+    example: str  # A command line without the program.
+    run: str  # ``module:function`` in the program's package; imported when the verb runs.
     settings: tuple[Setting, ...] = ()
-    passes_on: bool = False
-    """Also takes every option of the solver's verb of this name, and passes it on."""
+    passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
 
     @property
     def rows(self) -> dict[str, Setting]:
@@ -57,21 +51,13 @@ class Verb:
         return {name: value for name, value in values.items() if value != left_out[name]}
 
     def arguments(self, **values: Any) -> argparse.Namespace:
-        """Return the command line that has these values and is otherwise at its defaults.
-
-        Raises:
-            KeyError: the verb has no setting of a name.
-        """
+        """Return the command line that has these values and is otherwise at its defaults."""
         if unknown := values.keys() - self.rows.keys():
             raise KeyError(f"{self.name} has no {', '.join(unknown)}")
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
 
     def words(self, values: Mapping[str, Any]) -> list[str]:
-        """Return the arguments of a command line for values by name; what is None or at its default is left out.
-
-        Raises:
-            KeyError: the verb has no setting of a name.
-        """
+        """Return the arguments of a command line for values by name; what is None or at its default is left out."""
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
@@ -212,11 +198,7 @@ class Program:
 
 
 def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
-    """Make sure that every file which a verb writes can be written.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``check_output``.
-    """
+    """Make sure that every file which a verb writes can be written."""
     for row in verb.settings:
         path = getattr(args, row.name) if row.is_output else None
         if path is not None:
@@ -313,7 +295,6 @@ class _Reader:
 
         Raises:
             argparse.ArgumentTypeError: it is out of range, or a file has another ending.
-            ValueError: it is no number.
         """
         row = self._row
         if row.kind in ("path", "folder"):

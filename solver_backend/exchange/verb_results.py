@@ -16,8 +16,7 @@ class PersonSummary(TypedDict):
     first: int | None
     last: int | None
     views: float
-    seen_percent: list[float]
-    """Of all frames, by view."""
+    seen_percent: list[float]  # Of all frames, by view.
 
 
 class Remarks(TypedDict):
@@ -34,8 +33,7 @@ class CameraSummary(TypedDict):
     name: str
     image_size: list[int]
     position_m: list[float]
-    seen_percent: float | None
-    """Share of keypoints that it sees; None without keypoints."""
+    seen_percent: float | None  # Share of keypoints that it sees; None without keypoints.
     footage: str | None
 
 
@@ -60,8 +58,7 @@ class LabelsSummary(TypedDict):
     gaps: list[MarkerGaps]
     jumping: list[str]
     frozen: list[str]
-    resting: NotRequired[list[str]]
-    """Parts of the body that no known marker informs."""
+    resting: NotRequired[list[str]]  # Parts of the body that no known marker informs.
 
 
 class CaptureSummary(Remarks):
@@ -77,8 +74,7 @@ class CaptureSummary(Remarks):
     people: list[PersonSummary]
     person: str
     truth: list[str]
-    own_points: NotRequired[dict[str, str]]
-    """Bones by keypoints of the user's own."""
+    own_points: NotRequired[dict[str, str]]  # Bones by keypoints of the user's own.
     bridged_frames: NotRequired[list[list[int]]]
     marker_names: NotRequired[LabelsSummary]
 
@@ -87,8 +83,7 @@ class CaptureResult(CaptureSummary):
     """Of ``convert``: a capture file was written."""
 
     capture: str
-    source: NotRequired[str]
-    """A session's trial."""
+    source: NotRequired[str]  # A session's trial.
 
 
 class CapturesResult(TypedDict):
@@ -208,8 +203,7 @@ class ClipResult(Remarks):
     motion: str
     frames: int
     fps: float
-    distance_mm: NotRequired[float]
-    """Of its limbs from the clip's, root mean square."""
+    distance_mm: NotRequired[float]  # Of its limbs from the clip's, root mean square.
 
 
 class GlovesOfMotion(TypedDict):
@@ -234,8 +228,7 @@ class TakeOfVideos(TypedDict):
 
     folder: str
     source: str
-    read: CaptureResult | None
-    """None where its capture was not written."""
+    read: CaptureResult | None  # None where its capture was not written.
 
 
 class VideosResult(TypedDict):
@@ -281,8 +274,7 @@ class ShotRecord(TypedDict):
     body: str
     camera_array: str
     cameras: list[str]
-    size: list[list[int]]
-    """Width and height of each camera's pictures."""
+    size: list[list[int]]  # Width and height of each camera's pictures.
     look: str
     clothes: str
     hair: str
@@ -290,12 +282,10 @@ class ShotRecord(TypedDict):
     markers: int
     film: list[str]
     visible: float
-    inside: float
-    """Shares of keypoints that are visible, and of the person that is within the pictures."""
+    inside: float  # Shares of keypoints that are visible, and of the person that is within the pictures.
     views: list[int]
     poses: dict[str, list[int]]
-    rgb: dict[str, Any]
-    """Settings of the colour pictures."""
+    rgb: dict[str, Any]  # Settings of the colour pictures.
     rgb_seed: int
 
 

@@ -36,9 +36,6 @@ def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:
             argument, ``flag`` for a flag and ``name`` for an option; ``out`` is the metavar of the option ``--out``.
             The fields of ``like`` are those of a named setting, with the others replaced.
         named: settings by name.
-
-    Raises:
-        KeyError, TypeError: a name or field is unknown, or a field is missing.
     """
     for item in items:
         if isinstance(item, str):

@@ -26,11 +26,7 @@ CLOCKS = (
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
-    """What the footage of a take leaves open.
-
-    Raises:
-        JobInvalid: a value has another type or is out of range.
-    """
+    """What the footage of a take leaves open."""
 
     # fmt: off
     cameras: str = setting(

@@ -40,14 +40,11 @@ Floor = float | None  # Height of the floor about the pelvis, metres; None where
 class _SideProjection:
     """A parallel projection: from metres about the pelvis to a column of the drawing."""
 
-    axes: np.ndarray
-    """(2, 3) to the right and up."""
+    axes: np.ndarray  # (2, 3) to the right and up.
     left: float
     top: float
-    scale: float
-    """Units of the drawing a metre."""
-    middle: np.ndarray
-    """(2,) metres."""
+    scale: float  # Units of the drawing a metre.
+    middle: np.ndarray  # (2,) metres.
     width: float
 
     def __call__(self, points: np.ndarray) -> np.ndarray:
@@ -328,14 +325,10 @@ class SurfaceView:
     """The body from one side: a raster of the surface nearest to the viewer."""
 
     title: str
-    side: float
-    """1 from the front, -1 from behind."""
-    low: np.ndarray
-    """(2,) metres, the raster's corner."""
-    depth: np.ndarray
-    """(H, W) metres towards the viewer, -inf where there is no body; rows from below."""
-    tone: np.ndarray
-    """(H, W) 0..1, how much the surface faces the viewer."""
+    side: float  # 1 from the front, -1 from behind.
+    low: np.ndarray  # (2,) metres, the raster's corner.
+    depth: np.ndarray  # (H, W) metres towards the viewer, -inf where there is no body; rows from below.
+    tone: np.ndarray  # (H, W) 0..1, how much the surface faces the viewer.
 
     @classmethod
     def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray) -> SurfaceView:

@@ -24,11 +24,7 @@ MOST_FRAMES = 400  # Frames of a take that are triangulated for the page, spread
 
 
 def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write one self-contained HTML page about a capture, whole or not at all.
-
-    Raises:
-        OutputExists, OutputNotWritable: the page cannot be written.
-    """
+    """Write one self-contained HTML page about a capture, whole or not at all."""
     return write_text(path, capture_html(capture), overwrite=overwrite)
 
 

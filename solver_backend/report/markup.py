@@ -41,8 +41,7 @@ class Tile:
     value: str
     unit: str = ""
     note: str = ""
-    level: str = "plain"
-    """'plain', 'good', 'look' or 'bad'."""
+    level: str = "plain"  # 'plain', 'good', 'look' or 'bad'.
 
 
 def tiles(items: Iterable[Tile]) -> str:

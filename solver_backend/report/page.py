@@ -38,7 +38,6 @@ def write_report(
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
-        OutputExists, OutputNotWritable: the page cannot be written.
     """
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 

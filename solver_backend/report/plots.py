@@ -22,11 +22,9 @@ MAX_READABLE = 6000
 class PlotCurve:
     """One curve."""
 
-    values: np.ndarray
-    """(F,) numbers; NaN interrupts the curve."""
+    values: np.ndarray  # (F,) numbers; NaN interrupts the curve.
     label: str
-    style: str = "a"
-    """CSS class: 'a' and 'b' for left and right, 'quiet' for the background, 'truth' dashed."""
+    style: str = "a"  # CSS class: 'a' and 'b' for left and right, 'quiet' for the background, 'truth' dashed.
 
 
 @dataclass(frozen=True)
@@ -35,8 +33,7 @@ class Shade:
 
     first: int
     last: int
-    kind: str
-    """CSS class: 'unseen' or 'unsure'."""
+    kind: str  # CSS class: 'unseen' or 'unsure'.
     label: str
 
 

@@ -34,9 +34,6 @@ def dispatch(
     Args:
         work: done with each item.
         ended: called with each record, and whether it was only recalled.
-
-    Raises:
-        MocapError: the engine cannot go on, or the work was interrupted. Finished takes are kept.
     """
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0

@@ -38,8 +38,7 @@ class Attempt(TypedDict):
 
     step: str
     worker: str
-    how: str
-    """begun, done or the code of an error."""
+    how: str  # begun, done or the code of an error.
     message: NotRequired[str]
 
 
@@ -57,32 +56,24 @@ class Failure(TypedDict):
 class StepMade(TypedDict):
     """The result of a step, for the record."""
 
-    outputs: list[str]
-    """Names in the take's folder."""
+    outputs: list[str]  # Names in the take's folder.
     notes: list[str]
-    figures: NotRequired[SolveResult]
-    """Of the worst of the take's solves."""
+    figures: NotRequired[SolveResult]  # Of the worst of the take's solves.
     people: NotRequired[list[str]]
 
 
 class TakeRecord(TypedDict):
     """A take's record, in its folder and in the summary."""
 
-    take: str
-    """Name of its folder."""
+    take: str  # Name of its folder.
     capture: str
-    status: str
-    """unfinished, done, skipped, failed or set aside."""
-    inputs: NotRequired[str]
-    """Key of the first step."""
-    steps: NotRequired[dict[str, StepRecord]]
-    """By name."""
+    status: str  # unfinished, done, skipped, failed or set aside.
+    inputs: NotRequired[str]  # Key of the first step.
+    steps: NotRequired[dict[str, StepRecord]]  # By name.
     attempts: NotRequired[list[Attempt]]
-    solve: NotRequired[SolveResult]
-    """Of the worst of the take's solves."""
+    solve: NotRequired[SolveResult]  # Of the worst of the take's solves.
     people: NotRequired[list[str]]
-    outputs: NotRequired[list[str]]
-    """Of all steps, as paths."""
+    outputs: NotRequired[list[str]]  # Of all steps, as paths.
     notes: NotRequired[list[str]]
     seconds: NotRequired[float]
     error: NotRequired[Failure]
@@ -180,10 +171,6 @@ def _texts(value: Any) -> bool:
 
 
 def write_record(folder: Path, record: TakeRecord) -> None:
-    """Write a take's record, whole or not at all.
-
-    Raises:
-        OutputNotWritable: the folder cannot be written to.
-    """
+    """Write a take's record, whole or not at all."""
     with atomic_outputs(folder, (NAME,), overwrite=True) as temporary:
         temporary[NAME].write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")

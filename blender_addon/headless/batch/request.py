@@ -74,30 +74,19 @@ _MARKERS_ALONE = (".c3d", ".trc")  # Recordings of markers by their ending, wher
 class BatchRequest:
     """How to process every capture of a folder."""
 
-    captures: Path
-    """A session, or a folder whose files ``.npz``, recordings of markers and folders are captures."""
-    out: Path
-    """Folder of the results: one folder a take, and the summary."""
-    job: Path | None = None
-    """Job file without capture and out: how to read and to solve."""
-    bake: bool = False
-    """Write a Blender file of each take."""
-    render: bool = False
-    """Write a video and a contact sheet of each take."""
-    formats: tuple[str, ...] = ()
-    """Formats to export each take to."""
-    body: Path | None = None
-    """Body file, None for the one each motion is solved for."""
-    python: Path | None = None
-    """Python to solve with, None for this one."""
-    marker_formats: tuple[str, ...] = ()
-    """Formats to write the cleaned markers of takes of markers to."""
+    captures: Path  # A session, or a folder whose files ``.npz``, recordings of markers and folders are captures.
+    out: Path  # Folder of the results: one folder a take, and the summary.
+    job: Path | None = None  # Job file without capture and out: how to read and to solve.
+    bake: bool = False  # Write a Blender file of each take.
+    render: bool = False  # Write a video and a contact sheet of each take.
+    formats: tuple[str, ...] = ()  # Formats to export each take to.
+    body: Path | None = None  # Body file, None for the one each motion is solved for.
+    python: Path | None = None  # Python to solve with, None for this one.
+    marker_formats: tuple[str, ...] = ()  # Formats to write the cleaned markers of takes of markers to.
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take. A take that was done within others is not done again."""
-    strict: bool = False
-    """Refuse takes whose solves have warnings, whatever the job file states."""
-    accept: tuple[str, ...] = ()
-    """Codes of faults that are accepted beside those of the job file."""
+    strict: bool = False  # Refuse takes whose solves have warnings, whatever the job file states.
+    accept: tuple[str, ...] = ()  # Codes of faults that are accepted beside those of the job file.
 
     def plain(self) -> Plain:
         """Return the request for another process or machine: plain values, paths from the root."""
@@ -189,11 +178,7 @@ def _is_of_a_session(path: Path) -> bool:
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
-    """Return the contents of a batch's job file.
-
-    Raises:
-        BatchInvalid: it cannot be read, or names a capture of its own.
-    """
+    """Return the contents of a batch's job file."""
     if path is None:
         return {}
     try:

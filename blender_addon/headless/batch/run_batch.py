@@ -70,11 +70,7 @@ class Results:
         return worst_first(list(self._takes.values()))
 
     def write(self) -> None:
-        """Write the summary if there are takes.
-
-        Raises:
-            OutputNotWritable: the folder cannot be written to.
-        """
+        """Write the summary if there are takes."""
         if not self._takes:
             return
         begun, ordered = time.monotonic(), self.ordered()
@@ -127,8 +123,6 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     Raises:
         BatchInvalid: there are no captures, or the job file is not one for batches.
         EngineMissing, SchedulerMissing, WorkersUnsuitable: nobody can do the takes.
-        OutputNotWritable: the folder of the results cannot be written to.
-        Cancelled: the work was interrupted. Finished takes are kept.
     """
     request.limits.require_possible()
     work = Takes(request, request.choices())

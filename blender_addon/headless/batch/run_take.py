@@ -81,9 +81,6 @@ def run_step(
     Args:
         worker: name of the worker, for the record.
         stopped, in_child, scheduler: see ``Place``.
-
-    Raises:
-        Cancelled: the work was interrupted.
     """
     name = take_name(capture)
     folder = work.out / name
@@ -131,11 +128,7 @@ def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "fa
 
 
 def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
-    """Return a record with the valid parts of the record in the take's folder.
-
-    Raises:
-        OutputExists: the folder holds files that are not ours.
-    """
+    """Return a record with the valid parts of the record in the take's folder."""
     known = read_record(folder)
     if known is None and not is_free(folder):
         message = "The take's folder holds files that no batch has written."

@@ -55,11 +55,7 @@ class Shots:
         )
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Make a shot or its colour pictures in a process of its own, and keep existing files.
-
-        Raises:
-            MocapError: it cannot be made, or was stopped.
-        """
+        """Make a shot or its colour pictures in a process of its own, and keep existing files."""
         given = [str(self.description), "--out", str(self.data_set)]
         if step == FILM:
             words = [*given, "--shot", item.name]
@@ -84,20 +80,12 @@ class Shots:
 
 
 def digest_of(description: Path) -> str:
-    """Return the SHA-256 of a description's bytes.
-
-    Raises:
-        OSError: it cannot be read.
-    """
+    """Return the SHA-256 of a description's bytes."""
     return hashlib.sha256(description.read_bytes()).hexdigest()
 
 
 def require_all(records: list[TakeRecord], data_set: Path) -> None:
-    """Make sure that all shots are there.
-
-    Raises:
-        ShotsMissing: some are missing. The message has the first reasons.
-    """
+    """Make sure that all shots are there."""
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)

@@ -46,11 +46,7 @@ class Takes:
         return item.exists()
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the wanted steps of a capture with their keys.
-
-        Raises:
-            OSError: the capture cannot be looked at.
-        """
+        """Return the wanted steps of a capture with their keys."""
         request, choices = self.request, self.choices
         solve = fingerprint(item, {name: choices[name] for name in ("settings", "python")})
         wanted = {
@@ -64,11 +60,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
-
-        Raises:
-            MocapError: the step failed, or was stopped.
-        """
+        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         if step == "export":

@@ -57,19 +57,11 @@ class Work(Protocol):
         ...
 
     def steps(self, item: Path) -> tuple[Step, ...]:
-        """Return the wanted steps of an item, in order.
-
-        Raises:
-            OSError: the item cannot be looked at.
-        """
+        """Return the wanted steps of an item, in order."""
         ...
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return its outputs as names in the folder, its notes and figures.
-
-        Raises:
-            MocapError: the step failed, or was stopped.
-        """
+        """Do one step and return its outputs as names in the folder, its notes and figures."""
         ...
 
     def plain(self) -> Plain:

@@ -27,8 +27,7 @@ class LimbFit:
 
     cost: float
     path: tuple[int, ...]
-    places: tuple[int, int, int]
-    """Where in it the joints are: hip, knee, ankle or shoulder, elbow, wrist."""
+    places: tuple[int, int, int]  # Where in it the joints are: hip, knee, ankle or shoulder, elbow, wrist.
 
     @property
     def joints(self) -> tuple[int, int, int]:

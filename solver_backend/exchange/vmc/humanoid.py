@@ -114,8 +114,7 @@ class Humanoid:
     """
 
     layout: BodyLayout
-    rest_joints: np.ndarray
-    """(J, 3) metres, Y up, facing +Z, left = +X."""
+    rest_joints: np.ndarray  # (J, 3) metres, Y up, facing +Z, left = +X.
 
     def __post_init__(self) -> None:
         unnamed = [self.layout.joints[p] for p in self._parents if self.layout.joints[p] not in BONE_OF]

@@ -179,11 +179,7 @@ class FrameBundle:
     """
 
     def __init__(self, humanoid: Humanoid) -> None:
-        """Lay the bundle out.
-
-        Raises:
-            MotionInvalid: the body is no humanoid.
-        """
+        """Lay the bundle out."""
         self.humanoid = humanoid
         numbers = np.concatenate([humanoid.offsets, np.tile(_UNTURNED, (len(humanoid.bones), 1))], axis=1)
         bones = [

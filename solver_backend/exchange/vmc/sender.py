@@ -45,11 +45,7 @@ def is_address(text: str) -> bool:
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address of ``vmc://HOST:PORT``; without a host this machine alone, without a port the protocol's.
-
-    Raises:
-        CommandLineInvalid: it is none.
-    """
+    """Return the address of ``vmc://HOST:PORT``; without a host this machine alone, without a port the protocol's."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
@@ -69,11 +65,7 @@ class PacketSender:
     """A socket to one receiver; what cannot be sent is lost, and refusals are counted."""
 
     def __init__(self, address: VmcAddress) -> None:
-        """Find the receiver's host; nothing is sent yet.
-
-        Raises:
-            CommandLineInvalid: there is no such host.
-        """
+        """Find the receiver's host; nothing is sent yet."""
         self.address = address
         self.sent = self.refused = 0
         self._away_since: float | None = None

@@ -33,10 +33,8 @@ class Ended:
     """A take that an engine is finished with."""
 
     ticket: Ticket
-    how: str
-    """ENDED: see the record. DIED: it has ended its workers. LOST: unknown, the take must be begun again."""
-    record: TakeRecord | None = None
-    """Of the take, if it ended."""
+    how: str  # ENDED: see the record. DIED: it has ended its workers. LOST: unknown, the take must be begun again.
+    record: TakeRecord | None = None  # Of the take, if it ended.
     worker: str = ""
 
 
@@ -53,11 +51,7 @@ class Engine(Protocol):
         """Begin a take."""
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes that have ended. Wait this long for one at most.
-
-        Raises:
-            MocapError: no more takes can be done.
-        """
+        """Return the takes that have ended. Wait this long for one at most."""
         ...
 
     def notes(self) -> list[str]:

@@ -27,11 +27,7 @@ if TYPE_CHECKING:
 
 
 def require_dask() -> None:
-    """Make sure that Dask can be used.
-
-    Raises:
-        EngineMissing: it is not installed.
-    """
+    """Make sure that Dask can be used."""
     try:
         import distributed  # noqa: F401
     except ImportError as error:
@@ -49,7 +45,6 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
 
     Raises:
         SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are not given.
-        SchedulerMissing: none answers for so long.
     """
     require_safe(address)
     import dask.config
@@ -100,8 +95,6 @@ class ClusterEngine(Engine):
         stretches: let workers also solve segments of long takes.
 
     Raises:
-        EngineMissing: Dask is not installed.
-        SchedulerMissing: no scheduler answers.
         WorkersUnsuitable: there are no workers, or none that could do takes. The message has the first reason.
     """
 

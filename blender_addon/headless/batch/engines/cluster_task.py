@@ -24,11 +24,7 @@ MARKER = ".batch"
 
 
 def put_marker(out: Path) -> str:
-    """Write a new marker and return what it states.
-
-    Raises:
-        OutputNotWritable: the folder cannot be written to.
-    """
+    """Write a new marker and return what it states."""
     text = secrets.token_hex(16)
     out.mkdir(parents=True, exist_ok=True)
     write_text(out / MARKER, text, overwrite=True)
@@ -76,10 +72,8 @@ class WorkerFacts(TypedDict):
     """Facts about a worker."""
 
     versions: dict[str, str]
-    marker: str
-    """Contents of the marker that it sees among the results."""
-    time: float
-    """By its clock."""
+    marker: str  # Contents of the marker that it sees among the results.
+    time: float  # By its clock.
     host: str
 
 
