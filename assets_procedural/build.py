@@ -28,11 +28,9 @@ from solver_backend.exchange.outputs import atomic_output
 
 BODY_FILE = Path(__file__).parents[1] / "solver_backend" / "assets" / "body_neutral.npz"
 BODY_ID = "manifold_neutral"
-NUM_VERTICES = 7200
-"""Vertices of the body, a little more than SMPL's 6,890, chosen by hand."""
+NUM_VERTICES = 7200  # Vertices of the body, a little more than SMPL's 6,890, chosen by hand.
 _LOG = logging.getLogger(__name__)
-_ROOT = 4294967295
-"""The root's parent in SMPL's files: -1 as an unsigned number of 32 bits."""
+_ROOT = 4294967295  # The root's parent in SMPL's files: -1 as an unsigned number of 32 bits.
 _T = TypeVar("_T")
 
 

@@ -13,8 +13,7 @@ from solver_backend.exchange.errors import FileDamaged
 NUMBERS = Path(__file__).parent / "numbers"
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-_FLOOR = 1e-9
-"""Keeps a sum of weights from zero."""
+_FLOOR = 1e-9  # Keeps a sum of weights from zero.
 
 
 @dataclass(frozen=True)

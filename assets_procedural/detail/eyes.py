@@ -11,23 +11,18 @@ import numpy as np
 from assets_procedural.arrays import EYEBALL, IRIS, NONE, PUPIL, Array
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, fan, replace, rings_to_faces, surface_around
 
-EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])
-"""Centre of the left eyeball in the fitted mesh, metres, floor at y = 0."""
-EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020
-"""Radii. Irises of adults are 11.7 mm across in the mean (Rüfer et al. 2005). The fitted face is a little small."""
+EYE_CENTRE = np.array([0.0312, 1.5882, 0.1238])  # Left eyeball in the fitted mesh, metres, floor at y = 0.
+EYEBALL_M, IRIS_M, PUPIL_M = 0.0129, 0.0056, 0.0020  # Radii. An adult's iris is 11.7 mm wide (Rüfer et al. 2005).
 _CORNEA_M = 0.0006
 _LID_M, _SOFT_M = 0.0012, 0.0006
-_CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])
-"""Outer and inner corner of the lids."""
+_CORNERS = np.array([[0.0432, 1.5890], [0.0199, 1.5873]])  # Outer and inner corner of the lids.
 _UPPER_M, _LOWER_M = 0.0047, 0.0050
-_EDGE_M = 0.0005
-_AROUND = 28
-_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)
-_LID_RINGS = (0.76, 0.48, 0.22)
-"""Rings of the lids, as shares of the distance from the lids' edge to the rim of the hole."""
+_EDGE_M = 0.0005  # Width of the lids' edge.
+_AROUND = 28  # Vertices of each ring.
+_HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)  # Cut out of the skin, metres.
+_LID_RINGS = (0.76, 0.48, 0.22)  # Rings of the lids, as shares of the distance from their edge to the hole's rim.
 _BALL_RINGS = (0.5,)
-_CLIPPED = 0.86
-"""Share of the distance to the lids' edge beyond which a lid covers the iris, which then has no ring of its own."""
+_CLIPPED = 0.86  # Share of the distance to the lids' edge beyond which a lid covers the iris.
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 

@@ -17,27 +17,21 @@ from assets_procedural.layout import JOINT
 from assets_procedural.skeleton.skinning import distance_to_segment
 
 _UP = np.array([0.0, 1.0, 0.0])
-_WEB_M = 0.003
-"""Additional distance at which a farther finger counts little."""
-_PALM_M = 0.016, 0.030
-"""Distance from the thumb's axis within which skin turns wholly with it, and beyond which it does not."""
+_WEB_M = 0.003  # Additional distance at which a farther finger counts little.
+_PALM_M = 0.016, 0.030  # Distances from the thumb's axis: skin below turns with it, skin above does not.
 
 
 @dataclass(frozen=True)
 class Digit:
     """One finger of the left hand, from its first knuckle to the tip."""
 
-    knots: tuple[tuple[float, float, float], ...]
-    """Three knuckles and the tip, metres from the hand's joint."""
-    flexion_deg: tuple[float, float, float]
-    """Added at each knuckle, towards the palm."""
-    closing_deg: float
-    """Turn at the first knuckle about the back of the hand's normal; positive leads to the thumb's side."""
-    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)
-    """Half lengths over which each knuckle's turn sets in."""
+    knots: tuple[tuple[float, float, float], ...]  # Three knuckles and the tip, metres from the hand's joint.
+    flexion_deg: tuple[float, float, float]  # Added at each knuckle, towards the palm.
+    closing_deg: float  # Turn at the first knuckle about the normal of the hand's back, towards the thumb.
+    soft_m: tuple[float, float, float] = (0.011, 0.007, 0.006)  # Half lengths over which each knuckle's turn sets in.
 
 
-DIGITS = {
+DIGITS = {  # Measured on the fitted hand; the thumb first.
     "thumb": Digit(
         ((-0.045, -0.010, 0.024), (-0.021, -0.029, 0.050), (-0.008, -0.040, 0.068), (0.004, -0.049, 0.082)),
         (6.0, 9.0, 12.0), -18.0, (0.022, 0.009, 0.007),
@@ -59,7 +53,6 @@ DIGITS = {
         (22.0, 24.0, 11.0), 9.0,
     ),
 }  # fmt: skip
-"""Measured on the fitted hand; the thumb first."""
 STRAIGHTENED = 1.14471  # Length of the hand with straight fingers over that with fingers at rest.
 
 

@@ -16,16 +16,13 @@ from assets_procedural.layout import JOINT
 from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half
 from assets_procedural.mesh.remeshing import on_grid
 
-SEAM_Y, CORNER_M = 1.5217, 0.0220
-"""Height of the seam and half the mouth's width in the fitted mesh, metres, floor at y = 0."""
+SEAM_Y, CORNER_M = 1.5217, 0.0220  # Seam height and half the mouth's width in the fitted mesh, metres.
 _ALONG = 10  # Pieces of the seam from the midline to the corner.
 _UPPER_M, _LOWER_M = 0.0066, 0.0076  # Heights of the red of both lips.
 _RED = (0.17, 0.46, 0.74, 1.0)  # Rings of the red, as shares of its height.
 _BEYOND_M = (0.0011, 0.0019, 0.0027, 0.0035)  # Reach of each of them beyond the end of the seam.
-_GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006
-"""Depth and width of the groove between the lips, and height of their border in the middle."""
-_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)
-"""The opening of the mouth: centre and radii in metres, measured on the base mesh by hand."""
+_GROOVE_M, _GROOVE_WIDTH_M, _BORDER_M = 0.0019, 0.0011, 0.0006  # Groove between the lips, and their border.
+_HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)  # The opening of the mouth, metres.
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 
@@ -95,11 +92,9 @@ def _groove(points: Array, seam: Array) -> Array:
 
 
 _FROM_M, _TO_M = 0.022, 0.040  # Distance ahead of the foot's joint where the deepening begins and is complete.
-_SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58
-"""Taubin 1995, "Curve and surface smoothing without shrinkage": forth and back, so that large forms stay."""
+_SMOOTHINGS, _SHRINK, _SWELL = 9, 0.55, -0.58  # Taubin 1995, "Curve and surface smoothing without shrinkage".
 _GAIN, _MOST_M = 2.2, 0.004
-_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)
-"""Distance inwards and outwards of the foot's joint where the change fades: keypoints are cast on both outer toes."""
+_KEPT = (-1.0, -0.001, 0.0025), (1.0, 0.036, 0.041)  # Keypoints are cast on both outer toes: fade there.
 _SOLE_M = 0.006  # Height below which nothing moves up or down, so that the soles stay on the floor.
 
 
@@ -129,8 +124,7 @@ def part_toes(vertices: Array, faces: Array, joints: Array) -> Array:
 
 ULNA_HEAD = np.array([0.0060, 0.0150, -0.0262])  # From the left wrist's joint, metres.
 _OUTWARDS = np.array([0.0, 0.5, -0.866])
-_REDONE_M, _AROUND_M = 0.012, 0.030
-"""Radius of the new skin, and of the skin that it joins."""
+_REDONE_M, _AROUND_M = 0.012, 0.030  # Radius of the new skin, and of the skin that it joins.
 _DOME_M, _DOME_WIDTH_M = 0.0009, 0.008
 
 

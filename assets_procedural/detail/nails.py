@@ -14,8 +14,7 @@ from assets_procedural.detail.patches import HalfBody, Patch, fan, replace, ring
 from assets_procedural.layout import JOINT
 
 _AROUND = 10  # Vertices of each ring.
-_RINGS = (1.0, 0.86, 0.74)
-"""Skin, bottom of the fold and border of the plate, as shares of the oval's radii, chosen by hand on the picture."""
+_RINGS = (1.0, 0.86, 0.74)  # Skin, bottom of the fold and border of the plate, as shares of the oval's radii.
 _HOLE = 1.25  # Radii within which vertices give way, so that the faces around a nail are no slivers.
 _FOLD_M, _PLATE_M = -0.0004, 0.0003  # The fold lies below the skin, the plate above it, chosen by hand on the picture.
 _DEEP_M, _BESIDE_M = 0.009, 0.011  # Largest depth under the nail's middle, and distance from it, of the skin around.
@@ -44,9 +43,8 @@ _FINGERS: dict[str, tuple[float, float, tuple[float, float], float]] = {
     "ring": (0.54, 0.0, (0.0054, 0.0064), 0.0033),
     "little": (0.52, 0.0, (0.0046, 0.0055), 0.0040),
 }
-"""Middle as a share from last knuckle to tip, roll about the finger in degrees, radii, height over the bone."""
-_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))
-"""From the foot's joint, way to the tip, radii, metres, measured on the mesh. Other toes are a face or two wide."""
+"""Share from knuckle to tip, roll, radii, height."""
+_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))  # Offset from the foot, way, radii.
 
 
 def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:

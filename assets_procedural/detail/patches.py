@@ -33,15 +33,11 @@ class HalfBody:
 class Patch:
     """Vertices and faces that fill a hole up to an outermost ring."""
 
-    vertices: Array
-    """(P, 3) metres."""
-    faces: Array
-    """(Q, 3) into ``vertices``, wound outwards as seen from the front."""
+    vertices: Array  # (P, 3) metres.
+    faces: Array  # (Q, 3) into ``vertices``, wound outwards as seen from the front.
     feature: Array
-    ring: Array
-    """(R,) indices of the outermost vertices, counter-clockwise as seen from the front."""
-    closed: bool
-    """Whether the ring closes. Otherwise it begins and ends on x = 0."""
+    ring: Array  # (R,) indices of the outermost vertices, counter-clockwise as seen from the front.
+    closed: bool  # Whether the ring closes. Otherwise it begins and ends on x = 0.
 
 
 @dataclass(frozen=True)

@@ -33,16 +33,13 @@ from solver_backend.body.hands import COLUMNS, hand_size_directions
 from solver_backend.exchange.body_layout import SMPL_FINGERS
 from solver_backend.exchange.hand_points import FINGERS
 
-_RIDGE = 0.1
-_SMALLEST_M = 5e-5
-_COUNT = 48
-"""Sampled poses per joint."""
-_RANGES_DEG = {
+_RIDGE, _SMALLEST_M = 0.1, 5e-5  # Of the fit of correctives; the smallest that is kept.
+_COUNT = 48  # Sampled poses per joint.
+_RANGES_DEG = {  # Range of each kind of angle in degrees (see ``hand_angles``).
     "mcp_flexion": (-20.0, 95.0), "mcp_spread": (-22.0, 22.0), "pip_flexion": (-5.0, 110.0),
     "dip_flexion": (-10.0, 80.0), "thumb_cmc_flexion": (-35.0, 45.0), "thumb_cmc_spread": (-5.0, 55.0),
     "thumb_cmc_twist": (-30.0, 30.0), "thumb_mcp_flexion": (-15.0, 65.0), "thumb_ip_flexion": (-20.0, 85.0),
 }  # fmt: skip
-"""Range of each kind of angle in degrees (see ``hand_angles``)."""
 
 
 def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: HandJoints, mirror: Array) -> Array:

@@ -14,11 +14,9 @@ from assets_procedural.detail.fingers import DIGITS, relaxed_knots
 from assets_procedural.skeleton.skinning import MAX_INFLUENCES, cotangent_laplacian, distance_to_segment
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
 
-PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror
-"""Parent, and joint of the other side, of each of the 52 joints."""
+PARENTS, MIRROR = SMPL_HANDS.parents, SMPL_HANDS.mirror  # Parent and mirror image of each of the 52 joints.
 LEFT = SMPL_HANDS.group("left_hand")  # The left hand's finger joints. Those before are SMPL's.
 FIRST, WRIST, PER_FINGER = LEFT[0], SMPL_HANDS.joints.index("left_wrist"), 3
-"""The first finger joint, the left wrist, and the joints of a finger."""
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:
@@ -31,8 +29,7 @@ def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]
 
 _DIGIT = {"pinky": "little"}  # Names of the generator's digits where they are not SMPL-H's fingers'.
 _ROUNDS = 3  # Moves of the joints to the middle of sections that halve the bend between them.
-_FREE_SKIN, _BESIDE_M = 0.65, 0.006
-"""Share of a finger's first bone beyond the web, and the most that a knuckle moves, metres."""
+_FREE_SKIN, _BESIDE_M = 0.65, 0.006  # Share of the first bone beyond the web; a knuckle's longest move.
 
 
 @dataclass(frozen=True)

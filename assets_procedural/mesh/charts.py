@@ -13,9 +13,8 @@ from assets_procedural import arrays
 from assets_procedural.arrays import Array, face_normals, half_edges
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 
-_MARGIN = 0.006
-_GRID_M = 1e-6
-"""Lengths that decide are seen on this grid: mirror images tie exactly, whatever the last bits of BLAS."""
+_MARGIN = 0.006  # Around each chart, of the unit square.
+_GRID_M = 1e-6  # Lengths are compared on this grid, so that mirror images tie on every machine.
 
 
 @dataclass(frozen=True)
@@ -169,10 +168,8 @@ def _shelves(sizes: Array, order: Array) -> Array | None:
 
 
 SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(7)
-MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")
-"""Names of the materials, in the order of their numbers."""
-PART_FACING = np.array([(0.0, 0.0, 1.0)] * 4 + [(0.0, 1.0, 0.0)] * 6)
-"""(10, 3) direction that the first shell of each part faces: head, torso and both legs; feet, arms and hands."""
+MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")  # In the order of their numbers.
+PART_FACING = np.array([(0.0, 0.0, 1.0)] * 4 + [(0.0, 1.0, 0.0)] * 6)  # Direction of each part's first shell.
 _ARM_X, _CROTCH_Y = 0.19, 0.83
 
 

@@ -172,8 +172,7 @@ def _cross(a: Point, b: Point) -> Point:
 SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
-_DECIMALS = 6
-"""Decimals of metres that decisions see, a micrometre: the same mesh on every machine (commit a51e069a)."""
+_DECIMALS = 6  # Decimals of metres that decisions see, so that every machine makes the same mesh.
 
 
 def on_grid(values: Array) -> Array:

@@ -22,7 +22,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.verb import output, parse_script, place
 
-MEASURES = (
+MEASURES = (  # ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths.
     "stature",
     "cervicaleheight",
     "crotchheight",
@@ -44,7 +44,6 @@ MEASURES = (
     "forearmcircumferenceflexed",
     "wristcircumference",
 )
-"""ANSUR II's names of the measures that drive the shape components: nine lengths, then eleven girths."""
 NUM_LENGTHS = 9  # Lengths among ``MEASURES``.
 
 
@@ -142,8 +141,7 @@ class Measures:
     toe: int
     heel: int
     tapes: dict[str, Tape]
-    straightened: float
-    """Length of the hand with straight fingers over that of this mesh."""
+    straightened: float  # Length of the hand with straight fingers over that of this mesh.
 
     def __call__(self, vertices: Array, joints: Array) -> Array:
         """Return the (M,) measures in the order of ``MEASURES``, metres."""
@@ -181,7 +179,7 @@ class Measures:
 
 
 OFFSETS = {"biacromialbreadth": 0.047, "radialestylionlength": 0.020, "cervicaleheight": 0.004}
-"""Additions to a measured length, metres: landmarks on the skin are no joint centres, chosen by hand."""
+"""Added to measured lengths, metres: skin landmarks are no joint centres, chosen by hand."""
 _UP, _ASIDE, _NECK_AXIS = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.943, 0.333)
 _TAPES = {  # plane normal, point on it (m, z from the neck's joint), half width of the box around it (0: left side)
     "headcircumference": (_UP, (0.0, 1.610, 0.0), 0.30),

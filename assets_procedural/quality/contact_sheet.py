@@ -20,9 +20,7 @@ from solver_backend.exchange.verb import flag, option, output, parse_script
 
 Degrees = dict[str, tuple[float, float, float]]
 _POSES: dict[str, dict[str, Degrees]] = json.loads((NUMBERS / "poses.json").read_text(encoding="utf-8"))
-BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]
-"""Axis of each bend, both sides (the shoulder's brings the arms forward), and thirteen poses by name, joint rotation
-vectors in degrees."""
+BENDS, EXTREMES = _POSES["bends"], _POSES["extremes"]  # Rotation vectors of joints in degrees; a bend's is its axis.
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
@@ -33,11 +31,10 @@ def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:
     return Rotation.from_rotvec(vectors).as_matrix()
 
 
-MATERIAL_COLOURS = np.array(
+MATERIAL_COLOURS = np.array(  # In the order of ``parts.MATERIAL_NAMES``.
     [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3,
      [0.90, 0.74, 0.66]]
 )  # fmt: skip
-"""In the order of ``parts.MATERIAL_NAMES``."""
 _UP: Degrees = {"left_collar": (0, 0, 22), "left_shoulder": (0, 0, 65)}
 _BENT: Degrees = {"left_elbow": (0, -110, 0)}
 _HANGING: Degrees = {"left_collar": (0, 0, -8), "left_shoulder": (0, 0, -70), "left_elbow": (0, -15, 0)}

@@ -21,9 +21,7 @@ from assets_procedural.skeleton.correctives import joint_masks, pose_features, r
 from assets_procedural.skeleton.skinning import posed_joints, volume
 from solver_backend.exchange.verb import flag, option, parse_script
 
-_SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0
-"""Largest change of volume at shoulders (more needs a swelling that makes pads of hanging shoulders) and of a seated
-body (hips turned by 124 degrees are beyond the fit of their correctives), percent."""
+_SHOULDER_LIMIT, _SEATED_LIMIT = 16.0, 7.0  # Largest change of volume at shoulders and of a seated body, %.
 
 
 @dataclass(frozen=True)

@@ -36,7 +36,7 @@ def _thumb(*angles: float) -> dict[str, float]:
 
 
 _FOLDED = _thumb(35, 10, 0, 45, 60)
-HANDS: dict[str, Degrees] = {
+HANDS: dict[str, Degrees] = {  # Angles in degrees by name. Joints without an angle are at rest.
     "rest": {},
     "flat": _all(0, 0, 0) | _spread(-8, -2, 5, 10) | _thumb(0, 5, 0, 0, 0),
     "spread": _all(-5, 0, 0) | _spread(16, 2, -10, -22) | _thumb(-25, 45, 0, -5, -10),
@@ -46,11 +46,10 @@ HANDS: dict[str, Degrees] = {
     | {"index_mcp_spread": 4}
     | _thumb(25, 21, 26, -6, -2),
 }
-"""Angles in degrees by name. Joints without an angle are at rest."""
 _FACES = 0.7  # Cosine by which faces of the palm look off the back of the hand.
 _PALM = (0.88, 0.64, 0.52)  # Colour of palms on the sheet, which shows where they are in each pose.
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
-"""Yaw and pitch of the views of a left hand: back, palm, thumb's side, from the fingertips, little finger's side."""
+"""Yaw and pitch of a left hand's views: back, palm, thumb's side, fingertips, little finger's side."""
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:

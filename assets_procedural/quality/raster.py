@@ -12,8 +12,7 @@ from assets_procedural.arrays import Array
 from assets_procedural.skeleton.skinning import vertex_normals
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
-_BACKGROUND = np.array([0.90, 0.91, 0.93])
-"""Linear red, green and blue behind the body, chosen by hand."""
+_BACKGROUND = np.array([0.90, 0.91, 0.93])  # Linear colour behind the body, chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -24,8 +23,7 @@ class RasterView:
     pitch: float = 0.0
     centre: tuple[float, float, float] = (0.0, 0.0, 0.0)
     height_m: float = 1.9
-    size: tuple[int, int] = (480, 480)
-    """Width and height in pixels."""
+    size: tuple[int, int] = (480, 480)  # Width and height in pixels.
 
     @property
     def turn(self) -> Array:

@@ -20,13 +20,11 @@ from solver_backend.types import SMPL_JOINTS
 
 NUM_FEATURES = 9 * (len(PARENTS) - 1)
 _RIDGE, _SMALLEST_M, _MASK_FULL = 0.3, 5e-5, 0.08
-_SLIGHT_M = 1.5e-4
-"""Largest corrective of a vertex by a joint that is excluded: every row takes 116 bytes."""
+_SLIGHT_M = 1.5e-4  # Correctives of a vertex by a joint below this are dropped: a row takes 116 bytes.
 _LEFT_OUT = ("hand",)  # Joints without correctives: all fingers bend as one, and no solve moves them.
 _BULGING_JOINTS, _BULGE = ("shoulder",), 0.15  # dual quaternions round shoulders too much: take back this share
 _RAISED_FROM, _RAISED = 0.35, 0.9  # Sines of the angles at which an arm begins to count as raised, and wholly does.
-_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5
-"""Averages over neighbours, and shares of its area at rest at which skin begins to be taut, and is."""
+_TAUT_ROUNDS, _TAUT_FROM, _TAUT_AT = 12, 1.05, 1.5  # Averages, and growth of area at which skin gets taut.
 _TOUCHING_JOINTS = ("elbow",)
 _SWELLING_JOINTS, _LARGEST_SWELLING_M = ("hip", "knee", "elbow"), 0.025
 _FLEXION = {  # joint: axis and range of its main bend, radians

@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.small_matrices import dot
 
 _KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
-"""Where the rays of the anatomical rules leave each body, which solves of markers ask for again and again."""
+"""Hits of rays cast before."""
 SAME_M = 1e-9  # Triangles that a ray leaves so near to each other are met at their common edge or corner.
 
 
@@ -82,8 +82,7 @@ class AtJoints:
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    finger: str = ""
-    """The joint that it is on bodies whose fingers move."""
+    finger: str = ""  # The joint that it is on bodies whose fingers move.
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,7 @@ from solver_backend.types.shapes import Float, Int
 
 DEFAULT_BODY = Path(__file__).parents[1] / "assets" / "body_neutral.npz"
 REQUIRED_KEYS = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
-_LAYOUT_KEYS = ("joint_names", "joint_groups")
-"""Of bodies outside the SMPL family: a name and a group for each joint."""
+_LAYOUT_KEYS = ("joint_names", "joint_groups")  # Of bodies outside the SMPL family: a name and a group per joint.
 _READ_KEYS = frozenset({*REQUIRED_KEYS, *_LAYOUT_KEYS, "posedirs", "body_id"})
 
 

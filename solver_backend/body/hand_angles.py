@@ -12,8 +12,7 @@ import numpy as np
 from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
 from solver_backend.types.shapes import Bool, Float
 
-FLEXION, SPREAD, TWIST = 0, 1, 2
-"""Kinds of angles: into the palm; towards the thumb, of the thumb itself away from the palm; about the bone."""
+FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (of the thumb: off the palm), about the bone.
 _KINDS = ("flexion", "spread", "twist")
 _THUMB = (("cmc", 0, (FLEXION, SPREAD, TWIST)), ("mcp", 1, (FLEXION,)), ("ip", 2, (FLEXION,)))
 _OTHERS = (("mcp", 0, (FLEXION, SPREAD)), ("pip", 1, (FLEXION,)), ("dip", 2, (FLEXION,)))
@@ -23,15 +22,13 @@ _TABLE = [
     for place, joint, kinds in (_OTHERS if n else _THUMB)
     for kind in kinds
 ]
-ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)
-"""Names of a hand's angles, the thumb's first."""
+ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)  # Names of a hand's angles, the thumb's first.
 NUM_ANGLES = len(ANGLES)  # Angles of a hand.
 FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
-"""(A,) finger of each angle, in ``FINGERS``; its joint, 0 at the palm; and its kind."""
+"""(A,) finger of each angle in ``FINGERS``, its joint (0 at the palm) and its kind."""
 FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
 """(A,) the flexion of each angle's joint: the first of its rows."""
-THUMB_TILT = float(np.deg2rad(45.0))
-"""The nail of a thumb looks half to the side, half out of the back of the hand: it bends across the palm."""
+THUMB_TILT = float(np.deg2rad(45.0))  # A thumb bends across the palm: its nail looks half to the side.
 KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
 """Point to which x leads from the wrist, by finger; the thumb's zero is the middle finger's."""
 

@@ -21,8 +21,7 @@ class HandMarkers:
     """Markers of one hand."""
 
     labels: tuple[str, ...]
-    sites: HandSites
-    """Where they sit on a hand of common shape."""
+    sites: HandSites  # Where they sit on a hand of common shape.
 
 
 def _places() -> dict[str, tuple[int, int, float]]:

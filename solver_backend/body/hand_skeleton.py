@@ -29,40 +29,29 @@ from solver_backend.types.shapes import Float, Int
 class HandSites:
     """L points that are fixed to segments of a hand."""
 
-    finger: Int[np.ndarray, " sites"]
-    """(L,) in ``FINGERS``; of no meaning at the palm."""
-    segment: Int[np.ndarray, " sites"]
-    """(L,) 0 the palm, 1 to 3 the bones of the finger."""
-    offset: Float[np.ndarray, "sites 3"]
-    """(L, 3) metres in the segment's frame, from its joint; of the palm in the hand's frame, from the wrist."""
+    finger: Int[np.ndarray, " sites"]  # (L,) in ``FINGERS``; of no meaning at the palm.
+    segment: Int[np.ndarray, " sites"]  # (L,) 0 the palm, 1 to 3 the bones of the finger.
+    offset: Float[np.ndarray, "sites 3"]  # (L, 3) metres from its joint in the segment's frame, or from the wrist.
 
 
 @dataclass(frozen=True)
 class PosedHand:
     """F poses of a hand in its own frame, whose origin is the wrist."""
 
-    frames: Float[np.ndarray, "n 5 4 3 3"]
-    """(F, 5, 4, 3, 3) frames of the segments, in columns; those of the palm are where angles are zero."""
-    joints: Float[np.ndarray, "n 5 4 3"]
-    """(F, 5, 4, 3) metres: joints of each finger and its tip."""
-    axes: Float[np.ndarray, "n a 3"]
-    """(F, A, 3) axis about which each angle turns what follows."""
+    frames: Float[np.ndarray, "n 5 4 3 3"]  # (F, 5, 4, 3, 3) frames of the segments; the palm's at angles of 0.
+    joints: Float[np.ndarray, "n 5 4 3"]  # (F, 5, 4, 3) metres: joints of each finger and its tip.
+    axes: Float[np.ndarray, "n a 3"]  # (F, A, 3) axis about which each angle turns what follows.
 
 
 @dataclass(frozen=True)
 class HandSkeleton:
     """Bones of one hand at rest."""
 
-    side: int
-    """0 left, 1 right."""
-    palm: Float[np.ndarray, "5 3 3"]
-    """(5, 3, 3) frames at the roots of the fingers, see ``palm_frames``, in the hand's frame."""
-    roots: Float[np.ndarray, "5 3"]
-    """(5, 3) metres: first joint of each finger, from the wrist."""
-    bones: Float[np.ndarray, "5 3 3"]
-    """(5, 3, 3) metres: from each joint to the next, or to the tip, in the frame of the segment."""
-    rest: Float[np.ndarray, "5 3 3 3"]
-    """(5, 3, 3, 3) frames of the segments at rest."""
+    side: int  # 0 left, 1 right.
+    palm: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) frames of ``palm_frames`` at the fingers' roots.
+    roots: Float[np.ndarray, "5 3"]  # (5, 3) metres: first joint of each finger, from the wrist.
+    bones: Float[np.ndarray, "5 3 3"]  # (5, 3, 3) metres: each joint to the next or the tip, in its frame.
+    rest: Float[np.ndarray, "5 3 3 3"]  # (5, 3, 3, 3) frames of the segments at rest.
 
     @classmethod
     def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
@@ -180,15 +169,13 @@ def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
 
 
 RADIUS_M = (0.009, 0.0085, 0.0085, 0.008, 0.007)
-"""Half the breadth of thumb, index, middle, ring and little finger at the last joint, of a hand of ``PALM_M`` (Garrett
-1971, "The adult human hand", means of men and women)."""
+"""Half the breadth of each finger at its last joint, thumb first, of a hand of ``PALM_M`` (Garrett 1971)."""
 PALM_M = 0.09  # From the wrist to the middle finger's knuckle, of the hand with these breadths.
 BONES = np.array([[4 * finger + k, 4 * finger + k + 1] for finger in range(5) for k in range(1, 4)])
 """Ends of the three bones of each finger beyond its knuckle, in ``HAND_POINTS``."""
 _ONE, _OTHER = (pair for pair in np.triu_indices(len(BONES)))
-_APART = _ONE // 3 != _OTHER // 3
-PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])
-"""(2, 90) bones of different fingers."""
+_APART = _ONE // 3 != _OTHER // 3  # Of different fingers.
+PAIRS = np.stack([_ONE[_APART], _OTHER[_APART]])  # (2, 90) bones of different fingers.
 
 
 @dataclass(frozen=True)

@@ -116,10 +116,9 @@ def _hands_file() -> dict[str, np.ndarray]:
 
 
 JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))  # Finger joints of one side.
-COLUMNS: tuple[tuple[int, ...], ...] = tuple(
+COLUMNS: tuple[tuple[int, ...], ...] = tuple(  # Finger joints of a hand in SMPL-H's order, by finger of ``FINGERS``.
     tuple(3 * SMPL_FINGERS.index(finger) + joint for joint in range(3)) for finger in FINGERS
 )
-"""Finger joints of a hand in SMPL-H's order, by finger of ``FINGERS``."""
 
 
 @lru_cache(maxsize=8)

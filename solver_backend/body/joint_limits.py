@@ -14,8 +14,7 @@ from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import exp_so3, quat_conjugate, quat_from_matrix, quat_multiply, rotvec_from_quat
 
 _POSES = 2000  # Poses looked at at a time.
-MARGIN_DEG = 15.0
-"""Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""
+MARGIN_DEG = 15.0  # Added at both ends: the spread of people (10 to 15 degrees) and of conventions.
 
 
 def excess_deg(local: Array) -> Array:
@@ -94,7 +93,6 @@ def _beyond(angles: Array, low_deg: np.ndarray, high_deg: np.ndarray) -> Array:
 
 _LOW, _HIGH, _TWIST = _table()
 _IS_KNEE = np.array([[float(joint.endswith("knee"))] for joint in SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]])
-_DEEPEST_KNEE_DEG = 163.0
-"""Mean and spread of the greatest flexion of 30 adults (Hemmerich et al. 2006)."""
+_DEEPEST_KNEE_DEG = 163.0  # Mean and spread of the greatest flexion of 30 adults (Hemmerich et al. 2006).
 JOINT_LIMITS: np.ndarray = np.radians(np.stack((_LOW - MARGIN_DEG, _HIGH + MARGIN_DEG), axis=-1))
 """(21, 3, 2) rad: least and greatest angle of each joint, margin included."""

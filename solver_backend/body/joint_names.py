@@ -10,15 +10,12 @@ from itertools import product
 from solver_backend.body.label_words import Affixes, bare_label, prefixes, suffixes
 from solver_backend.body.marker_layouts import label_key
 
-JOINT, KEYPOINT = "=", "~"
-"""A place that begins so is the joint of the body named after it, or what detectors mean by the keypoint named so."""
-LEAST_SHARE = 0.85
-"""Of the labels that a vocabulary must know: marker sets share some words with skeletons (knee, heel, forearm)."""
-_FINGER = re.compile(
+JOINT, KEYPOINT = "=", "~"  # Begin the places of the body's joints and of detectors' keypoints.
+LEAST_SHARE = 0.85  # Of labels in one vocabulary: marker sets share some words with skeletons.
+_FINGER = re.compile(  # Bones of fingers, by the ways they are numbered: LeftHandIndex1, LeftInHandRing, L Finger01.
     r"(in)?(hand)?(thumb|index|middle|ring|pinky|little|forefinger|finger)(finger|proximal|distal)?\w{0,4}"
 )
-"""Bones of fingers, by the ways they are numbered: LeftHandIndex1, LeftInHandRing, L Finger01."""
-_WORDS: dict[str, dict[str, str]] = {
+_WORDS: dict[str, dict[str, str]] = {  # Places of the midline by words; empty where conventions differ too much.
     "bones": {
         "hips hip": "=pelvis", "pelvis": "=pelvis", "root": "=pelvis", "neck": "=neck", "head": "=head",
         "headend headtop headtopend headnub": "~head_top",
@@ -32,8 +29,7 @@ _WORDS: dict[str, dict[str, str]] = {
         "thorax spine spine1 spine2 spine3 chest mouth belly uppernecks upperneck jaw body": "",
     },
 }  # fmt: skip
-"""Place by the words of each vocabulary for the midline; empty where conventions differ too much to be used."""
-_SIDED: dict[str, dict[str, str]] = {
+_SIDED: dict[str, dict[str, str]] = {  # The same of sided words: a bone is named by where it begins.
     "bones": {
         "upleg upperleg thigh femur hip": "=hip", "leg lowerleg lowleg shin shank calf tibia": "=knee",
         "foot ankle": "=ankle", "toe toe0 toes toebase ball": "=foot", "toeend toesend toetip toenub": "~big_toe",
@@ -50,17 +46,12 @@ _SIDED: dict[str, dict[str, str]] = {
         "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand handtip": "",
     },
 }  # fmt: skip
-"""The same of sided words: a bone is named by where it begins."""
-_NEEDED = {
+_NEEDED = {  # One chain must be there on both sides; joints need hips or a nose too.
     "bones": (("=hip", "=knee", "=ankle"), ("=shoulder", "=elbow", "=wrist")),
     "joints": (("~hip", "~knee", "~ankle"), ("~shoulder", "~elbow", "~wrist")),
 }
-"""Of each vocabulary one of these chains must be there on both sides, and hips or a nose among joints, which no skin
-has."""
-_FACE = {"~nose", "~eye", "~ear", "~small_toe"}
-"""Points of detectors; without any, what is named as a joint is the joint itself."""
-_OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}
-"""Joints of a skeleton by the detectors' keypoints of the same words."""
+_FACE = {"~nose", "~eye", "~ear", "~small_toe"}  # Points of detectors, which no skeleton has.
+_OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}  # Joints by keypoints of the same words.
 
 
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:

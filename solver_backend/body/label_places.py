@@ -16,8 +16,7 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 FORMAT, VERSION = "manifold_mocap_labels", 1
-_LARGEST_BYTES = 1_000_000
-"""Bytes of a file that is read; chosen by hand."""
+_LARGEST_BYTES = 1_000_000  # Bytes of a file that is read; chosen by hand.
 
 
 def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = False) -> Path:

@@ -11,11 +11,9 @@ from functools import cached_property
 from itertools import product
 from typing import Any
 
-Letters = tuple[tuple[str, str], tuple[str, str]]
-"""The letters of one language for left and right, each with the side: ``(("G", "L"), ("D", "R"))``."""
+Letters = tuple[tuple[str, str], tuple[str, str]]  # Left and right with their sides: ``(("G", "L"), ("D", "R"))``.
 ENGLISH: Letters = (("L", "L"), ("R", "R"))
-LEAST_GLUED = 3
-"""Pairs by which an ending shows that it is a side's; then a label without its other side has it too."""
+LEAST_GLUED = 3  # Pairs that show that an ending is a side's, even of a label without its other side.
 _APART = tuple(
     re.compile(pattern)
     for pattern in (
@@ -31,12 +29,9 @@ _APART = tuple(
 class Sides:
     """What the file of layouts states of sides."""
 
-    words: dict[str, str]
-    """L or R by each word for a side, in capitals, wherever it stands."""
-    short: tuple[tuple[str, str], ...]
-    """Pairs of short words for left and right, which are sides only where they stand apart or last: li and re."""
-    letters: tuple[Letters, ...]
-    """Pairs of letters, one language each, English first."""
+    words: dict[str, str]  # L or R by each word for a side, in capitals, wherever it stands.
+    short: tuple[tuple[str, str], ...]  # Pairs of short words that are sides only apart or last: li and re.
+    letters: tuple[Letters, ...]  # Pairs of letters, one language each, English first.
 
     def by_token(self, letters: Letters = ENGLISH) -> dict[str, str]:
         """Return the side by each word that is one where it stands apart."""
@@ -117,8 +112,7 @@ _IN_WORDS = tuple(
         rf"(?P<number>1?\d|{'|'.join(_ORDINALS)})(?:ST|ND|RD|TH|\.)?[ ._-]*(?:{word})",
     )
 )
-LONGEST_LABEL = 256
-"""Letters of a label that names a place, at most: formats that bound labels allow 127 and 255."""
+LONGEST_LABEL = 256  # Letters of a label that names a place, at most: formats allow 127 and 255.
 ARTICLE = 2  # Letters of words without meaning that count only where they stand apart, at most.
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
 
@@ -127,13 +121,10 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 class LabelWords:
     """What the file of layouts states of words."""
 
-    vocabulary: dict[str, str]
-    """Word by each way to write it, in capitals; empty for words without meaning."""
-    alone: dict[str, str]
-    """Words that mean another where they are all that is named: a front alone is a forehead."""
+    vocabulary: dict[str, str]  # Word by each way to write it, in capitals; empty for words without meaning.
+    alone: dict[str, str]  # Words that mean another where they are all that is named: a front alone is a forehead.
     sides: Sides
-    phrases: dict[tuple[str, ...], tuple[str, ...]]
-    """Places by the sorted words that name them, a sided place without its side; several where they may name either."""
+    phrases: dict[tuple[str, ...], tuple[str, ...]]  # Places by the sorted words that name them, without side.
 
     def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
         """Return the side, empty where none is named, and the words of a label; no words where some are not known.
@@ -274,8 +265,7 @@ def spelt(label: str) -> str:
     return plain
 
 
-SHARED = 0.8
-"""Share of labels that a prefix without a separator begins, at least: some points are a stick's or a box's."""
+SHARED = 0.8  # Least share of labels with a prefix without separator: some points are a stick's.
 LONGEST = 30  # Characters of such a prefix or suffix, at most.
 
 

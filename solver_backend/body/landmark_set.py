@@ -15,14 +15,10 @@ class Landmarks:
     """L named points: ``y_l = sum_b w_lb p_b + G_b (a_lb - w_lb J_b)`` with the bones b they hang on."""
 
     names: tuple[str, ...]
-    weights: Float[np.ndarray, "landmarks joints"]
-    """(L, J) share of each bone, rows sum to 1."""
-    anchors: Float[np.ndarray, "landmarks joints 3"]
-    """(L, J, 3) rest position of the mean shape times the bone's share, metres."""
-    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]
-    """(L, J, 3, 10) derivative of the anchors by the shape."""
-    posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None
-    """(L, 3, 9 (J - 1)) pose correctives of points on the skin; None where landmarks are rigid."""
+    weights: Float[np.ndarray, "landmarks joints"]  # (L, J) share of each bone, rows sum to 1.
+    anchors: Float[np.ndarray, "landmarks joints 3"]  # (L, J, 3) mean rest position times the bone's share, m.
+    shapedirs: Float[np.ndarray, "landmarks joints 3 10"]  # (L, J, 3, 10) derivative of the anchors by the shape.
+    posedirs: Float[np.ndarray, "landmarks 3 features"] | None = None  # (L, 3, 9 (J - 1)) correctives, None if rigid.
 
     def __len__(self) -> int:
         return len(self.names)

@@ -30,9 +30,8 @@ _CROSS = np.zeros((3, 3, 3))  # The Levi-Civita symbol: (a x b)_i = _CROSS[i, j,
 for _a, (_i, _j) in enumerate(((2, 1), (0, 2), (1, 0))):
     _CROSS[_a, _i, _j], _CROSS[_a, _j, _i] = 1.0, -1.0
 _ARM_BY_POINT = np.concatenate([-_CROSS, np.zeros((3, 3, 3))], axis=2).reshape(3, 18)
-"""A point's part of its 3 x 6 Jacobian by a rigid motion, flattened; that of rotations."""
-_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)
-"""The rest of that Jacobian: translations."""
+"""A point's 3 x 6 Jacobian by a turn."""
+_ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(18)  # And by a translation.
 
 
 @dataclass(frozen=True)
@@ -42,22 +41,14 @@ class _LandmarkPairs:
     At the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
     """
 
-    whole: np.ndarray
-    """(3 L, 3 K) 1 at whole pairs."""
-    slots: np.ndarray
-    """(9 N,) where the others stand in the flat (3 L · 3 K) Jacobian, in the order (axis, tangent, pair)."""
-    landmark: np.ndarray
-    """(N,) landmark of each of the others; the Q that have pose correctives come first, by joint."""
-    below: np.ndarray
-    """(N, J) 1 at the bones that each one's joint turns."""
-    shares: np.ndarray
-    """(J, 2 N + Q) how global rotations mix: at the parent of each joint; below it; all of a corrected landmark's."""
-    corrected: tuple[int, ...]
-    """Joints with pose correctives."""
-    corrective: np.ndarray
-    """(joints, 9, 9 M) correctives by ``vec(R_k)``, padded to M landmarks a joint, columns (skin axis, tangent, M)."""
-    unpadded: np.ndarray
-    """(Q,) which of the (joints · M) columns are real."""
+    whole: np.ndarray  # (3 L, 3 K) 1 at whole pairs.
+    slots: np.ndarray  # (9 N,) the others' places in the flat Jacobian, by axis, tangent and pair.
+    landmark: np.ndarray  # (N,) landmark of each of the others; the Q that have pose correctives come first, by joint.
+    below: np.ndarray  # (N, J) 1 at the bones that each one's joint turns.
+    shares: np.ndarray  # (J, 2 N + Q) mix of rotations: at the parent, below the joint, all of a corrected one.
+    corrected: tuple[int, ...]  # Joints with pose correctives.
+    corrective: np.ndarray  # (joints, 9, 9 M) correctives by ``vec(R_k)``, by skin axis, tangent and M.
+    unpadded: np.ndarray  # (Q,) which of the (joints · M) columns are real.
 
 
 def rotation_jacobian(
@@ -203,14 +194,10 @@ def _padded(blocks: np.ndarray, corrected: np.ndarray) -> tuple[tuple[int, ...],
 class PosedLandmarks:
     """Posed landmarks and their derivatives; F frames, L landmarks, world metres."""
 
-    points: Float[Array, "frames landmarks 3"]
-    """(F, L, 3)."""
-    by_rotations: Float[Array, "frames landmarks 3 tangents"] | None
-    """(F, L, 3, 3 + 3 n) by left tangents of the root (world) and of n joints after it (each in its parent's frame)."""
-    by_betas: Float[Array, "frames landmarks 3 10"] | None
-    """(F, L, 3, 10)."""
-    by_offsets: Float[Array, "frames landmarks 3 3"] | None
-    """(F, L, 3, 3) by an offset of each landmark in its rest frame."""
+    points: Float[Array, "frames landmarks 3"]  # (F, L, 3).
+    by_rotations: Float[Array, "frames landmarks 3 tangents"] | None  # (F, L, 3, 3 + 3 n) by left tangents.
+    by_betas: Float[Array, "frames landmarks 3 10"] | None  # (F, L, 3, 10).
+    by_offsets: Float[Array, "frames landmarks 3 3"] | None  # (F, L, 3, 3) by offsets in the rest frame.
     skeleton: PosedSkeleton
 
 

@@ -19,20 +19,16 @@ _SIDE_LAST = re.compile(r"(.+?)(?:[ ._-]([LR])|[ ._-]?(LEFT|RIGHT))")
 _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
 # pyCGM2 and Visual3D put the model's name and version after a point's: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
 _MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
-_LEAST_SIGNS = 2
-"""Labels of its own by which a naming is recognised; one may stand in any file."""
+_LEAST_SIGNS = 2  # Labels of its own that identify a naming; one may stand in any file.
 
 
 @dataclass(frozen=True)
 class Family:
     """Names that mean something only among others of the same system."""
 
-    signs: frozenset[str]
-    """Names, written as ``label_key`` writes them, of which two show that a recording is of this system."""
-    names: dict[str, str]
-    """Place by name, a marker's or ``@`` and a joint."""
-    virtual: frozenset[str]
-    """Names of computed points."""
+    signs: frozenset[str]  # Names, as keys, two of which show that a recording is of this system.
+    names: dict[str, str]  # Place by name, a marker's or ``@`` and a joint.
+    virtual: frozenset[str]  # Names of computed points.
 
     def fits(self, keys: frozenset[str]) -> bool:
         """Return whether a recording with these names is of this system."""
@@ -43,26 +39,16 @@ class Family:
 class LayoutFile:
     """What a file of marker layouts states (see ``docs/reference/file-formats.md``)."""
 
-    kinds: dict[str, tuple[float, float]]
-    """How far markers of each kind of place stray from their rules: off the skin and along it, metres."""
-    midline: dict[str, dict[str, Any]]
-    """Rule of each place on the midline."""
-    sided: dict[str, dict[str, Any]]
-    """Rule of each place of the left side, by its name without the L."""
-    aliases: dict[str, str]
-    """Place by each other name, written as ``label_key`` writes it."""
-    names: dict[str, str]
-    """Place by every name, its own included."""
-    virtual: re.Pattern[str]
-    """Names of points that a program computed: joint centres, axes of segments."""
-    layouts: dict[str, tuple[str, ...]]
-    """Marker names of each layout."""
-    label_sets: dict[str, tuple[str, ...]]
-    """Labels of other systems' layouts, as their files write them."""
-    words: LabelWords
-    """Words of several languages, and the places that they name."""
-    families: dict[str, Family]
-    """Names of systems by the system."""
+    kinds: dict[str, tuple[float, float]]  # Spread of each kind of place off the skin and along it, metres.
+    midline: dict[str, dict[str, Any]]  # Rule of each place on the midline.
+    sided: dict[str, dict[str, Any]]  # Rule of each place of the left side, by its name without the L.
+    aliases: dict[str, str]  # Place by each other name, written as ``label_key`` writes it.
+    names: dict[str, str]  # Place by every name, its own included.
+    virtual: re.Pattern[str]  # Names of points that a program computed: joint centres, axes of segments.
+    layouts: dict[str, tuple[str, ...]]  # Marker names of each layout.
+    label_sets: dict[str, tuple[str, ...]]  # Labels of other systems' layouts, as their files write them.
+    words: LabelWords  # Words of several languages, and the places that they name.
+    families: dict[str, Family]  # Names of systems by the system.
 
     @cached_property
     def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:

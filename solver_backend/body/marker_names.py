@@ -19,8 +19,7 @@ from solver_backend.types import MarkerCloud
 
 _ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")
 _LIMBS = dict.fromkeys(_ARM, "arm") | dict.fromkeys(_LEG, "leg")
-_WAIST = ("FWT", "MWT")
-"""Places of the pelvis whose skin moves with the hips."""
+_WAIST = ("FWT", "MWT")  # Places of the pelvis whose skin moves with the hips.
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
@@ -57,10 +56,8 @@ def limb_of(place: str, file: LayoutFile) -> str:
 
 _AXES = ("OALP", "OXYZ", "OAPL")
 _NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
-MOST_READ = 10_000
-"""Names whose places are kept, about a megabyte: recordings of a session have the same."""
-COUNTED, LAST_VERTEBRA = 8, 12
-"""Names of one stem with a number that show somebody counted, where one is beyond the last vertebra of any kind."""
+MOST_READ = 10_000  # Names whose places are kept, about a megabyte: recordings of a session have the same.
+COUNTED, LAST_VERTEBRA = 8, 12  # Numbered names of one stem, and a number beyond any vertebra.
 
 
 @dataclass(frozen=True)
@@ -68,18 +65,13 @@ class LabelContext:
     """How the labels of one recording are to be read."""
 
     file: LayoutFile
-    affixes: Affixes
-    """What nearly all of them begin and end with."""
-    letters: Letters
-    """Side by the letter that stands for it."""
-    glued: dict[str, tuple[str, str]]
-    """Side and name by each label whose last letter is a side."""
+    affixes: Affixes  # What nearly all of them begin and end with.
+    letters: Letters  # Side by the letter that stands for it.
+    glued: dict[str, tuple[str, str]]  # Side and name by each label whose last letter is a side.
     families: tuple[Family, ...]
-    computed: frozenset[str]
-    """Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``."""
+    computed: frozenset[str]  # Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``.
 
-    numbered: frozenset[str]
-    """Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra."""
+    numbered: frozenset[str]  # Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra.
 
     def places_of(self, label: str) -> tuple[str, ...]:
         """Return the places that a label names; several where it may be either, none where it names none."""
@@ -187,29 +179,21 @@ _UNNAMED = re.compile(
     rf"(\*\d*|#\d*|u_?\d+|new ?\d{{4}}|[*#]?{_WORDS}[\s:_*#.-]*((marker|point|trajectory)[\s:_*#.-]*)?\d*)( \(\d+\))?",
     re.IGNORECASE,
 )
-LEAST_MARKERS = 8
-"""Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
-LEAST_LIMB_MARKERS = 6
-"""The same where all are of one arm or leg: a leg of Plug-in Gait has six, an arm with its shoulder seven."""
-LEAST_NETWORK_PLACES = 20
-"""Places that the labelling network names at least where it knows a layout; fewer points are not worth a try."""
+LEAST_MARKERS = 8  # Fewer do not fix a person: six place a body, and some are hidden at times.
+LEAST_LIMB_MARKERS = 6  # The same of one arm or leg: a leg of Plug-in Gait has six markers.
+LEAST_NETWORK_PLACES = 20  # Places that the labelling network names at least; fewer points are not tried.
 
 
 @dataclass(frozen=True)
 class MarkerNames:
     """What the labels of a recording mean."""
 
-    known: dict[str, str]
-    """Place on the body by the label that names it."""
+    known: dict[str, str]  # Place on the body by the label that names it.
     unknown: tuple[str, ...]
-    virtual: tuple[str, ...]
-    """Labels of computed points (joint centres, axes of segments), and those left out by hand."""
-    doubled: tuple[str, ...]
-    """Labels of places that another label has taken."""
-    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
-    """Places that a label may name, of labels that may name several; they are among the unknown."""
-    affixes: Affixes = field(default_factory=Affixes)
-    """What nearly all labels begin and end with, which is no part of their names."""
+    virtual: tuple[str, ...]  # Labels of computed points (joint centres, axes of segments), and those left out by hand.
+    doubled: tuple[str, ...]  # Labels of places that another label has taken.
+    ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)  # Places of labels that may name several.
+    affixes: Affixes = field(default_factory=Affixes)  # Prefix and suffix of nearly all labels.
 
 
 def least_markers(places: Collection[str]) -> int:
@@ -268,11 +252,10 @@ def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> Marke
     )
 
 
-_SEGMENT_LIMBS = {
+_SEGMENT_LIMBS = {  # The joint where the bone of each word begins, without its side.
     "ARM": "shoulder", "UPPERARM": "shoulder", "HUMERUS": "shoulder", "FOREARM": "elbow", "HAND": "wrist",
     "THIGH": "hip", "FEMUR": "hip", "SHANK": "knee", "TIBIA": "knee", "FOOT": "ankle",
 }  # fmt: skip
-"""The joint where the bone of each word begins, without its side."""
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
 """Words of joints, beside which a bone's word shows nothing of the side of the joint."""
@@ -300,10 +283,8 @@ def _bone(text: str, words: LabelWords) -> str | None:
 
 
 LEAST_LABELS = 2  # Labels without a side that name a limb, at least.
-BESIDE_M = 0.05
-"""Metres beside the middle of the trunk that every marker of the limb has in most frames; an acromion has 170."""
-_TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}
-"""Endings that mean these words where both are there: ``EPICl`` and ``EPICm``, ``STYLr`` and ``STYLu``."""
+BESIDE_M = 0.05  # Distance of the limb's markers from the trunk's middle; an acromion has 0.17.
+_TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}  # Endings ``EPICl`` and ``EPICm``.
 
 
 def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:

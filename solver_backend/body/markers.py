@@ -15,16 +15,14 @@ from solver_backend.body.keypoints import keypoint_rules
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
 
-ON_BONE = "@"
-"""A place that begins so is the bone of the joint named after it: for markers of which nothing else is known."""
+ON_BONE = "@"  # Begins a place that is a bone, by its joint: nothing else is known of the marker.
 ON_BONE_SPREAD_M = 0.2  # How far such a marker may be from the joint.
 LIMB_JOINT_SPREAD_M, INNER_SPREAD_M = 0.004, 0.015
 """How far joint centres of other skeletons are from the body's, per axis: between hip and ankle, shoulder and wrist all
 mean the same place, but for the hips of detectors; necks, heads, hands and feet end up to a decimetre apart. With
 more than 4 mm an inertial suit's elbows end 16 mm from their centres."""
 _LIMB_JOINTS = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
-MARKER_OFFSET_M = 0.0095
-"""Distance of a marker's centre from the skin: the radius of a common 14 mm marker and its base."""
+MARKER_OFFSET_M = 0.0095  # Marker's centre to skin: the radius of a common 14 mm marker and its base.
 
 
 def marker_layout(name: str) -> tuple[str, ...]:

@@ -15,8 +15,7 @@ _MIDDLE = {
     "pelvis": (0.0, 0.0, 0.0), "spine1": (0.0, 0.115, -0.020), "spine2": (0.0, 0.245, -0.015),
     "spine3": (0.0, 0.300, 0.005), "neck": (0.0, 0.505, -0.035), "head": (0.0, 0.595, 0.015),
 }  # fmt: skip
-_PELVIS_HEIGHT = 0.945
-"""Height of the pelvis above the floor, metres; that of the neutral body."""
+_PELVIS_HEIGHT = 0.945  # Height of the pelvis above the floor, metres; that of the neutral body.
 
 
 def _rest_joints() -> np.ndarray:
@@ -28,12 +27,10 @@ def _rest_joints() -> np.ndarray:
     return joints + (0.0, _PELVIS_HEIGHT, 0.0)
 
 
-REST_JOINTS: np.ndarray = _rest_joints()
-"""(24, 3) metres, T-pose, Y up, facing +Z, left = +X; segment lengths of the middle adult (Drillis & Contini 1966)."""
+REST_JOINTS: np.ndarray = _rest_joints()  # (24, 3) metres; segment lengths: Drillis & Contini 1966.
 
 MIRROR: tuple[int, ...] = SMPL.mirror  # Joint of the other side of the body.
 BODY_MIRROR: tuple[int, ...] = tuple(joint - 1 for joint in MIRROR[1 : 1 + SMPL.num_solved])
-"""The same for the columns of a pose."""
 
 AXIS_TIPS_M: tuple[float, ...] = tuple(0.2 if joint == "head" else 0.1 for joint in SMPL.joints)
-"""Distance of the three points along the axes of each joint's frame that make rotations count in metres."""
+"""Distance of the three points along each joint's axes that make rotations count in metres."""

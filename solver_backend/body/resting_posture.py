@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.geometry.rotations import exp_so3
 
-PARTS: dict[str, tuple[str, ...]] = {
+PARTS: dict[str, tuple[str, ...]] = {  # The joints whose turns pose each part.
     "trunk": ("spine1", "spine2", "spine3", "left_collar", "right_collar"),
     "head": ("neck", "head"),
     "left_upper_arm": ("left_shoulder",),
@@ -19,14 +19,10 @@ PARTS: dict[str, tuple[str, ...]] = {
     "left_shank": ("left_knee", "left_ankle", "left_foot"),
     "right_shank": ("right_knee", "right_ankle", "right_foot"),
 }
-"""The joints whose turns pose each part."""
 FLEXION_DEG = {"spine1": 3.0, "spine2": 3.0, "spine3": 4.0, "neck": -4.0, "head": -4.0, "elbow": 25.0, "knee": 6.0}
-"""How far joints at rest bend forwards (knees backwards), degrees: near the medians of CMU's recordings, where the
-chest leans 12 degrees further forward than the pelvis, and the head 7 less than the chest."""
-ASIDE = {"shoulder": 0.2, "hip": 0.03}
-"""How far outwards a hanging limb's direction points, by what it points down: an arm clears the hip."""
-ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}
-"""By how much a limb lies along the trunk where it cannot hang: on the back, upside down."""
+"""Forward bend of resting joints (knees backwards), degrees, near the medians of CMU's recordings."""
+ASIDE = {"shoulder": 0.2, "hip": 0.03}  # Outwards by downwards of a hanging limb: an arm clears the hip.
+ALONG_TRUNK = {"shoulder": 0.2, "hip": 0.05}  # The same along the trunk of a limb that cannot hang.
 
 
 def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple[str, ...]) -> np.ndarray:

@@ -17,9 +17,7 @@ from solver_backend.types.shapes import Float
 
 _BONES = 3  # Bones of a finger.
 _TIP = 0.8  # Length of the last bone by the one before, where a skeleton ends at its joint (Buryanov and Kotiuk 2010).
-_GOES_ON = 0.5
-"""Share of the bend before by which such a bone is bent at rest: a relaxed finger's last joint by its middle one, 0.35
-to 0.62 in our own hand; a straight finger's end is straight."""
+_GOES_ON = 0.5  # Bend of such a bone by the one before: 0.35 to 0.62 in our relaxed hand.
 _FOREARM = 1.35  # Length of a forearm by that of the hand (ANSUR II: 0.26 and 0.19 m).
 _NEEDED = ("thumb", "index", "middle", "pinky")  # Fingers without which a palm has no axes, or the hand is none.
 MOVES = 0.005  # Radians by which a finger turns from rest at some time, at least: others are no part of the motion.

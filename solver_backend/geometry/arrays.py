@@ -155,8 +155,7 @@ def quantile(
     return (below + (place - low) * (above - below))[..., 0]
 
 
-_FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")
-"""Libraries that block their products by cache, as their names begin or end in NumPy's record of its build."""
+_FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")  # BLAS libraries that block by cache.
 
 
 def times_transposed(x: Array, weight: Array) -> Array:

@@ -120,15 +120,13 @@ def quat_left_tangent(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 4 3"]
     return xp.reshape(xp.stack(entries, axis=-1), (*q.shape[:-1], 4, 3))
 
 
-_SERIES_BELOW = 0.1
-"""Squared angle below which the Taylor series of the coefficients are used (six terms: below 1e-17)."""
-_SERIES = (
+_SERIES_BELOW = 0.1  # Squared angle below which Taylor series are used (six terms: below 1e-17).
+_SERIES = (  # Taylor coefficients, by the squared angle, of the four functions of ``_coefficients``.
     (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800),
     (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600),
     (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800),
     (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000),
 )
-"""Taylor coefficients, by the squared angle, of the four functions of ``_coefficients``."""
 _TINY = 1e-12  # Shortest column a 6D representation is divided by.
 
 

@@ -9,8 +9,7 @@ import numpy as np
 from solver_backend.geometry.arrays import Array, array_namespace, replaced
 from solver_backend.types.shapes import Float
 
-_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Row and column of each of a symmetric matrix's six numbers."""
+_PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))  # Places of a symmetric matrix's six numbers.
 
 
 def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12) -> Float[Array, "*batch 3 3"]:

@@ -12,8 +12,7 @@ Vectors = Float[Array, "*#batch d"]
 
 _SERIES_BELOW = 0.01  # Bound on ``(1 + t²) sin²(ψ/2)`` below which the geodesic's weights come from their series.
 _SERIES_TERMS = 9
-_NO_ANGLE = 1e-24
-"""Bound on ``sin²(ψ/2)`` below which nothing is divided by the angle, also in single precision."""
+_NO_ANGLE = 1e-24  # Bound on ``sin²(ψ/2)`` below which nothing is divided by the angle.
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:

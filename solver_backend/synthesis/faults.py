@@ -17,34 +17,20 @@ import numpy as np
 class DetectorFaults:
     """Faults of a 2D pose detector; lengths in millimetres at the person's distance, standard deviations per axis."""
 
-    view_bias_mm: float = 0.0
-    """Error that depends on the viewing direction."""
-    drift_mm: float = 0.0
-    """Error that is correlated over ``drift_s``."""
-    drift_s: float = 0.19
-    """Time constant of the drift; measured."""
-    jitter_mm: float = 0.0
-    """Error that is independent in every frame."""
-    unevenness: float = 0.43
-    """Standard deviation of the logarithm of drift and jitter over views and keypoints; measured."""
-    occluded_missing: float = 0.0
-    """Share of occluded runs in which the detector gives up."""
-    occluded_jitter: float = 2.0
-    """Factor on drift and jitter where it guesses instead; chosen by hand."""
-    missing: float = 0.0
-    """Share of misses without a cause."""
-    burst_s: float = 0.2
-    """Mean length of a run of misses; measured."""
-    outliers: float = 0.0
-    """Share of detections in another place."""
-    outlier_mm: float = 220.0
-    """Mean distance of these; measured median 223 mm."""
-    outlier_s: float = 0.047
-    """Mean length of their runs; measured 2.8 frames at 60 Hz."""
-    swaps_per_minute: float = 0.0
-    """Exchanges of left and right per limb pair and view."""
-    swap_frames: tuple[int, int] = (2, 30)
-    """Shortest and longest exchange."""
+    view_bias_mm: float = 0.0  # Error that depends on the viewing direction.
+    drift_mm: float = 0.0  # Error that is correlated over ``drift_s``.
+    drift_s: float = 0.19  # Time constant of the drift; measured.
+    jitter_mm: float = 0.0  # Error that is independent in every frame.
+    unevenness: float = 0.43  # Deviation of the log of drift and jitter over views and keypoints; measured.
+    occluded_missing: float = 0.0  # Share of occluded runs in which the detector gives up.
+    occluded_jitter: float = 2.0  # Factor on drift and jitter where it guesses instead; chosen by hand.
+    missing: float = 0.0  # Share of misses without a cause.
+    burst_s: float = 0.2  # Mean length of a run of misses; measured.
+    outliers: float = 0.0  # Share of detections in another place.
+    outlier_mm: float = 220.0  # Mean distance of these; measured median 223 mm.
+    outlier_s: float = 0.047  # Mean length of their runs; measured 2.8 frames at 60 Hz.
+    swaps_per_minute: float = 0.0  # Exchanges of left and right per limb pair and view.
+    swap_frames: tuple[int, int] = (2, 30)  # Shortest and longest exchange.
 
 
 @dataclass(frozen=True)
@@ -77,8 +63,7 @@ class Faults:
     """All faults added to the truth of a capture."""
 
     detector: DetectorFaults = field(default_factory=DetectorFaults)
-    anatomy_mm: float = 0.0
-    """Standard deviation per axis between a detector's and the body's definition of a joint."""
+    anatomy_mm: float = 0.0  # Standard deviation per axis between a detector's and the body's definition of a joint.
     cameras: CameraFaults = field(default_factory=CameraFaults)
     markers: MarkerFaults = field(default_factory=MarkerFaults)
 
@@ -105,11 +90,9 @@ MEASURED_DETECTOR = DetectorFaults(
 """Measured: 21 % bias, 72 % drift and 7 % jitter of the variance of 15.8 mm, misses of limbs and feet, and 0.95 % of
 the detections beyond 100 mm. Chosen by hand: the share of occluded misses (the recording misses the face in 0-36 %,
 limbs in at most 1 %) and the exchanges (none in its 1.7 s)."""
-DEMO_DETECTOR = DetectorFaults(
+DEMO_DETECTOR = DetectorFaults(  # For the demo: 5 px at 1920 px width, correlation 0.8 at 60 Hz.
     drift_mm=15.625, drift_s=0.07469033529540918, missing=0.08, burst_s=8 / 60, outliers=0.03, outlier_mm=250.0
 )
-"""Chosen for the embedded demo: 5 px at 1920 px image width, a correlation of 0.8 between frames at 60 Hz, misses of
-eight frames, outliers 80 px away."""
 OPTICAL_MARKERS = MarkerFaults(measurement_mm=0.3, placement_mm=8.0, skin_mm=1.5, hidden=0.03)
 """Chosen for the embedded take of markers."""
 

@@ -96,13 +96,12 @@ def _encode(text: Any = None, encoding: Any = "latin1", *_: Any) -> bytes:
     return text.encode("latin1")
 
 
-CALLS: dict[str, Callable[..., Any] | None] = {
+CALLS: dict[str, Callable[..., Any] | None] = {  # Functions that a pickle may call; an array's class is an argument.
     "numpy.ndarray": None,
     "numpy.dtype": _dtype,
     "_codecs.encode": _encode,
     **dict.fromkeys(("builtins.bytes", "__builtin__.bytes"), lambda: b""),
 }
-"""Functions that a pickle may call; an array's class is only ever an argument."""
 for _module in ("numpy.core.multiarray", "numpy._core.multiarray"):
     CALLS[f"{_module}._reconstruct"] = _empty_array
     CALLS[f"{_module}.scalar"] = lambda dtype=None, data=None, *_: array_of((1,), dtype, False, data)[0]
@@ -120,8 +119,7 @@ _CONSTANTS: dict[str, Callable[[], Any]] = {
     "EMPTY_LIST": list,
     "EMPTY_TUPLE": tuple,
 }
-_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}
-"""Items that each operation takes from the stack."""
+_TUPLES = {"TUPLE1": 1, "TUPLE2": 2, "TUPLE3": 3}  # Items that each operation takes from the stack.
 
 
 @dataclass
@@ -275,8 +273,7 @@ class Machine:
         return UnsafePickle(message, where=self._where, hint=hint)
 
 
-MAX_ELEMENTS = 50_000_000
-"""Of a matrix that is stored sparse: the joint regressor of the largest family has 0.6 million."""
+MAX_ELEMENTS = 50_000_000  # Of a sparse matrix; the largest family's joint regressor has 0.6 million.
 _CHUMPY = frozenset({"chumpy.ch.Ch", "chumpy.reordering.Select"})
 _SPARSE = frozenset({"scipy.sparse.csc.csc_matrix", "scipy.sparse._csc.csc_matrix"})
 _DAMAGE = (OSError, EOFError, ValueError, TypeError, KeyError, IndexError, OverflowError, RecursionError, MemoryError)

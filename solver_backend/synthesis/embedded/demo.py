@@ -127,8 +127,7 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
 DEMO_TAKE = Path(__file__).parents[2] / "assets" / "demo_markers.c3d"  # The committed take.
 BETAS = np.array([-0.6, 0.7, -0.3, 0.5, -0.2, 0.1, 0.3, -0.2, 0.1, 0.0])  # Shape of the person who wears the markers.
 _SUBJECT = "Demo"
-_UNKNOWN = ("ARMBAND", "LUPA")
-"""A label that no layout knows, and the place beside which its marker sits."""
+_UNKNOWN = ("ARMBAND", "LUPA")  # A label that no layout knows, and the place beside which its marker sits.
 
 
 @dataclass(frozen=True)
@@ -136,8 +135,7 @@ class RecordedMarkers:
     """A take of markers with its truth; F frames."""
 
     cloud: MarkerCloud
-    joints: np.ndarray
-    """(F, 24, 3) metres: the joints of the body that wore the markers."""
+    joints: np.ndarray  # (F, 24, 3) metres: the joints of the body that wore the markers.
 
 
 def record_markers(

@@ -23,10 +23,8 @@ class Take:
     """Recorded motion of F frames, Y up."""
 
     name: str
-    rotations: np.ndarray
-    """(F, 22, 3, 3) local rotations of the pelvis and joints 1..21 relative to the T-pose."""
-    root: np.ndarray
-    """(F, 3) metres, pelvis."""
+    rotations: np.ndarray  # (F, 22, 3, 3) local rotations of the pelvis and joints 1..21 relative to the T-pose.
+    root: np.ndarray  # (F, 3) metres, pelvis.
     fps: float
 
 
@@ -35,14 +33,10 @@ class Person:
     """A moving body; F frames."""
 
     body: Body
-    betas: np.ndarray
-    """(10,)."""
-    orient: np.ndarray
-    """(F, 3, 3) body to world, Z up."""
-    local: np.ndarray
-    """(F, 21, 3, 3)."""
-    transl: np.ndarray
-    """(F, 3) metres."""
+    betas: np.ndarray  # (10,).
+    orient: np.ndarray  # (F, 3, 3) body to world, Z up.
+    local: np.ndarray  # (F, 21, 3, 3).
+    transl: np.ndarray  # (F, 3) metres.
 
     def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
         """Return the keypoints, moved by (K, 3) offsets in their rest frames."""

@@ -12,8 +12,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.faults import DetectorFaults, autoregressive, bursts
 from solver_backend.types import SMPL_JOINTS, Cameras, JointSet
 
-_HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
-"""Amplitudes of a bias that turns with the person: constant, cos and sin of the angle and its double; variance 1."""
+_HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])  # Of a bias that turns with the person: 1, cos, sin, cos 2, sin 2.
 
 
 @dataclass(frozen=True)
@@ -158,7 +157,7 @@ _AROUND: dict[str, tuple[str, ...]] = {
     "elbow": ("shoulder", "elbow"),
     "wrist": ("elbow", "wrist", "hand"),
 }
-"""Parts, by the joint that moves them, with a keypoint in their flesh, which do not hide it. Without side: its own."""
+"""Parts, by the joint that moves them, that hold a keypoint and do not hide it. Without side: its own."""
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -48,31 +48,24 @@ def scaled(cameras: Cameras, by: float) -> Cameras:
 
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
-STANDS = ("world", "aim")
-"""Place of the person before fixed cameras: as in the motion, or at the cameras' target."""
+STANDS = ("world", "aim")  # Place of the person before fixed cameras: as in the motion, or at their target.
 _KNOWN = (
     *("name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m"),
     *("size", "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand", "leave_out"),
     "widest",
 )
-_TARGET_M = (0.0, 0.0, 0.95)
-"""Target of cameras, metres: about a standing person's pelvis."""
+_TARGET_M = (0.0, 0.0, 0.95)  # Target of cameras, metres: about a standing person's pelvis.
 
 
 @dataclass(frozen=True)
 class CameraRing:
     """Named cameras, before they are placed around a person."""
 
-    name: str
-    """Part of a shot's name."""
-    cameras: Cameras
-    """Around the origin, where the middle of the person's way is put."""
-    range_m: tuple[float, float]
-    """Smallest and largest depth that its sensors measure."""
-    fixed: bool
-    """The cameras keep their place in the world."""
-    stand: np.ndarray | None = None
-    """(2,) metres, the middle of the person's way before fixed cameras; None leaves it unchanged."""
+    name: str  # Part of a shot's name.
+    cameras: Cameras  # Around the origin, where the middle of the person's way is put.
+    range_m: tuple[float, float]  # Smallest and largest depth that its sensors measure.
+    fixed: bool  # The cameras keep their place in the world.
+    stand: np.ndarray | None = None  # (2,) metres, middle of the path before fixed cameras; None keeps it.
 
     def around(self, place: np.ndarray) -> Cameras:
         """Return the cameras moved along the floor, with the person at (3,) ``place`` in their middle."""

@@ -14,13 +14,11 @@ from solver_backend.synthesis.studio.sensor_pictures import SECTOR_DEG
 from solver_backend.synthesis.studio.spec import Spec
 
 SHEET, CARD = "contact_sheet.png", "card.md"
-_TILE = (208, 156)
-"""Width and height of a picture, pixels; chosen by hand."""
+_TILE = (208, 156)  # Width and height of a picture, pixels; chosen by hand.
 _COLUMNS, _TILES = 6, 24
 _SHOWN = ("rgb", "infrared", "depth", "masks", "normals")
 _DIRECTIONS = ("front", "front left", "left", "back left", "back", "back right", "right", "front right")
-_SECTORS = [f"{low} to {low + SECTOR_DEG}" for low in range(0, 180, SECTOR_DEG)]
-"""Names of the ranges of angles, degrees."""
+_SECTORS = [f"{low} to {low + SECTOR_DEG}" for low in range(0, 180, SECTOR_DEG)]  # Degrees.
 _COLOURS = np.array(
     [[20, 20, 24], [224, 150, 90], [190, 60, 60], [50, 80, 170], [50, 120, 120], [60, 60, 60], [80, 50, 30],
      [255, 255, 255], [90, 150, 70], [140, 140, 145]], np.uint8,

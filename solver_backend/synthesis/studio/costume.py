@@ -14,13 +14,11 @@ from solver_backend.body.body import Body
 from solver_backend.types import SMPL_JOINTS
 
 LABELS = ("nothing", "skin", "top", "bottom", "suit", "shoes", "hair", "marker", "furniture", "room")
-"""Values of the masks."""
 SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
-_HEM_RINGS = 2
-"""Rings of skin that stay below a garment's border, and over which it tapers."""
+_HEM_RINGS = 2  # Rings of skin that stay below a garment's border, and over which it tapers.
 _LEAST_M = 0.0006  # Smallest distance between layers, metres, so that none shines through; chosen by hand.
 _WAVES = 10  # Number of waves in the folds; chosen by hand.
-_OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
+_OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {  # Layers from the skin outwards, metres; chosen by hand.
     "bare": (),
     "suit": (("suit", 0.002),),
     "shirt_trousers": (("shoes", 0.004), ("trousers", 0.008), ("shirt", 0.013)),
@@ -28,7 +26,6 @@ _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "tee_trousers": (("shoes", 0.004), ("trousers", 0.007), ("tee", 0.012)),
     "tunic_leggings": (("shoes", 0.003), ("trousers", 0.003), ("tunic", 0.016)),
 }
-"""Layers of an outfit, from the skin outwards, with their thickness in metres; chosen by hand."""
 _LABEL_OF = {"suit": "suit", "shoes": "shoes"}
 _LABEL_OF |= dict.fromkeys(("trousers", "shorts"), "bottom") | dict.fromkeys(("shirt", "tee"), "top")
 _LABEL_OF |= {"tunic": "top", "short": "hair", "long": "hair"}

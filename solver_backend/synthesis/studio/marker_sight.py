@@ -16,9 +16,7 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.sight import body_proxy, hidden_by_boxes, hidden_by_ellipsoids, sight_lines
 from solver_backend.synthesis.studio.stage import Stage
 
-_TURNED_AWAY = -0.4
-"""Cosine between the skin's normal and the way to the camera from which on a limb hides the marker on it, which stands
-9.5 mm off; tuned by what rendered pictures show (``tests/synthesis/studio/test_marker_sight.py``)."""
+_TURNED_AWAY = -0.4  # Cosine of skin and sight from which a limb hides its marker, tuned on rendered pictures.
 _CHUNK = 64  # Frames that are looked at together.
 
 

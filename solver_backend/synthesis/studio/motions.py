@@ -21,8 +21,7 @@ from solver_backend.types import NUM_BODY_JOINTS, JointSet
 
 CHOREOGRAPHY = "choreography"  # Name of the motion that ships.
 _SUFFIXES = (".npz", ".bvh")
-_CHOREOGRAPHY_S = 6.0
-"""Seconds of the choreography that are drawn at once, then again; chosen by hand."""
+_CHOREOGRAPHY_S = 6.0  # Length of the choreography, seconds.
 
 
 @dataclass(frozen=True)

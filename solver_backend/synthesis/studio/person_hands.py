@@ -23,8 +23,7 @@ from solver_backend.types import UNSEEN_POINT, Cameras, Capture, JointSet
 from solver_backend.types.shapes import Bool, Float
 
 _WRIST, _KNUCKLE = 0, 9
-BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])
-"""(21,) points beyond the knuckles."""
+BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  # (21,) past knuckles.
 
 
 @dataclass(frozen=True)
@@ -36,32 +35,19 @@ class HandFaults:
     palms of 60 to 140 px they are 0.03, 0.04 and 0.016.
     """
 
-    whole: float = 0.05
-    """Standard deviation per axis of an error of the whole hand, correlated over ``drift_s``."""
-    drift: float = 0.10
-    """The same of each point."""
-    jitter: float = 0.036
-    """Standard deviation of each point's independent error in every frame."""
-    drift_s: float = 0.3
-    """Time constant of the drift."""
-    guessed: float = 2.5
-    """Factor on the errors of hidden points."""
-    least_seen: float = 0.5
-    """Share of visible points from which a hand is detected."""
-    missing: float = 0.06
-    """Share of frames in which a visible hand is missed ..."""
-    missing_s: float = 0.15
-    """... and the length of a miss."""
-    wrong: float = 0.01
-    """Share of frames in which it is detected elsewhere, a palm or two away."""
-    exchanged: float = 0.005
-    """Share of frames with left and right exchanged."""
-    held: bool = False
-    """Hands hold a thing that hides fingers beyond the knuckles: these are guesses, detected half as often."""
-    gloved: bool = False
-    """Hands wear gloves: every point is a guess, detected half as often."""
-    small_px: float = 15.0
-    """Palm size below which errors grow with the square of the ratio."""
+    whole: float = 0.05  # Standard deviation per axis of an error of the whole hand, correlated over ``drift_s``.
+    drift: float = 0.10  # The same of each point.
+    jitter: float = 0.036  # Standard deviation of each point's independent error in every frame.
+    drift_s: float = 0.3  # Time constant of the drift.
+    guessed: float = 2.5  # Factor on the errors of hidden points.
+    least_seen: float = 0.5  # Share of visible points from which a hand is detected.
+    missing: float = 0.06  # Share of frames in which a visible hand is missed ...
+    missing_s: float = 0.15  # ... and the length of a miss.
+    wrong: float = 0.01  # Share of frames in which it is detected elsewhere, a palm or two away.
+    exchanged: float = 0.005  # Share of frames with left and right exchanged.
+    held: bool = False  # A held thing hides fingers: these are guesses, and hands are found half as often.
+    gloved: bool = False  # Hands wear gloves: every point is a guess, detected half as often.
+    small_px: float = 15.0  # Palm size below which errors grow with the square of the ratio.
 
 
 def detect_hands(
@@ -102,16 +88,13 @@ def detect_hands(
     return np.where(exchanged[..., None, None, None], hands[:, :, ::-1], hands)
 
 
-FINGER_M, PALM_M = 0.008, 0.011
-"""Radius of a finger and half a palm's thickness (ANSUR II: fingers are 15 to 20 mm wide, hands 27 mm thick)."""
-_BONES = np.array(
+FINGER_M, PALM_M = 0.008, 0.011  # Finger radius, half a palm's thickness (ANSUR II: 15-20 and 27 mm).
+_BONES = np.array(  # Both points of each bone of a hand: metacarpals first, then three of each finger.
     [[0, 1 + 4 * finger] for finger in range(5)]
     + [[1 + 4 * finger + k, 2 + 4 * finger + k] for finger in range(5) for k in range(3)]
 )
-"""Both points of each bone of a hand: metacarpals first, then three of each finger."""
-_RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)
-_CHUNK = 64
-"""Frames evaluated together."""
+_RADII = np.array([PALM_M] * 5 + [FINGER_M] * 15)  # Of each bone, metres.
+_CHUNK = 64  # Frames evaluated together.
 
 
 def hidden_by_hands(
@@ -190,8 +173,7 @@ def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.nd
 
 SPREAD = 0.7  # Share of the prior's deviations that fingers move by; the prior is as wide as its widest source.
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7  # Frequencies of the motion; gestures take half a second to open or close a hand.
-SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())
-"""Shares of a pose, mixed with a relaxed hand, that are tried until fingers do not intersect."""
+SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())  # Shares of a pose tried until no fingers intersect.
 TOUCH_M = 0.002  # Overlap of touching fingers.
 EASE_S = 0.2  # Half the time in which a hand relaxes before such a pose and returns after it.
 _WAVES = 4  # Waves per angle; chosen by hand.
@@ -202,10 +184,8 @@ class MovingHands:
     """Both hands of a person over F frames, left first."""
 
     skeletons: tuple[HandSkeleton, HandSkeleton]
-    angles: np.ndarray
-    """(F, 2, A) radians."""
-    points: np.ndarray
-    """(F, 2, 21, 3) metres of ``HAND_POINTS``."""
+    angles: np.ndarray  # (F, 2, A) radians.
+    points: np.ndarray  # (F, 2, 21, 3) metres of ``HAND_POINTS``.
 
     def rotations(self) -> np.ndarray:
         """Return (F, 30, 3, 3) rotations of the finger joints, in SMPL-H's order."""

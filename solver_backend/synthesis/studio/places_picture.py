@@ -18,21 +18,19 @@ MARKER_PX = 5.0  # Radius of a drawn marker.
 _AWAY_M = 50.0  # Distance of the eye: so far away that lines of sight are parallel.
 _SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 145, 85)
 _INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
+# Direction and strength of the lights.
 _LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
-_STEP = 4
-"""Levels of grey that are distinguished: fewer make a smaller file."""
+_STEP = 4  # Levels of grey that are distinguished: fewer make a smaller file.
 _REACH_PX = (12, 20, 30, 44, 62, 84)  # Distances from a marker at which its name may stand.
 _TURNS = 24
-_CROWDED, _OVER_BODY = 100.0, 35.0
-"""Pixels that a name goes farther away so as not to cover another thing by a pixel's side, or the body altogether."""
+_CROWDED, _OVER_BODY = 100.0, 35.0  # Pixels that a name moves away to uncover a pixel, or the body.
 _SWEEPS = 6  # Times that every name looks for a better place among the others.
 
 
 @dataclass(frozen=True)
 class _Name:
     text: str
-    marker: np.ndarray
-    """(2,) pixels."""
+    marker: np.ndarray  # (2,) pixels.
     size: tuple[int, int]
 
     def boxes(self) -> np.ndarray:

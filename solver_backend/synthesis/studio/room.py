@@ -9,11 +9,10 @@ import numpy as np
 from solver_backend.exchange.lens import normalised, undistort
 from solver_backend.types import Cameras
 
-_MARGIN_M = 0.8
+_MARGIN_M = 0.8  # From people and cameras to the walls.
 _CLEAR_OF_PERSON_M, _CLEAR_OF_CAMERA_M = 0.55, 0.6
-_TRIES = 60
-_PARTS = 10
-"""Every side of a box is so many squares wide and high: triangles small enough for the lens to be straight in them."""
+_TRIES = 60  # Places tried for furniture.
+_PARTS = 10  # Squares along each side of a box, small enough for a curved lens.
 
 
 @dataclass(frozen=True)

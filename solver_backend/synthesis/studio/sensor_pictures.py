@@ -85,8 +85,7 @@ def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: 
 
 
 FULL = 65535  # Saturation of the sensor.
-_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)
-"""Infrared reflectance by label; chosen by hand."""
+_ALBEDO = np.array([0.0, 0.55, 0.45, 0.4, 0.25, 0.2, 0.3, 0.9, 0.5, 0.6], np.float32)  # Infrared, by label.
 _KERNEL_PX = 2  # Reach of the lens blur on each side, pixels; chosen by hand.
 
 
@@ -146,24 +145,15 @@ def infrared(
 class TimeOfFlightModel:
     """Errors of the sensor, as large as Tölgyessy et al. 2021 measured on Azure Kinects up to 3.9 m."""
 
-    constant_mm: float = 0.8
-    """Standard deviation at distance 0."""
-    quadratic_mm: float = 0.55
-    """Added standard deviation at 1 m; it grows with the square of the distance."""
-    grazing: float = 0.25
-    """Growth of the noise with the tangent of the angle of incidence."""
-    edge_m: float = 0.06
-    """Depth difference of neighbouring pixels at an edge."""
-    flying: float = 0.5
-    """Share of pixels at an edge with a depth between both surfaces."""
-    lost: float = 0.25
-    """Share of pixels at an edge without depth."""
-    range_m: tuple[float, float] = (0.5, 3.86)
-    """Smallest and largest depth."""
-    ring_noise: float = 1.5
-    """Factor on the noise in the ring around a marker."""
-    surface_radii: float = 2.0 / 3.0
-    """Distance before its centre at which a sphere reflects light, in radii: the mean over its disc."""
+    constant_mm: float = 0.8  # Standard deviation at distance 0.
+    quadratic_mm: float = 0.55  # Added standard deviation at 1 m; it grows with the square of the distance.
+    grazing: float = 0.25  # Growth of the noise with the tangent of the angle of incidence.
+    edge_m: float = 0.06  # Depth difference of neighbouring pixels at an edge.
+    flying: float = 0.5  # Share of pixels at an edge with a depth between both surfaces.
+    lost: float = 0.25  # Share of pixels at an edge without depth.
+    range_m: tuple[float, float] = (0.5, 3.86)  # Smallest and largest depth.
+    ring_noise: float = 1.5  # Factor on the noise in the ring around a marker.
+    surface_radii: float = 2.0 / 3.0  # Radii before its centre at which a sphere reflects light, on average.
 
     def sigma_m(self, depth: np.ndarray) -> np.ndarray:
         """Return the standard deviation in metres of a facing surface at depths in metres."""

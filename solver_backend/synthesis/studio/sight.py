@@ -157,13 +157,10 @@ def _looking(way: np.ndarray) -> np.ndarray:
 
 _SLAB_M = 0.08  # Length of the slabs that parts are cut into across their longest axis, with an ellipsoid each.
 _MOST_SLABS = 8
-_ALONG, _ACROSS = 0.7, 1.03
-"""Half axes of an ellipsoid, relative to its slab: along by length, across by the elliptic cross-section. Tuned by how
-often sight lines end as at the mesh (``tests/synthesis/studio/test_sight.py``)."""
+_ALONG, _ACROSS = 0.7, 1.03  # Half axes of an ellipsoid by its slab, tuned by how often sight lines end as at the mesh.
 _LEAST_M = 0.008
-_DIRECTIONS = 26
-_SPREAD = 120
-"""Points spread over the whole skin, in addition to those at its parts' ends."""
+_DIRECTIONS = 26  # In which the ends of a part are looked for.
+_SPREAD = 120  # Points spread over the whole skin, in addition to those at its parts' ends.
 
 
 @dataclass(frozen=True)
@@ -195,14 +192,10 @@ class _Plan:
 class BodyProxy:
     """S ellipsoids and P points of the skin of one shape."""
 
-    landmarks: Landmarks
-    """The S centres of the ellipsoids, then the P points; they move like the skin, without correctives."""
-    bone: np.ndarray
-    """(S,) bone that turns each ellipsoid."""
-    shape: np.ndarray
-    """(S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2."""
-    share: np.ndarray
-    """(P,) share of the skin that each point represents."""
+    landmarks: Landmarks  # The S centres of the ellipsoids, then the P points, without correctives.
+    bone: np.ndarray  # (S,) bone that turns each ellipsoid.
+    shape: np.ndarray  # (S, 3, 3) matrices B of ``x^T B x = 1`` at rest, 1/m^2.
+    share: np.ndarray  # (P,) share of the skin that each point represents.
 
     def posed(self, person: Person) -> PosedProxy:
         """Return the proxy in a person's F frames, world metres."""

@@ -35,19 +35,14 @@ class StudioLook:
     """Appearance of a shot; 'random' values are drawn by the shot's own seed."""
 
     name: str
-    clothes: str = "suit"
-    """A key of ``CLOTHES``."""
-    hair: str = "random"
-    """A key of ``HAIR``."""
-    light: str = "day"
-    """A key of ``LIGHT``, for colour pictures; infrared has its own."""
-    furniture: int = 0
-    """Pieces around the person, which hide parts of it."""
-    room: bool = True
-    """Walls and a ceiling, or only a floor."""
+    clothes: str = "suit"  # A key of ``CLOTHES``.
+    hair: str = "random"  # A key of ``HAIR``.
+    light: str = "day"  # A key of ``LIGHT``, for colour pictures; infrared has its own.
+    furniture: int = 0  # Pieces around the person, which hide parts of it.
+    room: bool = True  # Walls and a ceiling, or only a floor.
 
 
-_PRESETS: dict[str, dict[str, Any]] = {
+_PRESETS: dict[str, dict[str, Any]] = {  # Values of a look by the name of a preset; chosen by hand.
     "suit": {"clothes": "suit", "hair": "short"},
     "bare": {"clothes": "bare", "hair": "none"},
     "everyday": {"clothes": "random", "hair": "random", "furniture": 2},
@@ -55,7 +50,6 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "night": {"clothes": "random", "hair": "random", "light": "night", "furniture": 2},
     "varied": {"clothes": "random", "hair": "random", "light": "random", "furniture": 3},
 }
-"""Values of a look by the name of a preset; chosen by hand."""
 
 
 def read_look(description: Any) -> StudioLook:
@@ -81,7 +75,7 @@ def draw_light(light: str, rng: np.random.Generator) -> str:
     return drawn if light == "random" else light
 
 
-_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {
+_PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {  # Path of a description's keys in ``Faults``; 0 leaves a fault out.
     "bias_mm": ("detector", "view_bias_mm"),
     **{
         name: ("detector", name)
@@ -96,7 +90,6 @@ _PERTURBATION_KEYS: dict[str, tuple[str, ...]] = {
     "marker_swaps_per_minute": ("markers", "swaps_per_minute"),
     "ghosts": ("markers", "ghosts"),
 }
-"""Path of a description's keys in ``Faults``; 0 leaves a fault out."""
 _LARGEST = {"missing": 0.9, "occluded_missing": 0.95, "outliers": 0.9, "marker_gaps": 0.9, "ghosts": 0.9}
 PRESETS: dict[str, Faults] = {
     "none": Faults(),
@@ -140,8 +133,7 @@ def sizes_of(faults: Faults) -> dict[str, float]:
 
 
 VERSION = 1
-KINDS = ("infrared", "depth", "masks", "normals", "rgb")
-"""What can be filmed."""
+KINDS = ("infrared", "depth", "masks", "normals", "rgb")  # What can be filmed.
 FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")  # What can be written beside our own capture.
 _KEYS = (
     *["version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks"],
@@ -155,28 +147,20 @@ class People:
     """The filmed people."""
 
     count: int = 1
-    sigma: float = 0.8
-    """Spread of their shapes, in standard deviations of the population."""
-    strange: bool = False
-    """Give them proportions that no shape of the solver's body has."""
+    sigma: float = 0.8  # Spread of their shapes, in standard deviations of the population.
+    strange: bool = False  # Give them proportions that no shape of the solver's body has.
 
 
 @dataclass(frozen=True)
 class RgbSettings:
     """Settings of colour pictures, which Blender renders."""
 
-    engine: str = "workbench"
-    """'workbench' is fast, 'cycles' and 'eevee' light the room."""
-    samples: int = 4
-    """Samples per pixel of 'cycles' and 'eevee'."""
-    blur: float = 0.0
-    """Exposure time as a share of a frame."""
-    exposure: float = 0.0
-    """Stops brighter or darker; every shot draws up to half a stop more or less."""
-    noise: float = 0.01
-    """Standard deviation of the sensor's noise, relative to full scale."""
-    rolling_s: float = 0.0
-    """Seconds from the first row of the rolling shutter to the last."""
+    engine: str = "workbench"  # 'workbench' is fast, 'cycles' and 'eevee' light the room.
+    samples: int = 4  # Samples per pixel of 'cycles' and 'eevee'.
+    blur: float = 0.0  # Exposure time as a share of a frame.
+    exposure: float = 0.0  # Stops brighter or darker; every shot draws up to half a stop more or less.
+    noise: float = 0.01  # Standard deviation of the sensor's noise, relative to full scale.
+    rolling_s: float = 0.0  # Seconds from the first row of the rolling shutter to the last.
 
 
 @dataclass(frozen=True)
@@ -187,27 +171,19 @@ class Spec:
     seed: int
     fps: float
     frames: int
-    motions: tuple[str, ...]
-    """Files, folders, or the choreography that ships."""
+    motions: tuple[str, ...]  # Files, folders, or the choreography that ships.
     people: People
     arrays: tuple[CameraRing, ...]
     looks: tuple[StudioLook, ...]
-    film: tuple[str, ...]
-    """Some of ``KINDS``."""
-    write: tuple[str, ...]
-    """Some of ``FORMATS``."""
-    markers: str
-    """Marker layout of the person, "" for none."""
-    joint_set: JointSet
-    """Of the written and solved keypoints; the truth holds every set."""
+    film: tuple[str, ...]  # Some of ``KINDS``.
+    write: tuple[str, ...]  # Some of ``FORMATS``.
+    markers: str  # Marker layout of the person, "" for none.
+    joint_set: JointSet  # Of the written and solved keypoints; the truth holds every set.
     perturb: Faults
-    hands: bool
-    """Fingers move, and captures hold hands."""
+    hands: bool  # Fingers move, and captures hold hands.
     rgb: RgbSettings
-    folder: Path
-    """Base of relative paths."""
-    text: str
-    """The description as plain JSON with sorted keys, which identifies a data set."""
+    folder: Path  # Base of relative paths.
+    text: str  # The description as plain JSON with sorted keys, which identifies a data set.
 
 
 def read_spec(path: Path | str) -> Spec:

@@ -35,14 +35,10 @@ class Stage:
     room: Room
     outfit: tuple[str, str]
     light: str
-    labels: tuple[str, ...]
-    """M marker names."""
-    markers: np.ndarray
-    """(F, M, 3) metres: the markers' middles."""
-    joints: np.ndarray
-    """(F, 24, 3) metres."""
-    hands: MovingHands | None = None
-    """Fingers that move; None where they rest."""
+    labels: tuple[str, ...]  # M marker names.
+    markers: np.ndarray  # (F, M, 3) metres: the markers' middles.
+    joints: np.ndarray  # (F, 24, 3) metres.
+    hands: MovingHands | None = None  # Fingers that move; None where they rest.
 
     @property
     def num_frames(self) -> int:

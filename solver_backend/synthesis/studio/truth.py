@@ -18,8 +18,7 @@ from solver_backend.synthesis.studio.sight import BodySight, hidden_by_boxes, po
 from solver_backend.synthesis.studio.stage import Stage
 from solver_backend.types import NUM_BODY_JOINTS, NUM_JOINTS, Cameras, JointSet, Motion
 
-OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3
-"""Visibility of a point: not in the picture, behind the person's own body, behind furniture, or seen."""
+OUTSIDE, SELF_HIDDEN, FURNITURE_HIDDEN, VISIBLE = 0, 1, 2, 3  # Visibility; hidden by the own body or by furniture.
 _CHUNK = 32  # Frames that are looked at together.
 _SOLE_M, _STANDING_M_S = 0.03, 0.15
 _SETS = tuple(JointSet)
@@ -29,20 +28,13 @@ _SETS = tuple(JointSet)
 class Truth:
     """Of F frames and C cameras."""
 
-    keypoints3d: dict[JointSet, np.ndarray]
-    """(F, K, 3) metres of each joint set."""
-    xy: dict[JointSet, np.ndarray]
-    """(C, F, K, 2) pixels, also of points out of sight; NaN where a camera cannot show them."""
-    visibility: dict[JointSet, np.ndarray]
-    """(C, F, K) uint8: ``OUTSIDE``, ``SELF_HIDDEN``, ``FURNITURE_HIDDEN`` or ``VISIBLE``."""
-    marker_xy: np.ndarray
-    """(C, F, M, 2) pixels."""
-    boxes: np.ndarray
-    """(C, F, 4) left, top, right and bottom of the person in the picture, pixels, NaN where nobody is."""
-    inside: np.ndarray
-    """(C, F) share of the person that is within the picture's edges."""
-    contacts: np.ndarray
-    """(F, 2) bool: left and right foot stand."""
+    keypoints3d: dict[JointSet, np.ndarray]  # (F, K, 3) metres of each joint set.
+    xy: dict[JointSet, np.ndarray]  # (C, F, K, 2) pixels, hidden ones too; NaN where a camera cannot show them.
+    visibility: dict[JointSet, np.ndarray]  # (C, F, K) uint8, ``OUTSIDE`` to ``VISIBLE``.
+    marker_xy: np.ndarray  # (C, F, M, 2) pixels.
+    boxes: np.ndarray  # (C, F, 4) left, top, right, bottom of the person, px, NaN where nobody is.
+    inside: np.ndarray  # (C, F) share of the person that is within the picture's edges.
+    contacts: np.ndarray  # (F, 2) bool: left and right foot stand.
 
     def arrays(self) -> dict[str, np.ndarray]:
         """Return plain arrays by name."""

@@ -25,8 +25,7 @@ from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
 
 _MAGIC, _VERSION = 20000630, 2
 _FLOAT, _ZIP = 2, 3
-_LINES = 16
-"""Lines of one block of ZIP compression, as OpenEXR's format has it."""
+_LINES = 16  # Lines per block of ZIP compression in OpenEXR.
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
@@ -76,8 +75,7 @@ def _predicted(raw: bytes) -> bytes:
 
 EXR = "exr"  # Kind of pictures of floats: the normal as R, G, B and the depth as Z.
 _NOISY = ("infrared", "depth")
-_WAITING = 16
-"""Pictures that may wait to be written."""
+_WAITING = 16  # Pictures that may wait to be written.
 
 
 class PictureWriter:
@@ -194,7 +192,7 @@ fill_large_gaps_with = 'last_value'
 show_interp_indices = true
 make_c3d = false
 """
-"""What Pose2Sim's step of that name asks for, at its own values; without this section it ends with an error."""
+"""Settings that Pose2Sim's step of that name requires, at its own values."""
 _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}  # Keypoints that a file holds, where they are fewer than the set's.
 
 

@@ -112,8 +112,7 @@ def _at(
 
 RADIUS_M = 0.007  # Of a common 14 mm marker.
 _SUBSAMPLES = 5
-_CLEARANCE_M = 0.012
-"""What lies less than this before a sphere's middle is the sphere's own base and the skin it sits on."""
+_CLEARANCE_M = 0.012  # What lies less than this before a sphere's middle is its own base and skin.
 
 
 @dataclass(frozen=True)

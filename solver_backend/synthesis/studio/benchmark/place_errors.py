@@ -33,16 +33,11 @@ class PlaceErrors:
     """Errors over the floor; Y rows, X columns."""
 
     array: str
-    x_m: np.ndarray
-    """(X,) metres."""
-    y_m: np.ndarray
-    """(Y,) metres."""
-    error_mm: np.ndarray
-    """(Y, X) root mean square distance of triangulated keypoints to the truth, NaN where most are not located."""
-    views: np.ndarray
-    """(Y, X) mean number of cameras that see a keypoint."""
-    cameras: np.ndarray
-    """(C, 3) metres."""
+    x_m: np.ndarray  # (X,) metres.
+    y_m: np.ndarray  # (Y,) metres.
+    error_mm: np.ndarray  # (Y, X) RMS distance of triangulated keypoints to the truth; NaN: most not found.
+    views: np.ndarray  # (Y, X) mean number of cameras that see a keypoint.
+    cameras: np.ndarray  # (C, 3) metres.
 
     @property
     def median_mm(self) -> float | None:

@@ -19,8 +19,7 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
 from solver_backend.types import Capture
 
-YARDSTICK = "triangulation"
-"""The method that knows no body: triangulation and a 6 Hz filter; its error is that of the keypoints."""
+YARDSTICK = "triangulation"  # The method without a body: triangulation and a 6 Hz filter.
 
 
 @dataclass(frozen=True)
@@ -36,12 +35,9 @@ class Verdict:
     pa_mpjpe_mm: float = np.nan
     accel_m_s2: float = np.nan
     seconds: float = np.nan
-    error: str = ""
-    """What went wrong, "" where there is a result."""
-    by_frame_mm: np.ndarray | None = None
-    """(F,) mean error of the joints."""
-    joints: np.ndarray | None = None
-    """(F, 24, 3) metres, as solved."""
+    error: str = ""  # What went wrong, "" where there is a result.
+    by_frame_mm: np.ndarray | None = None  # (F,) mean error of the joints.
+    joints: np.ndarray | None = None  # (F, 24, 3) metres, as solved.
 
 
 def solve_and_compare(
