@@ -14,7 +14,6 @@ from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCam
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.cli.arguments import given_world, reading
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, CommandLineInvalid
-from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.types import Cameras, Capture, Keypoints2D
@@ -23,7 +22,7 @@ if TYPE_CHECKING:
     from solver_backend.camera_calibration.boards.board import Board
     from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
     from solver_backend.camera_calibration.extrinsics.together import Evidence
-    from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens
+    from solver_backend.camera_calibration.intrinsics.lens_fit import CameraLens
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
 """World settings that a method uses. The other methods use the scale alone."""
@@ -57,16 +56,16 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     Raises:
         CalibrationInvalid: a camera has too few pictures of the board.
     """
-    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_lenses
-    from solver_backend.camera_calibration.intrinsics.lens_fit import coverage_svg
+    from solver_backend.camera_calibration.boards.footage import board_footage
+    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses
+    from solver_backend.camera_calibration.intrinsics.lens_fit import write_coverage
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
-    lenses, used = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
+    lenses = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
     if args.coverage is not None:
-        for name, sightings in used.items():
-            picture = coverage_svg(sightings, lenses[name].lens.image_size, name)
-            write_text(args.coverage / f"{name}.svg", picture, overwrite=True)
+        for name, found in lenses.items():
+            write_coverage(found.views, found.lens.image_size, args.coverage / f"{name}.png")
     return lenses
 
 
@@ -84,11 +83,12 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
-    return board_named(given), BoardOptions(models, 1, args.fps, args.origin, args.refine_lenses)
+    return board_named(given), BoardOptions(models, args.fps, args.origin, args.refine_lenses)
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_by_board
+    from solver_backend.camera_calibration.boards.footage import board_footage
+    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
@@ -97,7 +97,7 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
 
 
 def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
+    from solver_backend.camera_calibration.extrinsics.person_session import calibrate_by_person
 
     length = None
     if args.length is not None:
@@ -107,8 +107,8 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
             raise CommandLineInvalid("--length needs two keypoints and metres.") from error
     names, lenses, keypoints, rough = _person(args, progress)
     progress("Cameras from the person", 0, 1)
-    options = PersonOptions(args.stature, length, rough or args.refine_lenses)
-    return calibrate_by_person(names, lenses, keypoints, options)
+    facts = {"stature_m": args.stature, "known_length": length, "free_focal": rough or args.refine_lenses}
+    return calibrate_by_person(names, lenses, keypoints, **facts)
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
@@ -204,19 +204,14 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
 
 
 def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
-    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, find_boards
+    from solver_backend.camera_calibration.boards.footage import board_footage, find_together
     from solver_backend.camera_calibration.extrinsics.together import board_evidence
-    from solver_backend.camera_calibration.pictures import VIDEOS
 
     board, options = _board_options(args)
-    footage = board_footage(args.footage).extrinsic
-    _known_cameras(tuple(footage), start.names, args.footage)
-    sightings = []
-    for done, name in enumerate(start.names):
-        progress(f"Board before {name}", done, len(start))
-        sightings.append(find_boards(footage[name], board)[0] if name in footage else {})
-    moving = all(path.suffix.lower() in VIDEOS for path in footage.values())
-    return board_evidence(start, board, sightings, options.fps if moving else None)
+    footage = board_footage(args.footage)
+    _known_cameras(tuple(footage.extrinsic), start.names, args.footage)
+    sightings, _ = find_together(footage, start.names, board, progress)
+    return board_evidence(start, board, sightings, options.fps if footage.moving else None)
 
 
 def _known_cameras(names: Sequence[str], known: Sequence[str], path: Path) -> None:

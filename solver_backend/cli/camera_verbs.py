@@ -91,10 +91,10 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.out.suffix.lower() != ".json":
         raise CommandLineInvalid("Lenses are kept in a library that ends in .json.", where=str(args.out))
     found = calibrated_lenses(args, progress)
-    keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.choice.held_out for n, e in found.items()})
+    keep_lenses(args.out, {n: e.lens for n, e in found.items()}, {n: e.held_out for n, e in found.items()})
     lines, data = [f"{len(found)} lenses"], {}
     for name, lens in found.items():
-        fit, held_out = lens.choice.fit, lens.choice.held_out
+        fit, held_out = lens.fit, lens.held_out
         lines.append(
             f"  {name:<11} {fit.model.name}, {held_out:.2f} px held out, f {lens.lens.K[0, 0]:.1f} px "
             f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {fit.view_rmse_px.max():.2f} px, "

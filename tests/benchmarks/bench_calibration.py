@@ -18,18 +18,13 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.bundle import Bodies, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
 from solver_backend.camera_calibration.boards.board import board_named
+from solver_backend.camera_calibration.boards.footage import board_footage, find_boards
 from solver_backend.camera_calibration.extrinsics.board_session import (
     BoardCalibration,
-    board_footage,
     calibrate_from_board,
     calibrate_lenses,
-    find_boards,
 )
-from solver_backend.camera_calibration.extrinsics.person_session import (
-    PersonOptions,
-    calibrate_by_person,
-    refine_by_person,
-)
+from solver_backend.camera_calibration.extrinsics.person_session import calibrate_by_person, refine_by_person
 from solver_backend.fitters import solve
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -123,9 +118,9 @@ def _of_kept(kept: Cameras, rig: BoardCalibration) -> float:
 
 def lenses(folder: Path) -> list[Metric]:
     """Return the error of pictures left out, of each camera."""
-    found, _ = calibrate_lenses(board_footage(folder).lens, board_named("checkerboard:5x8:60mm"))
+    found = calibrate_lenses(board_footage(folder).lens, board_named("checkerboard:5x8:60mm"))
     kept = read_calibration(folder / "Calib.qca.txt").cameras.K[:, 0, 0]
-    metrics = [Metric(f"lens_{name}_px", lens.choice.held_out, "px") for name, lens in found.items()]
+    metrics = [Metric(f"lens_{name}_px", lens.held_out, "px") for name, lens in found.items()]
     off = [abs(lens.lens.K[0, 0] / f - 1) for lens, f in zip(found.values(), kept, strict=True)]
     return [*metrics, Metric("lens_focal_off", 100 * max(off), "%")]
 
@@ -173,7 +168,7 @@ def real(folder: Path) -> list[Metric]:
     rigs = {
         "own": cameras,
         "refined": refine_by_person(cameras, first).cameras,
-        "person": calibrate_by_person(cameras.names, known, first, PersonOptions(1.72)).cameras,
+        "person": calibrate_by_person(cameras.names, known, first, stature_m=1.72).cameras,
     }
     held = {name: leave_one_camera_out(replace(rest, cameras=rig)).pooled_px[0] for name, rig in rigs.items()}
     return [Metric(f"real_{name}_held_out_px", value, "px") for name, value in held.items()]

@@ -12,7 +12,8 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.camera_calibration.boards.board import board_named
-from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_from_board, find_boards
+from solver_backend.camera_calibration.boards.footage import board_footage, find_boards
+from solver_backend.camera_calibration.extrinsics.board_session import calibrate_from_board
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.types import Cameras
 from tests.benchmarks.bench_calibration import CALISCOPE, apart, corners_alone

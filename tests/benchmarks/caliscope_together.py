@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.bundle import Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
 from solver_backend.camera_calibration.boards.board import board_named
-from solver_backend.camera_calibration.extrinsics.board_session import board_footage, find_boards
+from solver_backend.camera_calibration.boards.footage import board_footage, find_boards
 from solver_backend.camera_calibration.extrinsics.together import (
     Evidence,
     board_evidence,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.boards.board import Board, BoardDetector, board_named, board_toml
-from solver_backend.camera_calibration.boards.page import Disc, Page, Polygon, board_page, pdf, svg
+from solver_backend.camera_calibration.boards.page import Page, board_page, pdf, svg
 from solver_backend.exchange.errors import JobInvalid
 
 cv2 = pytest.importorskip("cv2", reason="the extra capture is not installed")
@@ -21,14 +21,9 @@ def rasterised(page: Page) -> np.ndarray:
     """Paint a page four times as large, where OpenCV's polygons reach half a pixel too far, and shrink it."""
     fine = 4 * PX_PER_MM
     picture = np.full([4 * round(PX_PER_MM * s) for s in page.size[::-1]], 255, np.uint8)
-    for shape in page.shapes:
-        if isinstance(shape, Polygon):
-            corners = np.round((fine * shape.points - 0.5) * 256).astype(np.int32)
-            cv2.fillPoly(picture, [corners], 255 if shape.white else 0, shift=8)
-        elif isinstance(shape, Disc):
-            centre = [round((fine * v - 0.5) * 256) for v in shape.centre]
-            radius = round(fine * shape.radius * 256)
-            cv2.circle(picture, centre, radius, 255 if shape.white else 0, -1, cv2.LINE_AA, shift=8)
+    for shape in page.polygons:
+        corners = np.round((fine * shape.points - 0.5) * 256).astype(np.int32)
+        cv2.fillPoly(picture, [corners], 255 if shape.white else 0, shift=8)
     return cv2.resize(picture, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
 
 

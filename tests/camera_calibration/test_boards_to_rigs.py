@@ -9,17 +9,16 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
+from solver_backend.camera_calibration.boards import footage as board_files
 from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.extrinsics import board_session
+from solver_backend.camera_calibration.boards.footage import BoardFootage
 from solver_backend.camera_calibration.extrinsics.board_session import (
-    BoardFootage,
     calibrate_by_board,
     calibrate_from_board,
     zoom_doubts,
 )
 from solver_backend.camera_calibration.extrinsics.two_views import result_of
-from solver_backend.camera_calibration.intrinsics.known_lenses import camera_lens
-from solver_backend.camera_calibration.intrinsics.lens_fit import advice, fitted_lens
+from solver_backend.camera_calibration.intrinsics.lens_fit import advice, camera_lens, fitted_lens
 from solver_backend.exchange.diagnostics import diagnostic, sentence, word
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama
@@ -60,8 +59,8 @@ def test_the_simplest_model_that_predicts_is_chosen_and_a_bad_picture_left_out()
     some[bad] = replace(some[bad], px=some[bad].px + np.random.default_rng(0).normal(0, 8, some[bad].px.shape))
     found = camera_lens(BOARD, some, SIZE, ("radial2", "pinhole5", "fisheye"))
     assert found.left_out == (bad,)
-    assert found.choice.fit.model.name == "radial2"
-    assert found.choice.held_out < 0.2
+    assert found.fit.model.name == "radial2"
+    assert found.held_out < 0.2
 
 
 def test_what_to_film_again_is_named_with_its_camera() -> None:
@@ -132,7 +131,7 @@ def test_too_few_pictures_are_named() -> None:
 def filmed_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seen: dict[str, dict]) -> BoardFootage:
     """Return footage whose pictures say what is told here."""
     footage = {name: tmp_path / f"{name}.mp4" for name in seen}
-    monkeypatch.setattr(board_session, "find_boards", lambda path, board, step=1: (seen[path.stem], SIZE))
+    monkeypatch.setattr(board_files, "find_boards", lambda path, board: (seen[path.stem], SIZE))
     return BoardFootage({}, footage)
 
 

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_from_board, widen_by_halves
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, result_of
-from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens, camera_lens, choose_family, in_family
+from solver_backend.camera_calibration.intrinsics.lens_fit import CameraLens, camera_lens, choose_family, in_family
 from tests.support.carried_board import BOARD, carried, ring
 
 CAMERAS = ring(3)
@@ -53,21 +53,19 @@ def test_footage_too_short_for_halves_is_named() -> None:
 
 
 @pytest.fixture(scope="module")
-def filmed() -> tuple[CameraLens, list]:
+def filmed() -> CameraLens:
     views = carried(ring(1, radius=1.6, lens=(-0.2, 0.1, 0, 0, 0, 0, 0, 0)), 160, noise_px=0.1)[0]
-    found = camera_lens(BOARD, {f: views[f] for f in sorted(views)[::10]}, (1280, 720), MODELS)
-    return found, [views[f] for f in found.frames]
+    return camera_lens(BOARD, {f: views[f] for f in sorted(views)[::10]}, (1280, 720), MODELS)
 
 
 def told(lens: CameraLens, **errors: float) -> CameraLens:
     """Return a lens with other errors of pictures left out, its model the best of them."""
     best = min(errors, key=lambda name: errors[name])
-    fit = replace(lens.choice.fit, model=LENS_MODELS[best])
-    return replace(lens, choice=replace(lens.choice, fit=fit, held_out_px=errors))
+    return replace(lens, fit=replace(lens.fit, model=LENS_MODELS[best]), held_out_px=errors)
 
 
-def test_a_family_is_chosen_by_all_cameras(filmed: tuple[CameraLens, list]) -> None:
-    lens, _ = filmed
+def test_a_family_is_chosen_by_all_cameras(filmed: CameraLens) -> None:
+    lens = filmed
     three_against_one = {
         "a": told(lens, radial2=0.30, fisheye=0.29), "b": told(lens, radial2=0.2, fisheye=0.3),
         "c": told(lens, radial2=0.2, fisheye=0.25), "d": told(lens, radial2=0.2, fisheye=0.22),
@@ -79,10 +77,10 @@ def test_a_family_is_chosen_by_all_cameras(filmed: tuple[CameraLens, list]) -> N
     assert choose_family({"a": told(lens, radial2=1.0), "b": told(lens, fisheye=1.0)}, MODELS) is None
 
 
-def test_a_lens_of_another_family_is_fitted_to_the_same_pictures(filmed: tuple[CameraLens, list]) -> None:
-    lens, views = filmed
-    assert in_family(BOARD, lens, views, "opencv", MODELS) is lens
-    fish = in_family(BOARD, lens, views, "fisheye", MODELS)
+def test_a_lens_of_another_family_is_fitted_to_the_same_pictures(filmed: CameraLens) -> None:
+    lens = filmed
+    assert in_family(BOARD, lens, "opencv", MODELS) is lens
+    fish = in_family(BOARD, lens, "fisheye", MODELS)
     assert fish.lens.distortion_model == "fisheye" and fish.frames == lens.frames
-    assert set(fish.choice.held_out_px) == set(MODELS)
-    assert in_family(BOARD, lens, views, "fisheye", ("radial2",)) is lens
+    assert set(fish.held_out_px) == set(MODELS)
+    assert in_family(BOARD, lens, "fisheye", ("radial2",)) is lens

@@ -12,7 +12,6 @@ from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.calibration_check import check_calibration
 from solver_backend.camera_calibration.extrinsics.person_session import (
-    PersonOptions,
     align_cameras,
     calibrate_by_person,
     calibrate_from_person,
@@ -58,7 +57,7 @@ def test_exact_keypoints_give_exact_cameras(exact: Capture) -> None:
 def test_a_walk_before_a_detector_that_errs_gives_cameras_upright_and_to_scale(noisy: Capture) -> None:
     cameras, keypoints = noisy.require_multiview()
     lenses = [lens_of(cameras, c) for c in range(4)]
-    found = calibrate_by_person(cameras.names, lenses, keypoints, PersonOptions(stature_m=1.71))
+    found = calibrate_by_person(cameras.names, lenses, keypoints, stature_m=1.71)
     far, turned, scale = apart(found.cameras, cameras, True)
     assert far < 20.0
     assert turned < 0.3

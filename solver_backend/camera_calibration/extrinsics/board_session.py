@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,8 @@ from solver_backend.camera_calibration.adjustment.lens import (
     Lens,
     build_cameras,
 )
-from solver_backend.camera_calibration.boards.board import Board, BoardDetector, BoardSighting, point_velocities
+from solver_backend.camera_calibration.boards.board import Board, BoardSighting, point_velocities
+from solver_backend.camera_calibration.boards.footage import BoardFootage, Sightings, find_boards, find_together
 from solver_backend.camera_calibration.extrinsics.two_views import (
     CalibratedCameras,
     Pose,
@@ -30,22 +30,20 @@ from solver_backend.camera_calibration.extrinsics.two_views import (
     relative_pose,
     result_of,
 )
-from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens, camera_lens, choose_family, in_family
 from solver_backend.camera_calibration.intrinsics.lens_fit import (
     CORNER_SIGMA_PX,
+    CameraLens,
     board_poses,
-    coverage_svg,
-    write_coverage_png,
+    camera_lens,
+    choose_family,
+    in_family,
+    write_coverage,
 )
-from solver_backend.camera_calibration.pictures import VIDEOS, grey_frames, is_footage
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, sentence
-from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, CaptureNotRecognised, FileMissing
-from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.io.camera_names import natural_key
-from solver_backend.io.footage import join_chapters
 from solver_backend.types import Cameras
 
 FEWEST_TOGETHER = 2  # Fewest common board sightings of a usable camera pair.
@@ -58,12 +56,10 @@ UNKNOWN_VELOCITY = 10.0  # Factor on the deviation of points without a velocity 
 class BoardCalibration:
     """Result of a board calibration."""
 
-    adjusted: Adjusted
-    """Cameras and the board's poses in the first camera's axes."""
+    adjusted: Adjusted  # Cameras and the board's poses in the first camera's axes.
     moments: tuple[int, ...]
     seen: BodySightings
-    left_out: int
-    """Number of excluded sightings."""
+    left_out: int  # Number of excluded sightings.
 
 
 def calibrate_from_board(
@@ -253,82 +249,8 @@ def _ratio(difference: np.ndarray, sigma: np.ndarray) -> float:
     return max(1.0, 0.5 * float(np.sqrt((difference**2).mean())) / max(claimed, 1e-12))
 
 
-_LENS = ("intrinsics", "intrinsic", "lens", "lenses")
-_EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the last is a word of users
-
-
-@dataclass(frozen=True)
-class BoardFootage:
-    """Video or folder of pictures of each camera."""
-
-    lens: dict[str, Path]
-    extrinsic: dict[str, Path]
-    """Footage of the board seen by several cameras at once. May be empty."""
-
-
-def board_footage(folder: Path) -> BoardFootage:
-    """Return the footage in ``intrinsics/`` and ``extrinsics/`` of a folder or below, or else its own videos.
-
-    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it.
-    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
-
-    Raises:
-        FileMissing: there is no such folder.
-        CaptureNotRecognised: it has no videos and no pictures.
-    """
-    if not folder.is_dir():
-        raise FileMissing("There is no such folder.", where=str(folder))
-    lens, extrinsic = _below(folder, _LENS), _below(folder, _EXTRINSIC)
-    if not lens and not extrinsic:
-        extrinsic = _cameras(folder)
-    if not lens and not extrinsic:
-        hint = "Put one video a camera into it, or into its folders intrinsics and extrinsics."
-        raise CaptureNotRecognised("The folder holds no pictures of a board.", where=str(folder), hint=hint)
-    return BoardFootage(lens, extrinsic)
-
-
-def _below(folder: Path, names: tuple[str, ...], levels: int = 2) -> dict[str, Path]:
-    folders = sorted(p for p in folder.iterdir() if p.is_dir())
-    for path in folders:
-        if path.name.lower() in names and (found := _cameras(path)):
-            return found
-    if levels > 1:
-        for path in folders:
-            if found := _below(path, names, levels - 1):
-                return found
-    return {}
-
-
-def _cameras(folder: Path) -> dict[str, Path]:
-    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
-    videos = join_chapters(path for path in entries if path.suffix.lower() in VIDEOS and path.is_file())
-    found = {camera_name(parts[0]): parts[0] for parts in videos}
-    for path in entries:
-        if path.is_dir() and (footage := _footage_in(path)) is not None:
-            found.setdefault(camera_name(path), footage)
-    return found
-
-
-def _footage_in(folder: Path) -> Path | None:
-    if is_footage(folder):
-        return folder
-    videos = join_chapters(path for path in folder.iterdir() if path.suffix.lower() in VIDEOS and path.is_file())
-    if len(videos) == 1:
-        return videos[0][0]
-    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and is_footage(path)]
-    return inner[0] if len(inner) == 1 else None
-
-
-def camera_name(path: Path) -> str:
-    """Return the camera's name from a file's or folder's name."""
-    stem = path.stem if path.suffix.lower() in VIDEOS else path.name
-    plain = re.sub(r"^(int|ext|intrinsics?|extrinsics?|calib)[_\-]", "", stem, flags=re.IGNORECASE)
-    return re.sub(r"[_\-](img|imgs|int|ext|images|calib)$", "", plain, flags=re.IGNORECASE) or stem
-
-
-Sightings = dict[int, BoardSighting]
-GOOD_RMSE_PX = 1.0
-"""Largest error of a good board calibration in pixels. Chosen by hand."""
+GOOD_RMSE_PX = 1.0  # Largest error of a good board calibration in pixels. Chosen by hand.
+LATE_S = 0.005  # Least reported delay of a camera, in seconds. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -336,47 +258,33 @@ class BoardOptions:
     """Options of a board calibration."""
 
     models: tuple[str, ...] = tuple(LENS_MODELS)  # Lens models to choose from.
-    step: int = 1  # Step between the used frames of lens videos. All frames for the poses are used.
     fps: float | None = None  # Frames per second of the videos for the poses, needed to estimate delays.
     origin_frame: int | None = None  # Frame with the board on the floor, which defines origin and axes of the world.
     refine_lenses: bool = False  # Adjust lenses together with the poses.
 
 
-def find_boards(path: Path, board: Board, step: int = 1) -> tuple[Sightings, tuple[int, int]]:
-    """Return the board's sightings in footage by frame, and the pictures' width and height."""
-    detector = BoardDetector(board)
-    found: Sightings = {}
-    size = (0, 0)
-    for number, picture in grey_frames(path, step):
-        size = (picture.shape[1], picture.shape[0])
-        if (sighting := detector.find(picture)) is not None:
-            found[number] = sighting
-    return found, size
-
-
 def calibrate_lenses(
     footage: dict[str, Path], board: Board, options: BoardOptions = BoardOptions(), progress: Progress = silent
-) -> tuple[dict[str, CameraLens], dict[str, list[BoardSighting]]]:
-    """Return each camera's lens, and the sightings that it was fitted to.
+) -> dict[str, CameraLens]:
+    """Return each camera's lens.
 
     Raises:
         CalibrationInvalid: a camera has too few pictures of the board.
     """
-    lenses, used = {}, {}
+    lenses = {}
     for done, (name, path) in enumerate(footage.items()):
         progress(f"Lens of {name}", done, len(footage))
-        lenses[name], used[name] = _lens(name, path, board, *find_boards(path, board, options.step), options)
-    return lenses, used
+        lenses[name] = _lens(name, path, board, *find_boards(path, board), options)
+    return lenses
 
 
 def _lens(
     name: str, path: Path, board: Board, seen: Sightings, size: tuple[int, int], options: BoardOptions
-) -> tuple[CameraLens, list[BoardSighting]]:
+) -> CameraLens:
     try:
-        lens = camera_lens(board, seen, size, options.models, name)
+        return camera_lens(board, seen, size, options.models, name)
     except CalibrationInvalid as error:
         raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
-    return lens, [seen[f] for f in lens.frames]
 
 
 def calibrate_by_board(
@@ -392,48 +300,39 @@ def calibrate_by_board(
 
     Args:
         known: known lens of each camera.
-        coverage: folder for pictures (SVG and PNG) of the board's places in each view.
+        coverage: folder for pictures of the board's places in each view.
 
     Raises:
         CalibrationMissing: there is no footage for the poses.
         CalibrationInvalid: a lens or a pose cannot be found.
     """
-    if len(footage.extrinsic) < 2:
-        message = f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed."
-        raise CalibrationMissing(message, hint="Put one video a camera into the folder extrinsics.")
     names = tuple(footage.extrinsic)
-    seen, sizes = [], []
-    for done, (name, path) in enumerate(footage.extrinsic.items()):
-        progress(f"Board before {name}", done, len(names))
-        sightings, size = find_boards(path, board)
-        seen.append(sightings)
-        sizes.append(size)
+    if len(names) < 2:
+        message = f"{len(names)} cameras filmed the board at once; two are needed."
+        raise CalibrationMissing(message, hint="Put one video per camera into the folder extrinsics.")
+    seen, sizes = find_together(footage, names, board, progress)
     if coverage is not None:
         for name, sightings, size in zip(names, seen, sizes, strict=True):
-            picture = coverage_svg(list(sightings.values()), size, name)
-            write_text(coverage / f"{name}.svg", picture, overwrite=True)
-            write_coverage_png(list(sightings.values()), size, coverage / f"{name}.png")
-    lenses = _lenses(footage, board, known, seen, sizes, options, progress)
+            write_coverage(list(sightings.values()), size, coverage / f"{name}.png")
+    measured = _measured_lenses(footage, board, known, seen, sizes, options, progress)
     findings = _mirrored(names, seen)
-    ordered = [lenses[n][0] for n in names]
+    lenses = [known.get(name) or measured[name].lens for name in names]
     progress("All cameras at once", 0, 1)
-    moving = all(path.suffix.lower() in VIDEOS for path in footage.extrinsic.values())
-    timing = {"free_lenses": options.refine_lenses, "fps": options.fps if moving else None}
-    solved = calibrate_from_board(names, ordered, board, seen, **timing)
+    fps = options.fps if footage.moving else None
+    solved = calibrate_from_board(names, lenses, board, seen, free_lenses=options.refine_lenses, fps=fps)
     progress("Halves of the footage", 0, 1)
-    found = widen_by_halves(result_of("board", solved.adjusted), ordered, board, seen)
+    found = widen_by_halves(result_of("board", solved.adjusted), lenses, board, seen)
     R, t, note = _world(solved, options.origin_frame)
-    measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
     doubts = (*_doubts(names, found, solved), *zoom_doubts(solved), *found.findings)
     advice = (item for lens in measured.values() for item in lens.advice)
     figures: dict[str, Any] = {"count": len(solved.moments), "left_out": solved.left_out}
     evidence = diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)
-    facts = {n: _facts(lens) for n, lens in measured.items()}
+    facts = {name: _facts(lens) for name, lens in measured.items()}
     words = {"findings": (*findings, *doubts, *advice), "notes": (note, *found.notes, evidence), "lenses": facts}
     return replace(moved_world(found, R, t), **words)
 
 
-def _lenses(
+def _measured_lenses(
     footage: BoardFootage,
     board: Board,
     known: dict[str, Lens],
@@ -441,29 +340,26 @@ def _lenses(
     sizes: Sequence[tuple[int, int]],
     options: BoardOptions,
     progress: Progress,
-) -> dict[str, tuple[Lens, CameraLens | None]]:
-    """Return each camera's lens, and its measurement unless it was known.
+) -> dict[str, CameraLens]:
+    """Return the lenses that are not known, each measured in its own footage or else in that for the poses.
 
-    It is measured in its own footage, or else in that for the poses. All measured lenses have the distortion model of
-    the known lenses, or the one that predicts best.
+    All of them have the distortion model of the known lenses, or the one that predicts best.
     """
-    own = {n: p for n, p in footage.lens.items() if n in footage.extrinsic and n not in known}
-    found, views = calibrate_lenses(own, board, options, progress)
-    for i, (name, path) in enumerate(footage.extrinsic.items()):
-        if name not in known and name not in found:
-            found[name], views[name] = _lens(name, path, board, seen[i], sizes[i], options)
-    families = {known[n].distortion_model for n in footage.extrinsic if n in known}
+    wanted = [name for name in footage.extrinsic if name not in known]
+    found = calibrate_lenses({n: footage.lens[n] for n in wanted if n in footage.lens}, board, options, progress)
+    for (name, path), sightings, size in zip(footage.extrinsic.items(), seen, sizes, strict=True):
+        if name in wanted and name not in found:
+            found[name] = _lens(name, path, board, sightings, size, options)
+    families = {known[name].distortion_model for name in footage.extrinsic if name in known}
     family = families.pop() if len(families) == 1 else choose_family(found, options.models)
-    if family is not None:
-        found = {n: in_family(board, lens, views[n], family, options.models) for n, lens in found.items()}
-    return {n: (known[n], None) if n in known else (found[n].lens, found[n]) for n in footage.extrinsic}
+    if family is None:
+        return {name: found[name] for name in wanted}
+    return {name: in_family(board, found[name], family, options.models) for name in wanted}
 
 
 def _facts(lens: CameraLens) -> dict[str, object]:
-    fit = lens.choice.fit
-    facts: dict[str, object] = {"model": fit.model.name, "held_out_px": lens.choice.held_out}
-    facts |= {"pictures": len(lens.frames), "focal_sigma_px": fit.focal_sigma_px}
-    return facts | {"advice": [sentence(item) for item in lens.advice]}
+    facts = {"model": lens.fit.model.name, "held_out_px": lens.held_out, "pictures": len(lens.frames)}
+    return facts | {"focal_sigma_px": lens.fit.focal_sigma_px, "advice": [sentence(item) for item in lens.advice]}
 
 
 def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:
@@ -481,13 +377,11 @@ def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnost
 
 def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     words: list[Diagnostic] = []
-    for c, name in enumerate(names):
-        if found.camera_rmse_px[c] > GOOD_RMSE_PX:
-            figures = {"reference": "board", "unit": "px", "size": found.camera_rmse_px[c]}
-            words.append(diagnostic("camera_off", cameras=[name], **figures))
-        if abs(found.delays_s[c]) > 0.005:
-            way = "later" if found.delays_s[c] > 0 else "earlier"
-            late_ms = abs(found.delays_s[c]) * 1000
+    for name, rmse_px, late_s in zip(names, found.camera_rmse_px, found.delays_s, strict=True):
+        if rmse_px > GOOD_RMSE_PX:
+            words.append(diagnostic("camera_off", cameras=[name], reference="board", unit="px", size=rmse_px))
+        if abs(late_s) > LATE_S:
+            way, late_ms = "later" if late_s > 0 else "earlier", abs(late_s) * 1000
             words.append(diagnostic("camera_delayed", cameras=[name, names[0]], way=way, size=late_ms))
     share = solved.left_out / max(len(solved.seen.px) + solved.left_out, 1)
     if share > 0.1:

@@ -53,7 +53,7 @@ class PersonCalibration:
 
 
 def calibrate_from_person(
-    names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False, seed: int = 0
+    names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, *, free_focal: bool = False
 ) -> PersonCalibration:
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
@@ -67,7 +67,7 @@ def calibrate_from_person(
     Reference: Snavely, Seitz and Szeliski 2006, "Photo tourism", sec. 4 (camera after camera); Puwein et al. 2014,
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     task = _FlatViews.of(names, lenses, keypoints, START_FRAMES)
     pair, poses = task.best_pair(rng)
     joined = list(pair)
@@ -280,35 +280,33 @@ MOVED_SIGMAS = 3.0  # A camera with a larger displacement has moved, in standard
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 
-@dataclass(frozen=True)
-class PersonOptions:
-    """Facts about the person."""
-
-    stature_m: float | None = None
-    """Stature of the person, in metres."""
-    known_length: tuple[str, str, float] | None = None
-    """Two keypoints and their distance in metres, instead of the stature."""
-    free_focal: bool = False
-    """Estimate focal lengths too."""
-    seed: int = 0
-    """Seed of the random samples."""
-
-
 def calibrate_by_person(
-    names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, options: PersonOptions = PersonOptions()
+    names: Sequence[str],
+    lenses: Sequence[Lens],
+    keypoints: Keypoints2D,
+    *,
+    stature_m: float | None = None,
+    known_length: tuple[str, str, float] | None = None,
+    free_focal: bool = False,
 ) -> CalibratedCameras:
-    """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone."""
-    solved = calibrate_from_person(names, lenses, keypoints, free_focal=options.free_focal, seed=options.seed)
+    """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone.
+
+    Args:
+        stature_m: stature of the person.
+        known_length: two keypoints and their distance in metres, instead of the stature.
+        free_focal: estimate focal lengths too.
+    """
+    solved = calibrate_from_person(names, lenses, keypoints, free_focal=free_focal)
     joints = keypoints.joint_set
     words: list[Diagnostic] = []
-    if options.known_length is not None:
-        a, b, length = options.known_length
+    if known_length is not None:
+        a, b, length = known_length
         scale = scale_from_length(solved.points, joints, (a, b), length)
         note = diagnostic("cameras_scale", source="length", joints=[a, b], length=length)
     else:
-        scale, share = scale_from_stature(solved.points, joints, options.stature_m)
-        if options.stature_m:
-            note = diagnostic("cameras_scale", source="stature", stature=options.stature_m, percent=100 * share)
+        scale, share = scale_from_stature(solved.points, joints, stature_m)
+        if stature_m:
+            note = diagnostic("cameras_scale", source="stature", stature=stature_m, percent=100 * share)
         else:
             note = diagnostic("cameras_scale", source="mean", percent=100 * share)
             words.append(diagnostic("cameras_stature_unknown", percent=200 * share))

@@ -4,24 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.camera_calibration.boards.board import Board, BoardSighting
-from solver_backend.camera_calibration.intrinsics.lens_fit import (
-    LensChoice,
-    advice,
-    chosen_lens,
-    fitted_lens,
-    selected_views,
-    tilted,
-)
-from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.camera_calibration.adjustment.lens import Lens, lens_of, rough_lens
 from solver_backend.exchange.errors import (
     CalibrationInvalid,
     CalibrationMismatch,
@@ -95,12 +85,8 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
 
 
 def _entry(lens: Lens) -> dict[str, object]:
-    return {
-        "image_size": list(lens.image_size),
-        "K": lens.K.tolist(),
-        "distortion": lens.distortion.tolist(),
-        "distortion_model": lens.distortion_model,
-    }
+    arrays = {"K": lens.K.tolist(), "distortion": lens.distortion.tolist()}
+    return {"image_size": list(lens.image_size), **arrays, "distortion_model": lens.distortion_model}
 
 
 def _lens(entry: Any, where: str) -> Lens:
@@ -134,54 +120,6 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
         raise CalibrationInvalid("A lens holds NaN.", where=str(path))
     return found
-
-
-BAD_VIEW = 4.0  # A picture is skipped if its error is this many times the median, and above half a pixel.
-
-
-@dataclass(frozen=True)
-class CameraLens:
-    """A lens and the pictures that it was fitted to."""
-
-    choice: LensChoice
-    frames: tuple[int, ...]
-    left_out: tuple[int, ...]
-    advice: tuple[Diagnostic, ...]
-
-    @property
-    def lens(self) -> Lens:
-        """The lens."""
-        return self.choice.fit.lens
-
-
-def camera_lens(
-    board: Board,
-    sightings: Mapping[int, BoardSighting],
-    image_size: tuple[int, int],
-    models: Sequence[str] = tuple(LENS_MODELS),
-    name: str = "camera",
-) -> CameraLens:
-    """Fit a lens to the sightings of one camera, without pictures with large errors.
-
-    Args:
-        models: names of ``LENS_MODELS`` to choose from.
-
-    Raises:
-        CalibrationInvalid: there are fewer than three pictures, or no model fits them.
-    """
-    frames = selected_views(board, sightings, image_size)
-    kept = list(frames)
-    while True:
-        fit = fitted_lens(board, [sightings[f] for f in kept], image_size, LENS_MODELS["radial2"])
-        worst = int(np.argmax(fit.view_rmse_px))
-        if fit.view_rmse_px[worst] <= max(BAD_VIEW * float(np.median(fit.view_rmse_px)), 0.5) or len(kept) <= 4:
-            break
-        kept.pop(worst)
-    left_out = tuple(f for f in frames if f not in kept)
-    views = [sightings[f] for f in kept]
-    choice = chosen_lens(board, views, image_size, models)
-    turned = int(tilted(board, views, choice.fit.lens).sum())
-    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned, name))
 
 
 GUESSED_SIGMA = 0.15
@@ -244,40 +182,3 @@ def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
 def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
     """Convert a 35 mm equivalent to pixels: ``f = mm / 43.27 mm * diagonal``."""
     return mm / FILM_DIAGONAL_MM * float(np.hypot(*image_size))
-
-
-def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
-    """Return the distortion model with the best prediction for all cameras together. None if one of them lacks it.
-
-    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n pictures to σ px and errors are
-    normally distributed.
-
-    Args:
-        models: names of ``LENS_MODELS`` that may be chosen.
-    """
-    families = {LENS_MODELS[name].distortion_model for name in models}
-    costs: dict[str, float] = {}
-    for family in sorted(families):
-        mine = {name for name, model in LENS_MODELS.items() if model.distortion_model == family}
-        held_out = [lens.choice.held_out_px for lens in lenses.values()]
-        errors = [min((error[name] for name in mine & error.keys()), default=np.nan) for error in held_out]
-        if np.isfinite(errors).all():
-            counts = [len(lens.frames) for lens in lenses.values()]
-            costs[family] = float(np.dot(counts, np.log(np.maximum(errors, 1e-9))))
-    return min(costs, key=lambda family: costs[family]) if costs else None
-
-
-def in_family(
-    board: Board, lens: CameraLens, views: Sequence[BoardSighting], family: str, models: Sequence[str]
-) -> CameraLens:
-    """Return a camera's lens with the best model of a family, fitted to the same pictures.
-
-    Raises:
-        CalibrationInvalid: no model of the family fits.
-    """
-    allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
-    if lens.lens.distortion_model == family or not allowed:
-        return lens
-    choice = chosen_lens(board, views, lens.lens.image_size, allowed)
-    held_out = {**lens.choice.held_out_px, **choice.held_out_px}
-    return replace(lens, choice=replace(choice, held_out_px=held_out))

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ from solver_backend.camera_calibration.pictures import Canvas
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.types.shapes import Bool, Float
+from solver_backend.types.shapes import Float
 
 FEWEST_VIEWS = 3  # Fewest pictures of a board to fit a lens.
 CORNER_SIGMA_PX = 0.3  # Expected corner error in px, which sets the scale of the penalty.
@@ -40,10 +41,8 @@ class LensFit:
     lens: Lens
     model: FittedLens
     rmse_px: float
-    view_rmse_px: Float[np.ndarray, " views"]
-    """(V,) root mean squared error of each picture."""
+    view_rmse_px: Float[np.ndarray, " views"]  # (V,) root mean squared error of each picture.
     focal_sigma_px: float
-    adjusted: Adjusted
 
 
 def fitted_lens(
@@ -54,12 +53,12 @@ def fitted_lens(
     start: Lens | None = None,
     steps: int = 60,
 ) -> LensFit:
-    """Fit focal lengths, centre, the model's coefficients and the boards' poses to pictures of a board.
+    """Fit focal lengths, centre, the model's coefficients and the board poses to V pictures of a board.
 
     The ratio of fx and fy does not change.
 
     Args:
-        start: lens to start from. By default it is found from the homographies.
+        start: lens to start from if it has the model's distortion. By default it is found from the homographies.
 
     Raises:
         CalibrationInvalid: there are fewer than three pictures, or all of them show the same pose.
@@ -70,29 +69,19 @@ def fitted_lens(
         message = f"The board is seen in {len(views)} pictures; a lens needs {FEWEST_VIEWS}, better 20."
         hint = "Film it nearer, larger than a quarter of the picture, tilted, held still, in every corner."
         raise CalibrationInvalid(message, hint=hint)
-    lens = start or _start(board, views, image_size)
-    lens = Lens(lens.K, lens.distortion, image_size, model.distortion_model)
+    if start is None or start.distortion_model != model.distortion_model:
+        start = _start(board, views, image_size)
+    lens = Lens(start.K, start.distortion, image_size, model.distortion_model)
     free = np.zeros((1, PARAMETERS), dtype=bool)
-    free[0, [*FOCAL, *CENTRE]] = True
-    free[0, [4 + i for i in model.fitted]] = True
+    free[0, [*FOCAL, *CENTRE, *(4 + i for i in model.fitted)]] = True
     sigma = np.full((1, PARAMETERS), 1.0)  # weak, so that richer models do not fold where nothing is seen
     sigma[0, list(CENTRE)], sigma[0, 4:] = 0.1, 2.0
     found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     focal_sigma = float(focal * found.rmse_px / np.sqrt(2) / CORNER_SIGMA_PX)
-    return LensFit(lens_of(found.cameras, 0), model, found.rmse_px, view_errors(found, views), focal_sigma, found)
-
-
-def held_out_rmse(board: Board, views: Sequence[BoardSighting], lens: Lens) -> float:
-    """Return the root mean squared error in px of pictures with a given lens and free board poses."""
-    return _adjusted(board, views, lens, Unknowns(np.zeros(1, bool)), 30).rmse_px
-
-
-def view_errors(found: Adjusted, views: Sequence[BoardSighting]) -> Float[np.ndarray, " views"]:
-    """Return the (V,) root mean squared error of each picture in px."""
-    firsts = np.cumsum([0, *(len(v.ids) for v in views)])[:-1]
-    counts = np.array([len(v.ids) for v in views])
-    return np.sqrt(np.add.reduceat((found.error**2).sum(-1), firsts) / counts)
+    counts = np.array([len(view.ids) for view in views])
+    square = np.add.reduceat((found.error**2).sum(-1), np.cumsum([0, *counts[:-1]]))
+    return LensFit(lens_of(found.cameras, 0), model, found.rmse_px, np.sqrt(square / counts), focal_sigma)
 
 
 def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tuple[np.ndarray, np.ndarray]:
@@ -105,12 +94,6 @@ def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tup
         image = flat[good] if enough else (view.px - lens.K[:2, 2]) / lens.K[[0, 1], [0, 1]]
         poses.append(planar_pose(board.points[view.ids[good] if enough else view.ids, :2], image))
     return np.stack([R for R, _ in poses]), np.stack([t for _, t in poses])
-
-
-def tilted(board: Board, views: Sequence[BoardSighting], lens: Lens) -> Bool[np.ndarray, " views"]:
-    """Return the (V,) mask of pictures with a board that is tilted by more than 15 degrees."""
-    R, _ = board_poses(board, views, lens)
-    return np.abs(R[:, 2, 2]) < np.cos(np.radians(15.0))
 
 
 def _start(board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int]) -> Lens:
@@ -136,15 +119,25 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
 
 FOLDS = 4  # Number of parts of the pictures, for cross-validation.
 GAIN = 0.03  # A richer model must predict better by this share.
+BAD_VIEW = 4.0  # A picture is skipped if its error is this many times the median, and above half a pixel.
+TILT_DEG, FEWEST_TILTED = 15.0, 5  # Least tilt of a tilted board, and number of such pictures without a warning.
 
 
 @dataclass(frozen=True)
-class LensChoice:
-    """The lens of one camera, fitted to all pictures with the chosen model."""
+class CameraLens:
+    """The lens of one camera and the pictures that it was fitted to."""
 
-    fit: LensFit
-    held_out_px: dict[str, float]
-    """Root mean squared error of held-out pictures by the model's name."""
+    fit: LensFit  # Fit of the chosen model to all pictures.
+    held_out_px: dict[str, float]  # Root mean squared error of held-out pictures by the model's name.
+    frames: tuple[int, ...]
+    views: tuple[BoardSighting, ...]
+    left_out: tuple[int, ...]
+    advice: tuple[Diagnostic, ...]
+
+    @property
+    def lens(self) -> Lens:
+        """The lens."""
+        return self.fit.lens
 
     @property
     def held_out(self) -> float:
@@ -152,13 +145,41 @@ class LensChoice:
         return self.held_out_px[self.fit.model.name]
 
 
-def chosen_lens(
+def camera_lens(
     board: Board,
-    views: Sequence[BoardSighting],
+    sightings: Mapping[int, BoardSighting],
     image_size: tuple[int, int],
     models: Sequence[str] = tuple(LENS_MODELS),
-) -> LensChoice:
-    """Choose a lens model by cross-validation, and fit it to all pictures.
+    name: str = "camera",
+) -> CameraLens:
+    """Fit a lens to the sightings of one camera, without pictures with large errors.
+
+    Args:
+        models: names of ``LENS_MODELS`` to choose from.
+
+    Raises:
+        CalibrationInvalid: there are fewer than three pictures, or no model fits them.
+    """
+    frames = selected_views(board, sightings, image_size)
+    kept = list(frames)
+    while True:
+        fit = fitted_lens(board, [sightings[f] for f in kept], image_size, LENS_MODELS["radial2"])
+        worst = int(np.argmax(fit.view_rmse_px))
+        if fit.view_rmse_px[worst] <= max(BAD_VIEW * float(np.median(fit.view_rmse_px)), 0.5) or len(kept) <= 4:
+            break
+        kept.pop(worst)
+    left_out = tuple(f for f in frames if f not in kept)
+    views = [sightings[f] for f in kept]
+    fit, held_out = chosen_lens(board, views, image_size, models)
+    tilted = np.abs(board_poses(board, views, fit.lens)[0][:, 2, 2]) < np.cos(np.radians(TILT_DEG))
+    words = advice(views, image_size, int(tilted.sum()), name)
+    return CameraLens(fit, held_out, tuple(kept), tuple(views), left_out, words)
+
+
+def chosen_lens(
+    board: Board, views: Sequence[BoardSighting], image_size: tuple[int, int], models: Sequence[str]
+) -> tuple[LensFit, dict[str, float]]:
+    """Choose a lens model by cross-validation, and fit it to all pictures. Return the error of each model as well.
 
     Picture i belongs to part i mod 4, so that each part spans the recording. With fewer than twelve pictures, each one
     is a part. A richer model is chosen only if it predicts better by 3 %.
@@ -172,40 +193,68 @@ def chosen_lens(
     Reference: Geisser 1975 (cross-validation).
     """
     first = fitted_lens(board, views, image_size, LENS_MODELS[models[0]])
-    folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
-    if len(views) <= 3:  # too few to hold one out
-        return LensChoice(first, {models[0]: first.rmse_px})
-    held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
+    if len(views) <= FEWEST_VIEWS:  # too few to hold one out
+        return first, {models[0]: first.rmse_px}
+    held_out = {name: _held_out(board, views, image_size, LENS_MODELS[name], first.lens) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
     if not finite:
         hint = "Check that it is one camera at one zoom, and that --board names the board."
         raise CalibrationInvalid("No lens model explains the pictures.", hint=hint)
-    best = models[0]
-    for name in models:
-        if name in finite and (best not in finite or finite[name] < (1 - GAIN) * finite[best]):
-            best = name
-    start = first.lens if LENS_MODELS[best].distortion_model == first.lens.distortion_model else None
-    return LensChoice(fitted_lens(board, views, image_size, LENS_MODELS[best], start), held_out)
+    best = next(iter(finite))
+    for name, error in finite.items():
+        best = name if error < (1 - GAIN) * finite[best] else best
+    return fitted_lens(board, views, image_size, LENS_MODELS[best], first.lens), held_out
 
 
 def _held_out(
-    board: Board, views: Sequence[BoardSighting], size: tuple[int, int], name: str, folds: int, first: LensFit
+    board: Board, views: Sequence[BoardSighting], size: tuple[int, int], model: FittedLens, start: Lens
 ) -> float:
-    model = LENS_MODELS[name]
     squares, count = 0.0, 0
+    folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
     for fold in range(folds):
-        kept = [v for i, v in enumerate(views) if i % folds != fold]
-        left = [v for i, v in enumerate(views) if i % folds == fold]
-        if len(kept) < 3:
+        kept, left = ([v for i, v in enumerate(views) if (i % folds != fold) is fitted] for fitted in (True, False))
+        if len(kept) < FEWEST_VIEWS:
             return float("inf")
-        start = first.lens if model.distortion_model == first.lens.distortion_model else None
         try:
-            error = held_out_rmse(board, left, fitted_lens(board, kept, size, model, start, steps=30).lens)
+            lens = fitted_lens(board, kept, size, model, start, steps=30).lens
+            error = _adjusted(board, left, lens, Unknowns(np.zeros(1, bool)), 30).rmse_px
         except np.linalg.LinAlgError:
             return float("inf")
         points = sum(len(v.ids) for v in left)
         squares, count = squares + error**2 * points, count + points
     return float(np.sqrt(squares / count))
+
+
+def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
+    """Return the distortion model with the best prediction for all cameras together. None if one of them lacks it.
+
+    The evidence of a camera is ``-n log σ`` if its best model predicts the corners of n pictures to σ px and errors are
+    normally distributed.
+
+    Args:
+        models: names of ``LENS_MODELS`` that may be chosen.
+    """
+    costs: dict[str, float] = {}
+    for family in sorted({LENS_MODELS[name].distortion_model for name in models}):
+        mine = [name for name, model in LENS_MODELS.items() if model.distortion_model == family]
+        errors = [min((e.held_out_px.get(name, np.inf) for name in mine), default=np.inf) for e in lenses.values()]
+        if np.isfinite(errors).all():
+            counts = [len(lens.frames) for lens in lenses.values()]
+            costs[family] = float(np.dot(counts, np.log(np.maximum(errors, 1e-9))))
+    return min(costs, key=lambda family: costs[family]) if costs else None
+
+
+def in_family(board: Board, lens: CameraLens, family: str, models: Sequence[str]) -> CameraLens:
+    """Return a camera's lens with the best model of a family, fitted to the same pictures.
+
+    Raises:
+        CalibrationInvalid: no model of the family fits.
+    """
+    allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
+    if lens.lens.distortion_model == family or not allowed:
+        return lens
+    fit, held_out = chosen_lens(board, lens.views, lens.lens.image_size, allowed)
+    return replace(lens, fit=fit, held_out_px={**lens.held_out_px, **held_out})
 
 
 MOST_VIEWS = 40  # Most pictures to fit a lens to.
@@ -237,7 +286,7 @@ def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_s
     return sorted(sharp[i] for i in chosen)
 
 
-def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
+def coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
     """Return the number of corners in each cell of the picture, (down, across)."""
     across, down = CELLS
     count = np.zeros((down, across), dtype=int)
@@ -249,47 +298,22 @@ def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.
 
 
 def advice(
-    sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
+    sightings: Sequence[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
 ) -> tuple[Diagnostic, ...]:
-    """Recommend pictures to film again.
-
-    Args:
-        tilted: number of pictures with a board that is tilted by more than 15 degrees.
-    """
-    words: list[Diagnostic] = []
-    if len(sightings) < 12:
-        words.append(diagnostic("board_views_weak", lack="pictures", cameras=[camera], count=len(sightings)))
+    """Recommend pictures to film again. ``tilted`` is the number of pictures with a tilted board."""
     seen = coverage(sightings, image_size) > 0
-    down, across = seen.shape
-    parts = {
-        "left": seen[:, : across // 4],
-        "right": seen[:, -(across // 4) :],
-        "top": seen[: down // 3],
-        "bottom": seen[-(down // 3) :],
-    }
+    down, across = seen.shape[0] // 3, seen.shape[1] // 4
+    parts = {"left": seen[:, :across], "right": seen[:, -across:], "top": seen[:down], "bottom": seen[-down:]}
     bare = [name for name, part in parts.items() if part.mean() < 0.4]
-    if bare:
-        words.append(diagnostic("board_views_weak", lack="parts", cameras=[camera], parts=bare))
-    if tilted < min(5, len(sightings)):
-        words.append(diagnostic("board_views_weak", lack="tilts", cameras=[camera], count=tilted))
-    share = float(np.median([_extent(v) for v in sightings])) / min(image_size) if sightings else 0.0
-    if sightings and share < 0.25:
-        words.append(diagnostic("board_views_weak", lack="small", cameras=[camera], percent=100 * share))
-    return tuple(words)
-
-
-def coverage_svg(sightings: list[BoardSighting], image_size: tuple[int, int], title: str) -> str:
-    """Draw all corners in the camera's picture."""
-    width, height = image_size
-    dots = "".join(f'<circle cx="{x:.0f}" cy="{y:.0f}" r="{width / 200:.1f}"/>' for v in sightings for x, y in v.px)
-    hulls = "".join(f'<path d="{_outline(v)}"/>' for v in sightings)
-    clean = "".join(c for c in title if c not in "<>&")
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width // 2}" '
-        f'height="{height // 2}"><title>{clean}</title><rect width="{width}" height="{height}" fill="#f4f4f4" '
-        f'stroke="#555"/><g fill="none" stroke="#1f77b4" stroke-opacity="0.3" stroke-width="{width / 500:.1f}">'
-        f'{hulls}</g><g fill="#d62728" fill-opacity="0.5">{dots}</g></svg>\n'
-    )
+    extents = [np.ptp(view.px, axis=0).max() for view in sightings]
+    share = float(np.median(extents)) / min(image_size) if extents else 1.0
+    lacks: list[tuple[bool, dict[str, Any]]] = [
+        (len(sightings) < 12, {"lack": "pictures", "count": len(sightings)}),
+        (bool(bare), {"lack": "parts", "parts": bare}),
+        (tilted < min(FEWEST_TILTED, len(sightings)), {"lack": "tilts", "count": tilted}),
+        (share < 0.25, {"lack": "small", "percent": 100 * share}),
+    ]
+    return tuple(diagnostic("board_views_weak", cameras=[camera], **what) for weak, what in lacks if weak)
 
 
 def _signature(board: Board, view: BoardSighting) -> np.ndarray:
@@ -302,22 +326,11 @@ def _signature(board: Board, view: BoardSighting) -> np.ndarray:
     return (corners @ affine).ravel()
 
 
-def _extent(view: BoardSighting) -> float:
-    return float(np.ptp(view.px, axis=0).max())
-
-
-def _outline(view: BoardSighting) -> str:
-    centre = view.px.mean(0)
-    order = np.argsort(np.arctan2(*(view.px - centre).T))
-    far = [view.px[order][part].tolist() for part in range(0, len(order), max(1, len(order) // 8))]
-    return "M" + "L".join(f"{x:.0f} {y:.0f}" for x, y in far) + "Z"
-
-
 WIDTH = 480  # Width of the picture in pixels. Chosen by hand.
 _CELL, _CORNER = (58, 92, 74), (236, 112, 70)
 
 
-def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
+def write_coverage(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
     """Write a PNG of all corners in the camera's picture, with the cells that the board reached in green.
 
     Raises:
@@ -326,7 +339,7 @@ def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int
     scale = WIDTH / image_size[0]
     canvas = Canvas(WIDTH, max(1, round(image_size[1] * scale)))
     wide, high = np.array(canvas.rgb.shape[1::-1]) / CELLS
-    for row, column in np.argwhere(coverage(list(sightings), image_size)).tolist():
+    for row, column in np.argwhere(coverage(sightings, image_size)).tolist():
         canvas.box(wide * column, high * row, wide - 1, high - 1, _CELL)
     for view in sightings:
         canvas.dots(view.px * scale, _CORNER, 2)

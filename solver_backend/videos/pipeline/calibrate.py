@@ -11,12 +11,9 @@ import numpy as np
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.camera_calibration.adjustment.lens import Lens, build_cameras
 from solver_backend.camera_calibration.boards.board import Board, board_named
-from solver_backend.camera_calibration.extrinsics.board_session import (
-    BoardFootage,
-    calibrate_by_board,
-    calibrate_lenses,
-)
-from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
+from solver_backend.camera_calibration.boards.footage import BoardFootage
+from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
+from solver_backend.camera_calibration.extrinsics.person_session import calibrate_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras
 from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.camera_calibration.intrinsics.known_lenses import FocalLength, find_focal_length, known_lenses
@@ -107,7 +104,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             if known.source == "person" and known.board is None and _board_file(request) is None:
                 unused = (diagnostic("lens_footage_unused"),)
             else:
-                measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
+                measured = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         if len(names) == 1:
             return _by_one_camera(request, lenses, known, unused, progress)
@@ -128,7 +125,7 @@ def _by_person(
         lenses.get(name) or known.focal_of(seen).lens(seen.size)
         for name, seen in zip(names, request.detections, strict=True)
     ]
-    found = calibrate_by_person(names, chosen, keypoints, PersonOptions(known.stature_m, free_focal=not lenses))
+    found = calibrate_by_person(names, chosen, keypoints, stature_m=known.stature_m, free_focal=not lenses)
     progress("Cameras from the person", 1, 1)
     return found
 

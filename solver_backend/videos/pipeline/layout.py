@@ -8,24 +8,17 @@ from dataclasses import dataclass
 from itertools import product
 from pathlib import Path
 
+from solver_backend.camera_calibration.boards.footage import board_cameras, entries, recordings_beside
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, MocapError
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.search import find_calibration, is_calibration_folder
-from solver_backend.io.camera_names import name_key, natural_key
-from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of, is_picture, is_video, join_chapters
+from solver_backend.io.footage import chapter_of, is_picture, is_video
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)
 """Names of camera folders, which may hold several videos: cam_01, Camera 2, view3, 04."""
 _SOURCE_FOLDERS = ("inputmedia", "")  # Subfolders with a camera's footage: OpenCap's, or the folder itself.
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
-_MOST_PICTURE_NAMES = 64
-"""Most file names that are checked for pictures."""
-
-
-def recordings_beside(folder: Path) -> dict[str, Path]:
-    """Return the recordings of a folder by name. The first chapter represents a recording in chapters."""
-    videos = [path for path in _entries(folder) if is_video(path)]
-    return {parts[0].stem: parts[0] for parts in join_chapters(videos)}
+_MOST_PICTURE_NAMES = 64  # Most file names that are checked for pictures.
 
 
 def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
@@ -46,17 +39,17 @@ def recordings_by_folder(folders: Sequence[Path]) -> dict[str, dict[str, Path]]:
 
 
 def _footage_in(folder: Path) -> dict[str, Path]:
-    below = {path.name.lower(): path for path in _entries(folder) if path.is_dir()}
+    below = {path.name.lower(): path for path in entries(folder) if path.is_dir()}
     for name in _SOURCE_FOLDERS:
         place = folder if not name else below.get(name)
         if place is None:
             continue
         found = dict(recordings_beside(place))
-        for inner in (path for path in _entries(place) if path.is_dir() and name):
+        for inner in (path for path in entries(place) if path.is_dir() and name):
             found.update((inner.name, path) for path in _preferred(recordings_beside(inner)))
         if found:
             return found
-        if any(is_picture(path) for path in _entries(folder)[:_MOST_PICTURE_NAMES]):
+        if any(is_picture(path) for path in entries(folder)[:_MOST_PICTURE_NAMES]):
             return {folder.name: folder}
     return {}
 
@@ -65,13 +58,6 @@ def _preferred(found: dict[str, Path]) -> list[Path]:
     """Return the recording of a take's folder, preferably a synchronised one."""
     chosen = [path for stem, path in found.items() if _SYNCHRONISED.search(stem)] or list(found.values())
     return chosen[:1]
-
-
-def _entries(folder: Path) -> list[Path]:
-    try:
-        return sorted(folder.iterdir(), key=lambda p: natural_key(p.name))
-    except OSError:
-        return []
 
 
 class NoVideos(MocapError):
@@ -159,11 +145,9 @@ def look_through(root: Path) -> FoundFolder:
         takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
         message = "The folder holds no take: videos side by side, or in a folder each."
-        hint = "Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
-        hint += (
-            "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one."
-        )
-        raise NoVideos(message, where=str(root), hint=hint)
+        hint = "Put one video per camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
+        one = "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one."
+        raise NoVideos(message, where=str(root), hint=hint + one)
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
 
@@ -214,7 +198,7 @@ def _footage(folder: Path, deep: bool) -> Iterator[CalibrationFootage]:
             continue
         inner = [(k, sub) for sub in _folders(path) if (k := _kind(sub))]
         for what, place in inner or [(kind or "both", path)]:
-            if cameras := _cameras(place):
+            if cameras := board_cameras(place):
                 yield CalibrationFootage(what, place, cameras)
     if deep:
         for path in _folders(folder):
@@ -228,13 +212,5 @@ def _kind(path: Path) -> str | None:
     return "extrinsics" if _EXTRINSIC.fullmatch(path.name) else None
 
 
-def _cameras(folder: Path) -> dict[str, Path]:
-    found = {" ".join(name_key(name)): path for name, path in recordings_beside(folder).items()}
-    for path in _folders(folder):
-        if any(item.suffix.lower() in IMAGES + VIDEOS for item in path.iterdir()):
-            found.setdefault(" ".join(name_key(path.name)), path)
-    return found
-
-
 def _folders(folder: Path) -> list[Path]:
-    return [path for path in _entries(folder) if path.is_dir()]
+    return [path for path in entries(folder) if path.is_dir()]

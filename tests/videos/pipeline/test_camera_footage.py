@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.camera_calibration.extrinsics.board_session import board_footage
+from solver_backend.camera_calibration.boards.footage import board_footage
 from solver_backend.io.footage import join_chapters, parts_of
 from solver_backend.videos.pipeline.layout import NoVideos, look_through
 

@@ -41,7 +41,7 @@ def test_folders_of_several_programs_are_understood(tmp_path: Path) -> None:
     found = look_through(pose2sim)
     assert [take.cameras for take in found.takes] == [("cam01", "cam02", "cam10")] and found.takes[0].name == "T01"
     assert {(f.kind, tuple(f.cameras)) for f in found.footage} == {
-        ("intrinsics", ("1", "2")), ("extrinsics", ("1", "2")),
+        ("intrinsics", ("cam01", "cam02")), ("extrinsics", ("cam01", "cam02")),
     }  # fmt: skip
     freemocap = tmp_path / "freemocap" / "session"
     touched(*(freemocap / "recording_1" / "synchronized_videos" / f"Camera_00{c}.mp4" for c in (0, 1)))
