@@ -90,35 +90,23 @@ CODED_FRAMES = 2 * LATENT_DIM + 2
 class Evaluation:
     """Errors of a motion, and of the yardstick on the same capture; None for what capture or motion lack."""
 
-    joints_mpjpe_mm: float
-    """Mean error of the joints that motion and truth share, usually SMPL's 24."""
-    joints_rmse_mm: float
-    """Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28)."""
-    joints_pck1_percent: float
-    """Share of joints within 1 cm (eq. 4.29)."""
+    joints_mpjpe_mm: float  # Mean error of the joints that motion and truth share, usually SMPL's 24.
+    joints_rmse_mm: float  # Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28).
+    joints_pck1_percent: float  # Share of joints within 1 cm (eq. 4.29).
     joints_pck3_percent: float
     joints_pck7_percent: float
-    joints_accel_m_s2: float
-    """Mean acceleration error of the joints."""
-    angles_mae_deg: float | None = None
-    """Mean angle between rotations of joints 1..21."""
-    keypoints_mpjpe_mm: float | None = None
-    """Mean error of the observed keypoints."""
-    keypoints_accel_m_s2: float | None = None
-    """Mean acceleration error of the observed keypoints."""
-    markers_mpjpe_mm: float | None = None
-    """Mean error of the markers on the solved body."""
-    codes_fid: float | None = None
-    """FID of the motion's poses against the true ones, by VPoser's codes (eq. 4.30)."""
-    codes_div: float | None = None
-    """DIV of the motion's poses, by VPoser's codes (eq. 4.31)."""
+    joints_accel_m_s2: float  # Mean acceleration error of the joints.
+    angles_mae_deg: float | None = None  # Mean angle between rotations of joints 1..21.
+    keypoints_mpjpe_mm: float | None = None  # Mean error of the observed keypoints.
+    keypoints_accel_m_s2: float | None = None  # Mean acceleration error of the observed keypoints.
+    markers_mpjpe_mm: float | None = None  # Mean error of the markers on the solved body.
+    codes_fid: float | None = None  # FID of the motion's poses against the true ones, by VPoser's codes (eq. 4.30).
+    codes_div: float | None = None  # DIV of the motion's poses, by VPoser's codes (eq. 4.31).
     codes_div_true: float | None = None
     self_intersection_percent: float | None = None
     """Share of frames with limbs, head or trunk more than 3 cm inside one another, by capsules."""
-    self_intersection_true_percent: float | None = None
-    """The same share of the true joints."""
-    baseline_mpjpe_mm: float | None = None
-    """Triangulation + 6 Hz Butterworth: mean error of the observed keypoints."""
+    self_intersection_true_percent: float | None = None  # The same share of the true joints.
+    baseline_mpjpe_mm: float | None = None  # Triangulation + 6 Hz Butterworth: mean error of the observed keypoints.
     baseline_accel_m_s2: float | None = None
     """Triangulation + 6 Hz Butterworth: mean acceleration error of the observed keypoints."""
 

@@ -81,14 +81,10 @@ class PosedTake:
     """A body in all frames of a take."""
 
     subject: Subject
-    points: np.ndarray
-    """(F, L, 3) landmarks, metres, in the poses that explain what was measured."""
-    joints: np.ndarray
-    """(F, J, 3) metres."""
-    bones: np.ndarray
-    """(F, J, 3, 3) global rotations; empty where the source keeps none."""
-    deviations: np.ndarray
-    """(C, F, K) residuals in standard deviations, NaN where nothing was measured."""
+    points: np.ndarray  # (F, L, 3) landmarks, metres, in the poses that explain what was measured.
+    joints: np.ndarray  # (F, J, 3) metres.
+    bones: np.ndarray  # (F, J, 3, 3) global rotations; empty where the source keeps none.
+    deviations: np.ndarray  # (C, F, K) residuals in standard deviations, NaN where nothing was measured.
 
     @classmethod
     def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:

@@ -59,8 +59,7 @@ class PointSource(Layer):
 
     KEEPS_BONES: ClassVar[bool] = False
     """``record`` needs the rotations of the bones, which take more memory than all else."""
-    REST: ClassVar[RestWords]
-    """How parts are reported that nothing informs."""
+    REST: ClassVar[RestWords]  # How parts are reported that nothing informs.
 
     @property
     def recipe(self) -> str:
@@ -106,24 +105,16 @@ class RoughMotion:
 class Measurements:
     """F frames of L points of one person."""
 
-    landmarks: Landmarks
-    """The L points on the body."""
-    points: np.ndarray
-    """(F, L, 3) world metres, NaN where a point was not located."""
-    covariance: np.ndarray
-    """(F, L, 3, 3) m²; NaN or anything where there is no point."""
-    term: DataTerm
-    """How far landmarks are from what was measured."""
-    fps: float
-    """Frames per second."""
-    source: PointSource
-    """What the points are from."""
+    landmarks: Landmarks  # The L points on the body.
+    points: np.ndarray  # (F, L, 3) world metres, NaN where a point was not located.
+    covariance: np.ndarray  # (F, L, 3, 3) m²; NaN or anything where there is no point.
+    term: DataTerm  # How far landmarks are from what was measured.
+    fps: float  # Frames per second.
+    source: PointSource  # What the points are from.
     known_person: Subject | None = None
     """The person, where they are known before the solve: markers are calibrated first."""
-    rough: RoughMotion | None = None
-    """Where to start from, where that was found with the person."""
-    layers: tuple[Layer, ...] = ()
-    """What adds to the points, in the order in which it is finished after the body."""
+    rough: RoughMotion | None = None  # Where to start from, where that was found with the person.
+    layers: tuple[Layer, ...] = ()  # What adds to the points, in the order in which it is finished after the body.
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -64,19 +64,14 @@ class Method:
 
     name: str
     recipe: Recipe
-    finds_shape: bool = False
-    """The recipe estimates the shape itself; otherwise it is learned before."""
-    per_frame: bool = False
-    """Every frame is solved on its own, so that one frame is enough."""
+    finds_shape: bool = False  # The recipe estimates the shape itself; otherwise it is learned before.
+    per_frame: bool = False  # Every frame is solved on its own, so that one frame is enough.
     solves_one_view: bool = False
-    starts_at: bool = False
-    """It follows a start motion where the views show nothing."""
-    has_curves: bool = False
-    """Its curves between keyframes are selectable; others smooth across windows."""
+    starts_at: bool = False  # It follows a start motion where the views show nothing.
+    has_curves: bool = False  # Its curves between keyframes are selectable; others smooth across windows.
     fits_network: bool = False
     """It fits the labelling network's landmarks of a marker recording, which needs no labels."""
-    prior: Callable[[], AutoencodingPrior] | None = None
-    """Loads the recipe's own decoder; None for the problem's."""
+    prior: Callable[[], AutoencodingPrior] | None = None  # Loads the recipe's own decoder; None for the problem's.
 
     def prior_of(self, problem: Problem) -> AutoencodingPrior:
         """Return the decoder of the poses."""
@@ -87,8 +82,7 @@ RECIPES: dict[str, Recipe] = {
     "views": solve_views,
     "one camera": solve_one_view,
     "known person": solve_known_person,
-}
-"""Recipes of a whole take, by ``PointSource.recipe``."""
+}  # Recipes of a whole take, by ``PointSource.recipe``.
 
 
 def _solve_take(
@@ -127,8 +121,7 @@ METHODS = {
             prior=_load_pose_prior,
         ),
     )
-}
-"""By name."""
+}  # By name.
 
 
 def require_one_view(settings: SolveSettings, where: str) -> None:

@@ -48,12 +48,9 @@ class OwnPoints(Layer):
 
     cameras: Cameras
     keypoints: Keypoints2D
-    points: np.ndarray
-    """(F, K + N, 3) metres, NaN where a point was not located."""
-    covariance: np.ndarray
-    """(F, K + N, 3, 3) m²."""
-    sigma_px: np.ndarray
-    """(C, F, K + N) standard deviation of each detection."""
+    points: np.ndarray  # (F, K + N, 3) metres, NaN where a point was not located.
+    covariance: np.ndarray  # (F, K + N, 3, 3) m².
+    sigma_px: np.ndarray  # (C, F, K + N) standard deviation of each detection.
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray) -> OwnPoints:
@@ -78,10 +75,8 @@ class PlacedPoints(Layer):
     """N own points at places on their bones."""
 
     points: tuple[OwnPoint, ...]
-    offsets: np.ndarray
-    """(N, 3) metres from the bone's joint, in its rest frame."""
-    found: tuple[Diagnostic, ...]
-    """Reasons for points that are not placed."""
+    offsets: np.ndarray  # (N, 3) metres from the bone's joint, in its rest frame.
+    found: tuple[Diagnostic, ...]  # Reasons for points that are not placed.
 
     def landmarks(self, body: Body) -> Landmarks:
         """Return the points as landmarks of a body."""

@@ -32,8 +32,7 @@ class Problem:
     body: Body
     prior: AutoencodingPrior
     measurements: Measurements
-    pose_terms: tuple[PoseTerm, ...]
-    """Further terms that evaluate poses."""
+    pose_terms: tuple[PoseTerm, ...]  # Further terms that evaluate poses.
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
@@ -85,10 +84,8 @@ class Convergence:
     """End of the last robust scale of a solve, over parts solved one after the other."""
 
     parts: int
-    converged: int
-    """Parts with a stable cost."""
-    iterations: int
-    """Largest number of linearisations of a part."""
+    converged: int  # Parts with a stable cost.
+    iterations: int  # Largest number of linearisations of a part.
 
     @classmethod
     def of(cls, result: LMResult[Any]) -> Convergence:
@@ -115,21 +112,18 @@ class Convergence:
 class SolvedFrames:
     """Poses of a take, and what the method estimated with them."""
 
-    subject: Subject
-    """With the shape and bias of the last pass."""
+    subject: Subject  # With the shape and bias of the last pass.
     frames: PosedFrames
     key_times: np.ndarray = field(default_factory=lambda: np.arange(0))
     """Frame numbers of the keyframes; they may fall between frames."""
     covariance: Array | None = None
     """(F, 24, 6) covariance of each joint in square metres (see ``packed``), if the method estimates it."""
-    contacts: np.ndarray | None = None
-    """(F, 2) bool: left and right foot stand, if the method detects it."""
+    contacts: np.ndarray | None = None  # (F, 2) bool: left and right foot stand, if the method detects it.
     fitted: PosedFrames | None = None
     """Poses before parts of the body came to rest, which fit the measurements; None if no part did."""
     resting: np.ndarray | None = None
     """(F, J) bool: no measurement informs the joint, which is at rest; None if all are informed."""
-    diagnostics: tuple[Diagnostic, ...] = ()
-    """Diagnostics of these poses for the motion."""
+    diagnostics: tuple[Diagnostic, ...] = ()  # Diagnostics of these poses for the motion.
 
 
 MethodResult = tuple[SolvedFrames, Convergence]  # What a method returns.

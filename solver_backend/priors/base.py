@@ -26,12 +26,10 @@ ORTHONORMAL_WITHIN = 1e-3
 class PosePrior(ABC):
     """A model of plausible poses of joints 1..21, in NumPy or torch."""
 
-    name: str
-    """Short name, as in file names."""
+    name: str  # Short name, as in file names.
     joints: tuple[str, ...] = SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]
     """Joint of each column of its poses; by default all body joints of the SMPL family except root and hands."""
-    uncovered: tuple[int, ...] = ()
-    """Columns of its poses that the prior does not model; they are at rest."""
+    uncovered: tuple[int, ...] = ()  # Columns of its poses that the prior does not model; they are at rest.
 
     @property
     @abstractmethod

@@ -70,14 +70,10 @@ class LiftedTake:
     """F frames of one camera."""
 
     view: LiftedView
-    z: np.ndarray
-    """(F, d) codes of the prior."""
-    local: np.ndarray
-    """(F, J, 3, 3) decoded rotations."""
-    image: np.ndarray
-    """(F, L, 2) keypoints in focal lengths from the principal point, NaN where missing."""
-    confidence: np.ndarray
-    """(F, L), 0 where missing."""
+    z: np.ndarray  # (F, d) codes of the prior.
+    local: np.ndarray  # (F, J, 3, 3) decoded rotations.
+    image: np.ndarray  # (F, L, 2) keypoints in focal lengths from the principal point, NaN where missing.
+    confidence: np.ndarray  # (F, L), 0 where missing.
     fps: float
 
     @property

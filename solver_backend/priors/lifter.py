@@ -24,8 +24,7 @@ POINTS: tuple[str, ...] = (
     *TRUNK,
     *(f"{side}_{part}" for part in ("elbow", "wrist", "knee", "ankle", "ear", "big_toe", "heel") for side in SIDES),
     "nose",
-)
-"""Inputs of the network; points that a detector lacks are missing."""
+)  # Inputs of the network; points that a detector lacks are missing.
 OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS  # Code, root rotation (6 numbers), translation and shape.
 _SMALLEST_M = 1e-3  # Smallest width of the trunk with a known front, metres; chosen by hand.
 
@@ -91,8 +90,7 @@ class Lifter:
     """The network and what is known of it."""
 
     stack: DenseStack
-    metadata: dict[str, Any]
-    """Training command, data, figures."""
+    metadata: dict[str, Any]  # Training command, data, figures.
 
     def __call__(self, points: Array, seen: Array, names: tuple[str, ...]) -> Lifted:
         """Return where a fit to these points starts.

@@ -59,19 +59,14 @@ class LookAt:
 class LiftedView:
     """Network results for N windows, in the axes of the camera (x right, y down, z forward)."""
 
-    z: Array
-    """(N, 32) unit zero-mean codes of SPoser."""
-    root: Array
-    """(N, 3, 3) body to camera."""
-    up: Array
-    """(N, 3) unit, against gravity."""
+    z: Array  # (N, 32) unit zero-mean codes of SPoser.
+    root: Array  # (N, 3, 3) body to camera.
+    up: Array  # (N, 3) unit, against gravity.
     sigma_m: Array
     """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across the picture, per axis,
     and along the line of sight."""
-    sight: Array
-    """(N, 3, 3) rows: right, down and forward of a camera that looks at the person."""
-    hidden: np.ndarray | None = None
-    """(N, d) features before the last layer; None during training."""
+    sight: Array  # (N, 3, 3) rows: right, down and forward of a camera that looks at the person.
+    hidden: np.ndarray | None = None  # (N, d) features before the last layer; None during training.
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
@@ -124,11 +119,9 @@ def interpreted(output: Array, view: LookAt) -> LiftedView:
 class ViewLifter:
     """The network: attention among the frames of a window, read in its middle."""
 
-    arrays: Arrays
-    """Weights, float32, by the names of the trained module's parameters."""
+    arrays: Arrays  # Weights, float32, by the names of the trained module's parameters.
     heads: int
-    metadata: dict[str, Any]
-    """Training command, data, figures."""
+    metadata: dict[str, Any]  # Training command, data, figures.
 
     @property
     def layers(self) -> int:

@@ -30,8 +30,7 @@ class PriorWeights:
 
     prior: str
     arrays: dict[str, np.ndarray]
-    metadata: dict[str, Any]
-    """Architecture, training command, seed, metrics."""
+    metadata: dict[str, Any]  # Architecture, training command, seed, metrics.
     sha256: str = ""
 
     def array(self, name: str, shape: tuple[int | None, ...]) -> np.ndarray:

@@ -104,8 +104,7 @@ class AdaptiveLoss:
     """
 
     alpha: float
-    scale: float = 1.0
-    """c, in first standard deviations."""
+    scale: float = 1.0  # c, in first standard deviations.
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return 0."""

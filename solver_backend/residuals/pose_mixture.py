@@ -84,10 +84,8 @@ def rest_precision(joints: tuple[str, ...] = BODY_JOINTS) -> np.ndarray:
 class PoseMixtureTerm:
     """``E = -s log Σ_k a_k exp(-½ |x_c - μ_k|²_P) + ½ |x|²_Q`` of the rotation vectors x, x_c those of n joints."""
 
-    mixture: PoseMixture = field(default_factory=load_pose_mixture)
-    """Peaks a, means μ, precisions P and columns c."""
-    weight: float = WEIGHT
-    """s."""
+    mixture: PoseMixture = field(default_factory=load_pose_mixture)  # Peaks a, means μ, precisions P and columns c.
+    weight: float = WEIGHT  # s.
     rest_precision: np.ndarray = field(default_factory=rest_precision)
     """(3 J,) the diagonal of Q, 1/rad²: how strongly every joint is drawn to rest."""
 

@@ -20,12 +20,9 @@ class ReprojectionTerm:
     """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
 
     cameras: CameraArrays
-    xy: Array
-    """(C, F, L, 2) px, finite; arbitrary where the weight is 0."""
-    weight: Array
-    """(C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed."""
-    confidence: Array
-    """(C, F, L) in 0..1."""
+    xy: Array  # (C, F, L, 2) px, finite; arbitrary where the weight is 0.
+    weight: Array  # (C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed.
+    confidence: Array  # (C, F, L) in 0..1.
     penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure
     """Cost and weight of squared residuals at a robust scale."""
 

@@ -24,12 +24,9 @@ class FrameTerm(Protocol):
 class PointEvidence:
     """Gauss-Newton model of a term around F x L landmark positions."""
 
-    cost: Array
-    """(F,) half the robust sum of squares."""
-    gradient: Array
-    """(F, L, 3) derivative of the cost by each position, 1/m."""
-    information: Array
-    """(F, L, 3, 3) Gauss-Newton Hessian, 1/m²."""
+    cost: Array  # (F,) half the robust sum of squares.
+    gradient: Array  # (F, L, 3) derivative of the cost by each position, 1/m.
+    information: Array  # (F, L, 3, 3) Gauss-Newton Hessian, 1/m².
     shared: Array | None = None
     """(F, R, L, 3) rows whose squares the Hessian lacks, of an error that landmarks share; None without one."""
 

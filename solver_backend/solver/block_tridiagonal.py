@@ -214,10 +214,8 @@ class _Outer:
 class _Sweeps:
     """Blocks eliminated from both ends."""
 
-    coupled: dict[int, Array]
-    """``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later."""
-    solved: list[Array]
-    """``S_i⁻¹ r_i``."""
+    coupled: dict[int, Array]  # ``S_i⁻¹ H_ij`` with the neighbour j that was eliminated later.
+    solved: list[Array]  # ``S_i⁻¹ r_i``.
     outwards: tuple[list[tuple[int, int]], list[tuple[int, int]]]
     """Pairs (i, j) in the order of back substitution, from the middle to either end."""
 

@@ -19,10 +19,8 @@ class QuasiNewtonSettings:
     tolerance: float = 1e-4
     """A problem is done when a step lowers its cost by less than this share of the cost, or of 1 where that is more."""
     memory: int = 12
-    decrease: float = 1e-4
-    """Share of the predicted decrease that a step must meet (Armijo)."""
-    curvature: float = 0.9
-    """Share of the starting slope that may be left (Wolfe)."""
+    decrease: float = 1e-4  # Share of the predicted decrease that a step must meet (Armijo).
+    curvature: float = 0.9  # Share of the starting slope that may be left (Wolfe).
     max_trials: int = 20
 
 

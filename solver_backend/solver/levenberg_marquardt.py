@@ -25,12 +25,9 @@ class LMSettings:
     """When to stop and how to damp."""
 
     max_iterations: int = 20
-    tolerance: float = 1e-4
-    """A problem is solved when a step that lowers its cost lowers it by less than this share."""
-    promise: float = 0.0
-    """Share of the tolerance that a step must promise to be tried; 0 tries every step."""
-    damping: float = 1e-3
-    """First damping, relative to the diagonal of H (Marquardt 1963)."""
+    tolerance: float = 1e-4  # A problem is solved when a step that lowers its cost lowers it by less than this share.
+    promise: float = 0.0  # Share of the tolerance that a step must promise to be tried; 0 tries every step.
+    damping: float = 1e-3  # First damping, relative to the diagonal of H (Marquardt 1963).
 
 
 @dataclass(frozen=True)
@@ -38,13 +35,10 @@ class LMResult(Generic[State]):
     """Where the minimiser ended."""
 
     state: State
-    cost: Array
-    """(B,) cost of each problem, or (B, P) of its parts."""
-    system: NormalEquations
-    """The normal equations at the state: the information the data gave."""
+    cost: Array  # (B,) cost of each problem, or (B, P) of its parts.
+    system: NormalEquations  # The normal equations at the state: the information the data gave.
     iterations: int
-    converged: bool
-    """No step changes the cost any more."""
+    converged: bool  # No step changes the cost any more.
 
     @property
     def status(self) -> str:

@@ -115,17 +115,10 @@ class CameraFits:
     verdict: str
     region_px: np.ndarray
     """(C, 3, 3) median reprojection error by part of the picture, rows first, NaN with too few points."""
-    camera_px: np.ndarray
-    """(C,) the same of the whole picture."""
-    best_px: np.ndarray
-    """(C,) the same after adjustment of the poses to the take."""
-    epipolar_px: np.ndarray
-    """(C, W) median distance to the other cameras' epipolar lines in W equal parts of the take."""
-    stature_m: float
-    """Stature of the person with the calibration's scale, metres."""
-    tilt_deg: float
-    """Angle between the world's up and the person's, degrees."""
-    tilt_sigma_deg: float
-    """Standard deviation of that angle, degrees."""
-    findings: tuple[str, ...]
-    """Problems and their remedies."""
+    camera_px: np.ndarray  # (C,) the same of the whole picture.
+    best_px: np.ndarray  # (C,) the same after adjustment of the poses to the take.
+    epipolar_px: np.ndarray  # (C, W) median distance to the other cameras' epipolar lines in W equal parts of the take.
+    stature_m: float  # Stature of the person with the calibration's scale, metres.
+    tilt_deg: float  # Angle between the world's up and the person's, degrees.
+    tilt_sigma_deg: float  # Standard deviation of that angle, degrees.
+    findings: tuple[str, ...]  # Problems and their remedies.

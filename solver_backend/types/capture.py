@@ -29,8 +29,7 @@ from solver_backend.types.shapes import Float
 
 BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
     name: name for name in ("spine1", "spine2", "spine3", "neck")
-}
-"""The joint that turns each bone, by the bone's usual name: ``left_forearm`` turns at ``left_elbow``."""
+}  # The joint that turns each bone, by the bone's usual name: ``left_forearm`` turns at ``left_elbow``.
 
 
 @dataclass(frozen=True)
@@ -38,8 +37,7 @@ class OwnPoint:
     """A point at an unknown, constant place on a bone."""
 
     name: str
-    bone: str
-    """A key of ``BONES``."""
+    bone: str  # A key of ``BONES``.
 
 
 UNSEEN_POINT = (np.nan, np.nan, 0.0)  # x, y and confidence of an unseen point.

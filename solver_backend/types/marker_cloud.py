@@ -80,20 +80,16 @@ _LEAST_SIGMA_M = 1e-9
 class MarkerSubject:
     """Result of a subject calibration, for takes of the same person with the same markers."""
 
-    body: str
-    """Id of the shape's body."""
-    betas: Float[np.ndarray, " 10"]
-    """(10,) shape."""
-    labels: tuple[str, ...]
-    """M labels of the recording."""
+    body: str  # Id of the shape's body.
+    betas: Float[np.ndarray, " 10"]  # (10,) shape.
+    labels: tuple[str, ...]  # M labels of the recording.
     places: tuple[str, ...]
     """M places of the layouts, or ``@`` and a bone's name for a marker of unknown name that moves with the bone."""
     offsets: Float[np.ndarray, "markers 3"]
     """(M, 3) metres in the rest frame from the place's rule, or the bone's joint, to each marker."""
     sigma_m: Float[np.ndarray, " markers"]
     """(M,) standard deviation of each marker around its place on the body, per axis, metres."""
-    skin_m: Float[np.ndarray, " markers"]
-    """(M,) metres from the skin at the place, NaN for a marker with a bone only."""
+    skin_m: Float[np.ndarray, " markers"]  # (M,) metres from the skin at the place, NaN for a marker with a bone only.
     provenance: dict[str, Any] = field(default_factory=dict)
     """Takes, frames and version of the calibration, plain JSON values."""
 

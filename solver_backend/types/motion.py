@@ -121,8 +121,7 @@ class GloveTake:
     """F frames of both hands."""
 
     name: str
-    times: Float[np.ndarray, " frames"]
-    """(F,) seconds from the first frame, rising."""
+    times: Float[np.ndarray, " frames"]  # (F,) seconds from the first frame, rising.
     angles: Float[np.ndarray, "frames 2 a"]
     """(F, 2, A) radians of the left and the right hand, see ``hand_angles``, NaN if unknown."""
     palms: Float[np.ndarray, "frames 2 3 3"]

@@ -101,10 +101,8 @@ exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred,
 class WristPath:
     """A body's wrist over F frames."""
 
-    rotations: Float[np.ndarray, "frames 3 3"]
-    """(F, 3, 3) from the hand's frame at rest to the world."""
-    places: Float[np.ndarray, "frames 3"]
-    """(F, 3) metres."""
+    rotations: Float[np.ndarray, "frames 3 3"]  # (F, 3, 3) from the hand's frame at rest to the world.
+    places: Float[np.ndarray, "frames 3"]  # (F, 3) metres.
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
     """(F, 3, 3) m² of the place, None where the path is only a start and constrains neither place nor turn."""
 
@@ -114,16 +112,12 @@ class HandProblem:
     """One hand over F frames."""
 
     skeleton: HandSkeleton
-    sites: HandSites
-    """The L measured points."""
-    wrist: WristPath
-    """Origin of the hand's turns and shifts."""
-    term: DataTerm
-    """Of the L points."""
+    sites: HandSites  # The L measured points.
+    wrist: WristPath  # Origin of the hand's turns and shifts.
+    term: DataTerm  # Of the L points.
     prior: HandPrior
     fps: float
-    keeps_apart: bool = False
-    """The points are those of ``HAND_POINTS``, and fingers keep out of one another."""
+    keeps_apart: bool = False  # The points are those of ``HAND_POINTS``, and fingers keep out of one another.
 
     @property
     def num_frames(self) -> int:
@@ -198,8 +192,7 @@ class KeyModel:
 
     problem: HandProblem
     layout: KeyframeLayout
-    moving: Bool[np.ndarray, " keys"] | None = None
-    """(K,) keys that move, None for all."""
+    moving: Bool[np.ndarray, " keys"] | None = None  # (K,) keys that move, None for all.
 
     def linearise(self, state: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
         """Return the (1,) cost and the normal equations of keys (K, D)."""

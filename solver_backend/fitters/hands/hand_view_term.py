@@ -118,8 +118,7 @@ _MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensio
 class HandNoise:
     """Standard deviations per axis of a detector of hands in a take, pixels."""
 
-    own_px: Float[np.ndarray, " points"]
-    """(21,) of each point about its hand."""
+    own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
     whole_px: Float[np.ndarray, " views"]
     """(C,) of the whole hand in each view, with constant errors such as the camera's."""
 
@@ -128,8 +127,7 @@ class HandNoise:
 class LocatedHand:
     """One hand by the views alone."""
 
-    points: Float[np.ndarray, "frames 21 3"]
-    """(F, 21, 3) metres, NaN where no two views agree or no view shows it."""
+    points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
     spread_m2: Float[np.ndarray, "frames 21"]
     """(F, 21) trace of the covariance by which points scatter about their hand."""
     noise: HandNoise

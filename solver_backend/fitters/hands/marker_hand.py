@@ -29,11 +29,9 @@ ROUNDS, SAMPLE = 3, 150  # Solves between which offsets are calibrated, and most
 class MarkerHand:
     """A hand solved from markers."""
 
-    markers: HandMarkers
-    """Labels, and calibrated sites."""
+    markers: HandMarkers  # Labels, and calibrated sites.
     problem: HandProblem
-    states: Float[np.ndarray, "frames d"]
-    """(F, D), see ``hand_problem.KEY``."""
+    states: Float[np.ndarray, "frames d"]  # (F, D), see ``hand_problem.KEY``.
 
     @property
     def angles(self) -> Float[np.ndarray, "frames a"]:
@@ -114,8 +112,7 @@ AS_GOOD, AS_GOOD_M = 1.5, 0.002
 marker."""
 _SEGMENTS = HandSites(
     np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
-)
-"""The palm and three bones of each finger, at their joints."""
+)  # The palm and three bones of each finger, at their joints.
 
 
 @dataclass(frozen=True)

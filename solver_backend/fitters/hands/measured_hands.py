@@ -95,8 +95,7 @@ class MeasuredHand:
     """One hand before it is solved."""
 
     problem: HandProblem
-    located: np.ndarray
-    """(F, 21, 3) metres to start from, NaN where a point is not located."""
+    located: np.ndarray  # (F, 21, 3) metres to start from, NaN where a point is not located.
 
 
 @dataclass(frozen=True)

@@ -43,14 +43,11 @@ share of the frames that show both."""
 class HandClouds:
     """Markers of one or both hands over F frames."""
 
-    labels: Mapping[int, tuple[str, ...]]
-    """Places of ``hand_markers`` by side, 0 left and 1 right."""
-    positions: Mapping[int, np.ndarray]
-    """(F, L, 3) metres by side, NaN where missing."""
+    labels: Mapping[int, tuple[str, ...]]  # Places of ``hand_markers`` by side, 0 left and 1 right.
+    positions: Mapping[int, np.ndarray]  # (F, L, 3) metres by side, NaN where missing.
     extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
     """Labels of markers that are near and name no place, by side."""
-    extra: Mapping[int, np.ndarray] = field(default_factory=dict)
-    """(F, N, 3) metres of these by side."""
+    extra: Mapping[int, np.ndarray] = field(default_factory=dict)  # (F, N, 3) metres of these by side.
 
 
 def split_hands(

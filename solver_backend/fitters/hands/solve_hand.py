@@ -128,16 +128,12 @@ class SolvedHand:
     """One hand over F frames."""
 
     problem: HandProblem
-    turn: Float[np.ndarray, "frames 3"]
-    """Rotation vectors of the wrist against the body's, world."""
-    shift: Float[np.ndarray, "frames 3"]
-    """Metres of the wrist against the body's."""
+    turn: Float[np.ndarray, "frames 3"]  # Rotation vectors of the wrist against the body's, world.
+    shift: Float[np.ndarray, "frames 3"]  # Metres of the wrist against the body's.
     angles: Float[np.ndarray, "frames a"]
-    points: Float[np.ndarray, "frames 21 3"]
-    """``HAND_POINTS`` in metres, with their covariance."""
+    points: Float[np.ndarray, "frames 21 3"]  # ``HAND_POINTS`` in metres, with their covariance.
     covariance: Float[np.ndarray, "frames 21 3 3"]
-    informed: Bool[np.ndarray, "frames 5"]
-    """Fingers that are seen, in the order of ``FINGERS``. Others rest."""
+    informed: Bool[np.ndarray, "frames 5"]  # Fingers that are seen, in the order of ``FINGERS``. Others rest.
     convergence: Convergence
 
     @property

@@ -189,8 +189,7 @@ class HandRange:
     """One hand in the frames of a range, and a window on either side of it."""
 
     frames: Int[np.ndarray, " n"]
-    hand: SolvedHand
-    """In these n frames."""
+    hand: SolvedHand  # In these n frames.
 
 
 def solve_hands_again(

@@ -43,14 +43,10 @@ class MotionPrior:
     ``1/2 sum_k |x_{k+1} - x_k|² h² / (s tau)²`` bounds speed too: it fades as ``exp(-t / tau)``.
     """
 
-    spacing_s: float
-    """Time between keys."""
-    accel_sigma: float = 6.0
-    """m/s², of the root's translation."""
-    angular_sigma: float = 32.0
-    """rad/s², of the root's rotation."""
-    latent_sigma: float = 8.0
-    """1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s."""
+    spacing_s: float  # Time between keys.
+    accel_sigma: float = 6.0  # m/s², of the root's translation.
+    angular_sigma: float = 32.0  # rad/s², of the root's rotation.
+    latent_sigma: float = 8.0  # 1/s², of each coordinate of the code; recorded motion shows 8 over 0.08 s.
     unseen: np.ndarray | None = None
     """(K - 1,) bool: nobody is seen between two neighbouring keys; None if somebody is seen everywhere."""
 
@@ -119,16 +115,12 @@ class ResidualRotationTerm:
     Reference: Geman and McClure 1987 for the tails.
     """
 
-    sigma: np.ndarray
-    """(J, 3) radians: error of the prior's reconstructions."""
+    sigma: np.ndarray  # (J, 3) radians: error of the prior's reconstructions.
     frames_per_key: float = 1.0
     """n, the number of frames whose evidence a key carries: residual rotations are priors on frames."""
-    reach: float = REACH
-    """c."""
-    steadiness: float = STEADINESS
-    """m."""
-    uncovered: tuple[int, ...] = ()
-    """Columns of a pose that the prior does not model; other terms hold them."""
+    reach: float = REACH  # c.
+    steadiness: float = STEADINESS  # m.
+    uncovered: tuple[int, ...] = ()  # Columns of a pose that the prior does not model; other terms hold them.
 
     def part(self, keys: slice) -> ResidualRotationTerm:
         """Return the term of a range of keys; it is the same for all."""

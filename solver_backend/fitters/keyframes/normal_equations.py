@@ -36,15 +36,12 @@ class KeyframeNormalEquations:
     Terms over keys need n = 2. ``add`` methods work in place because the arrays are large.
     """
 
-    diagonal: Array
-    """(N + 1, n D, n D), single precision: it only steers the steps."""
+    diagonal: Array  # (N + 1, n D, n D), single precision: it only steers the steps.
     upper: Array
     """(N, n D, D + m), single precision: residual rotations of a middle key couple with their own window only, the m
     unknowns before them also with the next key."""
-    g: Array
-    """(N + 1, n D)."""
-    layout: StateLayout
-    """Of the tangent of one key, D numbers."""
+    g: Array  # (N + 1, n D).
+    layout: StateLayout  # Of the tangent of one key, D numbers.
 
     @property
     def dof(self) -> int:
@@ -174,16 +171,12 @@ class KeyframeNormalEquations:
 class FrameData:
     """What evaluates the frames, and how keys become frames."""
 
-    subject: Subject
-    """The person."""
-    prior: PosePrior
-    """Decoder of the codes."""
-    objective: FrameObjective
-    """Of all frames."""
+    subject: Subject  # The person.
+    prior: PosePrior  # Decoder of the codes.
+    objective: FrameObjective  # Of all frames.
     free: StateLayout
     """Of the unknowns of a key; rotation vectors that are none do not act, codes that are none are decoded once."""
-    screw: bool = False
-    """The root moves on screws of SE(3)."""
+    screw: bool = False  # The root moves on screws of SE(3).
 
     def curve(self, keys: Keyframes, rows: WindowRows, *, residuals: bool) -> KeyframeCurve:
         """Return the frames of N windows as functions of their keys."""
@@ -206,14 +199,11 @@ class FrameData:
 class DataEquations:
     """What the frames of N windows contribute to their keys; matrices are formed when asked for."""
 
-    cost: Array
-    """(N,) of each window's frames."""
-    gradient: Array
-    """(n N + 1, D) by the keys."""
+    cost: Array  # (N,) of each window's frames.
+    gradient: Array  # (n N + 1, D) by the keys.
     _layout: StateLayout
     _windows: list[slice]
-    _matrices: list[Callable[[], Array]]
-    """By all n + 1 keys of each window, of each range of windows."""
+    _matrices: list[Callable[[], Array]]  # By all n + 1 keys of each window, of each range of windows.
 
     def normal_equations(self) -> KeyframeNormalEquations:
         """Return the normal equations of all keys, formed on all cores."""

@@ -46,10 +46,8 @@ class KeySolution:
     """A minimum of the objective."""
 
     keys: Keyframes
-    cost: float
-    """Of data and priors at the last robust scale."""
-    convergence: Convergence
-    """Of the last robust scale."""
+    cost: float  # Of data and priors at the last robust scale.
+    convergence: Convergence  # Of the last robust scale.
 
 
 @dataclass(frozen=True)
@@ -59,10 +57,8 @@ class BundleModel:
     subject: Subject
     prior: PosePrior
     objective: BundleObjective
-    free: StateLayout
-    """Unknown blocks of a key. Residual rotations that are not free do not act."""
-    screw: bool = False
-    """Move the root on screws of SE(3) between keys."""
+    free: StateLayout  # Unknown blocks of a key. Residual rotations that are not free do not act.
+    screw: bool = False  # Move the root on screws of SE(3) between keys.
 
     def part(self, keys: slice) -> BundleModel:
         """Return the model of a range of keys."""
@@ -232,15 +228,11 @@ def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list
 class Stretch:
     """A range of windows as a problem that can be solved anywhere."""
 
-    model: BundleModel
-    """With the measurements of its frames, or of all frames."""
-    layout: KeyframeLayout
-    """Its windows, by the model's frame numbers."""
-    keys: Keyframes
-    """Start."""
+    model: BundleModel  # With the measurements of its frames, or of all frames.
+    layout: KeyframeLayout  # Its windows, by the model's frame numbers.
+    keys: Keyframes  # Start.
     schedule: Schedule
-    fixed: np.ndarray
-    """(2N + 1,) bool, keys that do not move."""
+    fixed: np.ndarray  # (2N + 1,) bool, keys that do not move.
 
     @classmethod
     def cut(

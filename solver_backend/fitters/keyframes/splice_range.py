@@ -62,14 +62,10 @@ class SolvedRange:
 
     frame_range: FrameRange
     layout: KeyframeLayout
-    free: np.ndarray
-    """(2N + 1,) bool: keys that moved."""
-    frames: PosedFrames
-    """Poses of the frames of the layout."""
-    contacts: Contacts | None
-    """Of the whole take, if standing feet were detected."""
-    status: str
-    """How the last pass ended."""
+    free: np.ndarray  # (2N + 1,) bool: keys that moved.
+    frames: PosedFrames  # Poses of the frames of the layout.
+    contacts: Contacts | None  # Of the whole take, if standing feet were detected.
+    status: str  # How the last pass ended.
 
     @property
     def moved(self) -> np.ndarray:

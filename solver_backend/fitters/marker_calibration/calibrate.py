@@ -43,12 +43,9 @@ class CalibrationState:
     """A person and F poses, which may leave the prior's manifold as in the bundle."""
 
     subject: Subject
-    frames: FrameStates
-    """Codes, roots and translations."""
-    residual: Array
-    """(F, J, 3) rotation vectors by which joints leave the manifold."""
-    layout: StateLayout
-    """Unknowns of one frame."""
+    frames: FrameStates  # Codes, roots and translations.
+    residual: Array  # (F, J, 3) rotation vectors by which joints leave the manifold.
+    layout: StateLayout  # Unknowns of one frame.
 
     @classmethod
     def of(cls, subject: Subject, prior: PosePrior, frames: FrameStates) -> CalibrationState:

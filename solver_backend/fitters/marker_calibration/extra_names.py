@@ -108,10 +108,8 @@ class ExtraNames:
     """A take whose unnamed points took the names of known markers at their places."""
 
     cloud: MarkerCloud
-    named: tuple[str, ...]
-    """Labels that points took."""
-    doubtful: int
-    """Chains of points that are near a known marker, though not clearly, and stay without a name."""
+    named: tuple[str, ...]  # Labels that points took.
+    doubtful: int  # Chains of points that are near a known marker, though not clearly, and stay without a name.
 
 
 @dataclass(frozen=True)

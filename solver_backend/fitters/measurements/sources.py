@@ -78,12 +78,9 @@ class ViewPoints(_Points):
 class LocatedPoints(_Points):
     """Labelled points that something located in space: optical markers, or a network's landmarks."""
 
-    points: np.ndarray
-    """(F, L, 3) metres, NaN where missing."""
-    labels: tuple[str, ...]
-    """L labels."""
-    flags: np.ndarray
-    """(F, L) bit mask of ``MARKER_*``."""
+    points: np.ndarray  # (F, L, 3) metres, NaN where missing.
+    labels: tuple[str, ...]  # L labels.
+    flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
     sigma_m: np.ndarray | None = None
     """(L,) standard deviation per axis of each marker around where the body has it; None before a calibration."""
     KEEPS_BONES: ClassVar[bool] = True

@@ -45,11 +45,9 @@ from solver_backend.priors.base import PosePrior
 class ApartRoot:
     """A curve of quaternions, and a polynomial or spline of translations (thesis eq. 6.10)."""
 
-    keys: Keyframes
-    """(W, k) keys."""
+    keys: Keyframes  # (W, k) keys.
     quats: Interpolant
-    weights: Array
-    """(W, n, k) of the translations."""
+    weights: Array  # (W, n, k) of the translations.
 
     @property
     def quat(self) -> Array:
@@ -187,15 +185,11 @@ class KeyCotangents:
 class KeyframeCurve:
     """W·n frames of W windows, row after row, as functions of the windows' keys (thesis eqs. 6.9, 6.10)."""
 
-    keys: Keyframes
-    """(W, k) keys."""
+    keys: Keyframes  # (W, k) keys.
     _codes: Callable[[], Interpolant]
-    root: RootCurve
-    """Of the root's rotations and translations."""
-    weights: Array
-    """(W, n, k) of residual rotations, thesis eq. 6.10."""
-    residuals: bool
-    """The residual rotations act."""
+    root: RootCurve  # Of the root's rotations and translations.
+    weights: Array  # (W, n, k) of residual rotations, thesis eq. 6.10.
+    residuals: bool  # The residual rotations act.
 
     @classmethod
     def through(

@@ -23,8 +23,7 @@ class KeyframeLayout:
 
     bounds: np.ndarray
     """(N + 1,) ascending frame numbers at which windows meet; the first and last are the ends of the frames."""
-    free: int = 2
-    """n, the keys that a window adds, as in SIDER-n."""
+    free: int = 2  # n, the keys that a window adds, as in SIDER-n.
 
     @classmethod
     def even(cls, num_frames: int, window: int, first: int = 0, free: int = 2) -> KeyframeLayout:

@@ -52,10 +52,8 @@ class Subject:
 
     body: Body
     landmarks: Landmarks
-    betas: Array
-    """(10,) shape."""
-    offsets: Array
-    """(L, 3) metres: bias of each landmark in its rest frame."""
+    betas: Array  # (10,) shape.
+    offsets: Array  # (L, 3) metres: bias of each landmark in its rest frame.
 
     @classmethod
     def average(cls, body: Body, landmarks: Landmarks, like: Array) -> Subject:

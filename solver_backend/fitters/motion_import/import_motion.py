@@ -117,10 +117,8 @@ class ImportedMotion:
     """A motion on our body, and its distance from the source."""
 
     motion: Motion
-    distances_mm: dict[str, float]
-    """Root mean square distance of each joint from the skeleton's, by role."""
-    raised_m: float
-    """Height by which the motion was raised for the soles to stand on the floor."""
+    distances_mm: dict[str, float]  # Root mean square distance of each joint from the skeleton's, by role.
+    raised_m: float  # Height by which the motion was raised for the soles to stand on the floor.
 
 
 def import_motion(

@@ -31,12 +31,9 @@ STILL_RAD_S = 0.15  # Root mean square of a wrist's speed below which it shows n
 class WristClock:
     """Offset between two recordings of the same wrists."""
 
-    offset_s: float
-    """Seconds of the one at which the other begins."""
-    agreement: float
-    """Correlation of the speeds there."""
-    next_best: float
-    """Highest correlation at a clearly different offset."""
+    offset_s: float  # Seconds of the one at which the other begins.
+    agreement: float  # Correlation of the speeds there.
+    next_best: float  # Highest correlation at a clearly different offset.
     certainty: float
     """Standard deviations by which the correlation is above that of unrelated recordings: ``atanh(r) sqrt(n' - 3)`` of
     n' independent samples (Fisher 1915; Bartlett 1946)."""
@@ -147,8 +144,7 @@ class MergedHands:
     """A motion with the hands of gloves, and diagnostics."""
 
     motion: Motion
-    offset_s: float
-    """Second of the motion at which the gloves begin."""
+    offset_s: float  # Second of the motion at which the gloves begin.
     found: tuple[Diagnostic, ...]
 
 

@@ -48,18 +48,12 @@ class OneView:
     """Uncertainty that a single camera leaves."""
 
     camera: str
-    centre: np.ndarray
-    """(3,) place of the camera, metres."""
-    size_sigma: float
-    """Relative standard deviation of the person's size and distance, common to all frames."""
-    focal_sigma: float
-    """The same of the focal length, which affects distances only."""
-    size_source: str
-    """Source of the size, for people."""
-    up_from_person: bool
-    """Up and floor were estimated from the person."""
-    sight: np.ndarray
-    """(F, 3) unit direction from the camera to the person."""
+    centre: np.ndarray  # (3,) place of the camera, metres.
+    size_sigma: float  # Relative standard deviation of the person's size and distance, common to all frames.
+    focal_sigma: float  # The same of the focal length, which affects distances only.
+    size_source: str  # Source of the size, for people.
+    up_from_person: bool  # Up and floor were estimated from the person.
+    sight: np.ndarray  # (F, 3) unit direction from the camera to the person.
     sight_sigma_m: np.ndarray
     """(F, J) lifter's standard deviation of each recorded joint along the line of sight, about the body's middle."""
     slant_chances: np.ndarray
@@ -70,11 +64,9 @@ class OneView:
 class OneCamera(PointSource):
     """Keypoints of one camera, with the lifted pose."""
 
-    views: ViewPoints
-    """Detections of all cameras; one of them has some."""
+    views: ViewPoints  # Detections of all cameras; one of them has some.
     open: OneView
-    floor: tuple[PointTerm, ...]
-    """The floor, if the person's feet show it."""
+    floor: tuple[PointTerm, ...]  # The floor, if the person's feet show it.
     lifted: RelativePositionTerm
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 

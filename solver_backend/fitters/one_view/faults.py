@@ -91,8 +91,7 @@ def _speed(points: np.ndarray, fps: float) -> np.ndarray:
 LIMBS = {
     "arms": ("shoulder", "elbow", "wrist"),
     "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
-}
-"""Keypoints that a detector exchanges together."""
+}  # Keypoints that a detector exchanges together.
 LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange.
 CROSSED_SHARE = 0.5  # An exchange must leave less than this share of the jump.
 JUMP_SHARE = 0.1

@@ -46,10 +46,8 @@ class Size:
 
     factor: float
     sigma: float
-    source: str
-    """Source of the size, for people."""
-    has_floor: bool = True
-    """The person's feet are on the world's floor."""
+    source: str  # Source of the size, for people.
+    has_floor: bool = True  # The person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
     """Size by the floor and its deviation, if they contradict the size that is used; zero otherwise."""
 

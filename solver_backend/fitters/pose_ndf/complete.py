@@ -33,16 +33,11 @@ _LOOKED_AT = 12  # Frames on which candidates are tried.
 class CompleteSettings:
     """Weights of (7) for missing joints, which alone move and have no observation."""
 
-    manifold: float = 1.0
-    """w, 1/rad²."""
-    smoothness: float = 2.0
-    """λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects."""
-    iterations: int = 30
-    """Largest number of linearisations per chunk of frames."""
-    candidates: int = 64
-    """Samples of the prior whose limbs are tried."""
-    starts: int = 3
-    """Best candidates that are optimised; the cheapest result is kept."""
+    manifold: float = 1.0  # w, 1/rad².
+    smoothness: float = 2.0  # λ_t, 1/m², at 30 frames a second; chosen on takes of training subjects.
+    iterations: int = 30  # Largest number of linearisations per chunk of frames.
+    candidates: int = 64  # Samples of the prior whose limbs are tried.
+    starts: int = 3  # Best candidates that are optimised; the cheapest result is kept.
     seed: int = 0
 
 
@@ -120,10 +115,8 @@ class DenoiseSettings:
     """Weights of (7) at 30 frames per second, and how long to search."""
 
     weights: ManifoldWeights = WEIGHTS
-    iterations: int = 20
-    """Largest number of linearisations per chunk of frames."""
-    move_root: bool = True
-    """Let the root move too; only smoothness and data hold it."""
+    iterations: int = 20  # Largest number of linearisations per chunk of frames.
+    move_root: bool = True  # Let the root move too; only smoothness and data hold it.
 
 
 def denoise(

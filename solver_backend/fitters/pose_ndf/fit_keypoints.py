@@ -28,18 +28,13 @@ BENDS: tuple[tuple[int, int, float], ...] = ((3, 0, -1.0), (4, 0, -1.0), (17, 1,
 class KeypointSettings:
     """Weights of (10); the data term is in squared standard deviations of the detector's noise."""
 
-    manifold: float = 50.0
-    """w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold."""
-    adaptive: bool = True
-    """False for a constant ``λ_θ = w``, 1/rad, to compare."""
-    shape: float = 1.0
-    """λ_β, of ``|β|² / 2``."""
-    bending: float = 1.0
-    """λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way."""
+    manifold: float = 50.0  # w, 1/rad²: ``λ_θ = w f(θ)``, so that the term ``w f² / 2`` lets go near the manifold.
+    adaptive: bool = True  # False for a constant ``λ_θ = w``, 1/rad, to compare.
+    shape: float = 1.0  # λ_β, of ``|β|² / 2``.
+    bending: float = 1.0  # λ_α, of ``exp(2 α) / 2`` over knees and elbows, α the angle of bending the wrong way.
     robust_scale: float = 3.0
     """Geman-McClure scale in standard deviations; reached from four times as much in three steps."""
-    iterations: int = 20
-    """Linearisations at most for each robust scale."""
+    iterations: int = 20  # Linearisations at most for each robust scale.
 
 
 @dataclass(frozen=True)
@@ -47,11 +42,9 @@ class KeypointFit:
     """What the keypoints were explained by."""
 
     frames: PosedFrames
-    betas: Array
-    """(10,) one shape for all frames."""
+    betas: Array  # (10,) one shape for all frames.
     cost: float
-    status: str
-    """One sentence on why the search stopped."""
+    status: str  # One sentence on why the search stopped.
 
 
 @dataclass(frozen=True)
@@ -60,8 +53,7 @@ class KeypointObjective:
 
     subject: Subject
     prior: PoseNDF
-    term: PointTerm
-    """Robust distance of landmarks to keypoints, such as ``ReprojectionTerm``, of one view or several."""
+    term: PointTerm  # Robust distance of landmarks to keypoints, such as ``ReprojectionTerm``, of one view or several.
     settings: KeypointSettings
     scale: float
 
@@ -165,12 +157,9 @@ def fit_keypoints(
 class ManifoldWeights:
     """Weights of the three terms; points count as the mean over the landmarks."""
 
-    data: float
-    """λ_v, 1/m²: of the observed points."""
-    manifold: float
-    """w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3)."""
-    smoothness: float
-    """λ_t, 1/m²: of the way of a frame's points from those of the frame before."""
+    data: float  # λ_v, 1/m²: of the observed points.
+    manifold: float  # w, 1/rad²: ``λ_θ = w f`` makes the prior's term ``w f²``, weak near the manifold (sec. 4.3).
+    smoothness: float  # λ_t, 1/m²: of the way of a frame's points from those of the frame before.
     level: float = 0.0
     """rad; a pose as near to the manifold as this is not pulled, so that recorded poses are left as they are."""
 
@@ -179,18 +168,13 @@ class ManifoldWeights:
 class PoseSequence:
     """The objective of F consecutive frames."""
 
-    subject: Subject
-    """Whose landmarks stand for the mesh."""
+    subject: Subject  # Whose landmarks stand for the mesh.
     prior: PoseNDF
     weights: ManifoldWeights
-    observed: Array
-    """(F, L, 3) metres."""
-    seen: Array
-    """(F, L) one where a point is observed, zero where not (its position may be anything finite)."""
-    free: tuple[int, ...]
-    """Which columns of a frame's ``PoseLayout`` may move."""
-    before: Array | None = None
-    """(L, 3) points of the frame before the first; None at the start of a take."""
+    observed: Array  # (F, L, 3) metres.
+    seen: Array  # (F, L) one where a point is observed, zero where not (its position may be anything finite).
+    free: tuple[int, ...]  # Which columns of a frame's ``PoseLayout`` may move.
+    before: Array | None = None  # (L, 3) points of the frame before the first; None at the start of a take.
 
     def linearise(self, frames: PosedFrames) -> tuple[Array, BlockTridiagonal]:
         """Return the cost (1,) and its Gauss-Newton equations in the free tangents.

@@ -69,12 +69,9 @@ class PropEquations:
     and Ornstein 1930 (velocities that die away).
     """
 
-    points: np.ndarray
-    """(F, M, 3) recorded markers, metres, NaN where missing."""
-    rest: np.ndarray
-    """(M, 3) the markers in the prop's frame, metres."""
-    sigma_m: float
-    """Standard deviation of a marker per axis."""
+    points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
+    rest: np.ndarray  # (M, 3) the markers in the prop's frame, metres.
+    sigma_m: float  # Standard deviation of a marker per axis.
     unrest: np.ndarray
     """(F - 1, 2) power densities q of the angular acceleration (rad²/s³) and of the acceleration (m²/s³)."""
     dt: float
@@ -165,14 +162,11 @@ LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
 class PropStart:
     """A prop before its solve."""
 
-    rest: np.ndarray
-    """(M, 3) markers about their centre, metres."""
+    rest: np.ndarray  # (M, 3) markers about their centre, metres.
     R: np.ndarray
     t: np.ndarray
-    posed: np.ndarray
-    """(F,) bool: the frame shows three markers or more. The others lie on the way between such."""
-    sigma_m: float
-    """Standard deviation of a marker per axis."""
+    posed: np.ndarray  # (F,) bool: the frame shows three markers or more. The others lie on the way between such.
+    sigma_m: float  # Standard deviation of a marker per axis.
 
 
 def start_prop(points: np.ndarray) -> PropStart:

@@ -52,8 +52,7 @@ class PosedKeys:
     layout: KeyframeLayout
     keys: Keyframes
     residuals: bool
-    frames: np.ndarray | None
-    """Numbers of the evaluated frames; None for all."""
+    frames: np.ndarray | None  # Numbers of the evaluated frames; None for all.
 
     @cached_property
     def poses(self) -> PosedFrames:
@@ -80,21 +79,14 @@ class Bundle:
     settings: SolveSettings
     posed: PosedKeys
     window: int
-    schedule: Schedule
-    """Of the last pass, or of the next before the first."""
+    schedule: Schedule  # Of the last pass, or of the next before the first.
     solve: Solve
-    restart: Start
-    """Makes the keys of windows from single frames."""
-    data: DataTerm
-    """Data term with the learned variances."""
-    free: StateLayout
-    """Unknowns of the last pass."""
-    objective: BundleObjective
-    """Of the last pass."""
-    contacts: Contacts | None = None
-    """Standing feet, once they were detected."""
-    solution: KeySolution | None = None
-    """Of the last pass; None before the first."""
+    restart: Start  # Makes the keys of windows from single frames.
+    data: DataTerm  # Data term with the learned variances.
+    free: StateLayout  # Unknowns of the last pass.
+    objective: BundleObjective  # Of the last pass.
+    contacts: Contacts | None = None  # Standing feet, once they were detected.
+    solution: KeySolution | None = None  # Of the last pass; None before the first.
 
     @classmethod
     def start(
@@ -159,12 +151,9 @@ class Pass:
     """One minimisation over the keys."""
 
     schedule: Schedule
-    free: tuple[str, ...]
-    """Unknown blocks of the state."""
-    before: tuple[Step, ...] = ()
-    """Steps before the pass, in this order."""
-    looseness: float = OFF_MANIFOLD
-    """Factor on the prior's deviations by which joints may leave the manifold."""
+    free: tuple[str, ...]  # Unknown blocks of the state.
+    before: tuple[Step, ...] = ()  # Steps before the pass, in this order.
+    looseness: float = OFF_MANIFOLD  # Factor on the prior's deviations by which joints may leave the manifold.
 
     def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
         """Return the bundle with the keys of this pass; ``alive`` is called before each linearisation."""

@@ -185,12 +185,9 @@ class LiveFrame:
     """A fitted frame."""
 
     pose: PosedFrames
-    landmarks: np.ndarray
-    """(53, 3) metres: the markers on the body."""
-    off_m: float
-    """Median distance of the seen markers; NaN if none is seen."""
-    markers_off_m: np.ndarray
-    """(53,) metres between each seen marker and its place on the body; NaN if it is not seen."""
+    landmarks: np.ndarray  # (53, 3) metres: the markers on the body.
+    off_m: float  # Median distance of the seen markers; NaN if none is seen.
+    markers_off_m: np.ndarray  # (53,) metres between each seen marker and its place on the body; NaN if it is not seen.
 
 
 class LiveFit(PersonFollower):
@@ -253,12 +250,9 @@ class ViewsFrame:
     """A fitted moment."""
 
     pose: PosedFrames
-    points: np.ndarray
-    """(L, 3) metres: located keypoints, NaN where fewer than two views agree."""
-    landmarks: np.ndarray
-    """(L, 3) metres: the keypoints on the body."""
-    points_off_m: np.ndarray
-    """(L,) metres between both; NaN where a keypoint is not located."""
+    points: np.ndarray  # (L, 3) metres: located keypoints, NaN where fewer than two views agree.
+    landmarks: np.ndarray  # (L, 3) metres: the keypoints on the body.
+    points_off_m: np.ndarray  # (L,) metres between both; NaN where a keypoint is not located.
 
 
 class LiveViewsFit(PersonFollower):

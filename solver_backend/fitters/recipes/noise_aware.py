@@ -55,10 +55,8 @@ class LandmarkFit:
     subject: Subject
     prior: GaussianVAE
     start: CodedFrames
-    points: np.ndarray
-    """(F, L, 3) measured landmarks, metres, finite."""
-    seen: np.ndarray
-    """(F, L) bool."""
+    points: np.ndarray  # (F, L, 3) measured landmarks, metres, finite.
+    seen: np.ndarray  # (F, L) bool.
     weights: FitWeights = FitWeights()
 
     @property

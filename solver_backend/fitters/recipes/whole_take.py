@@ -103,13 +103,10 @@ class KnownPersonPlan:
     """Passes and windows of a take."""
 
     window: int
-    passes: tuple[Pass, ...]
-    """On the prior's manifold, unless the start is near enough, and off it."""
+    passes: tuple[Pass, ...]  # On the prior's manifold, unless the start is near enough, and off it.
     after: tuple[Step, ...]
-    stride: int
-    """Passes use every n-th frame."""
-    covariance_stride: int
-    """Covariances of every n-th frame are formed."""
+    stride: int  # Passes use every n-th frame.
+    covariance_stride: int  # Covariances of every n-th frame are formed.
 
     @classmethod
     def of(cls, problem: Problem, settings: SolveSettings) -> KnownPersonPlan:

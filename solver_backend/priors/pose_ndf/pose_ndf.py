@@ -142,8 +142,7 @@ def half_angles(a: Array, b: Array) -> Array:
 class _FieldLevel:
     """Joints of one depth in the tree, encoded together."""
 
-    joints: tuple[int, ...]
-    """Columns 0..20 of the joints 1..21."""
+    joints: tuple[int, ...]  # Columns 0..20 of the joints 1..21.
     parents: np.ndarray
     """(n, m) one where a joint's parent is the m-th joint of the level above; no column for the pelvis."""
 
@@ -263,8 +262,7 @@ class ProjectionSettings:
     """Gradient descent to the manifold (Tiwari et al. 2022, eqs. 5 and 6)."""
 
     steps: int = 60
-    step_size: float = 0.3
-    """The factor α at first: one would leave a field that is a distance in one step."""
+    step_size: float = 0.3  # The factor α at first: one would leave a field that is a distance in one step.
     reach: float = 0.9
     """How far a pose may be moved in all, by the distance it begins at: farther on lies the middle of all poses."""
     level: float = 0.0
