@@ -19,7 +19,7 @@ from research.descent.manifolds import Product
 from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings

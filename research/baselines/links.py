@@ -8,8 +8,7 @@ import numpy as np
 
 from research.baselines.sequence import DOF, STATE, Equations, PosedJoints, States
 from solver_backend.body.state_layout import CODE
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.geometry.rotations import log_so3
 
 

@@ -16,7 +16,7 @@ from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.noise_aware import solve_in_stages
+from solver_backend.fitters.recipes.noise_aware import solve_noise_aware
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss
 from solver_backend.types import Capture, Motion
@@ -53,7 +53,7 @@ class MarkerBaseline(Baseline):
         """Fit landmarks that are measured already."""
         subject = Subject.average(problem.body, problem.measurements.landmarks, np.zeros(1))
         settings = SolveSettings(method="noise-aware")
-        solved, _ = solve_in_stages(problem, subject, settings, silent, self.loss)
+        solved, _ = solve_noise_aware(problem, subject, settings, silent, loss=self.loss)
         return build_motion(
             problem.measurements, solved, scale=settings.robust_scale, provenance={"baseline": self.name}
         )

@@ -16,9 +16,17 @@ from research.baselines.person import Prepared
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
-from solver_backend.fitters.model.states import PosedFrames, d_pose_d_state, decoded, decoder_jacobian
-from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations
+from solver_backend.fitters.model.subject import (
+    FrameObjective,
+    PosedFrames,
+    Subject,
+    d_pose_d_state,
+    decoded,
+    decoder_jacobian,
+    frame_equations,
+)
 from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed
+from solver_backend.geometry.arrays import Rows
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE, load_vae
@@ -30,12 +38,11 @@ from solver_backend.types import JointSet
 
 STATE = StateLayout.of(LATENT_DIM, len(BODY_JOINTS)).without(RESIDUAL)  # Of the state of a frame: 38.
 DOF = STATE.dof
-_FLOOR = 1e-2
-"""Added to the diagonal: parts that nothing sees stay."""
+_FLOOR = 1e-2  # Added to the diagonal: parts that nothing sees stay.
 
 
 @dataclass(frozen=True)
-class States:
+class States(Rows):
     """Unknowns of F frames."""
 
     z: np.ndarray  # (F, 32) codes.
@@ -46,10 +53,6 @@ class States:
         """Move by (F, 38) tangent steps."""
         root = exp_so3(step[:, STATE[ROOT]]) @ self.root
         return States(self.z + step[:, STATE[CODE]], root, self.transl + step[:, STATE[TRANSL]])
-
-    def select(self, frames: np.ndarray) -> States:
-        """Return the states of these frames."""
-        return States(self.z[frames], self.root[frames], self.transl[frames])
 
     def replaced(self, frames: np.ndarray, new: States) -> States:
         """Return the states with those of some frames replaced."""

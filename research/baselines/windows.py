@@ -15,8 +15,7 @@ from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
 from solver_backend.fitters.model.keyframe_layout import Interpolant
-from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import Keyframes, PosedFrames, Subject, hemisphere_aligned, pose
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.priors.base import PosePrior

@@ -122,8 +122,8 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit poses and one shape to the keypoints of calibrated views (Tiwari et al. 2022, eqs. 10 and 11)."""
     from solver_backend.cli.arguments import load
+    from solver_backend.fitters.pose_ndf.complete import KeypointSettings
     from solver_backend.fitters.pose_ndf.edit_motion import fitted_motion
-    from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.kinematics import recorded_vectors
-from solver_backend.fitters.keyframes.lost_limbs import lost_landmarks
-from solver_backend.fitters.layers import Measurements, SolvedLayer
-from solver_backend.fitters.model.states import BLOCK_POSES
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.fitters.keyframes.initial_keys import lost_landmarks
+from solver_backend.fitters.model.subject import BLOCK_POSES, Subject, pose
+from solver_backend.fitters.problem import Measurements, SolvedFrames, SolvedLayer
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.small_matrices import mean_sigma

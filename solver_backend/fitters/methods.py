@@ -14,12 +14,10 @@ from solver_backend.exchange.solve_settings import SCREW, SolveSettings
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretches, solve_sliding
-from solver_backend.fitters.layers import Layer
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import ON_THE_MANIFOLD, state_layout
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
-from solver_backend.fitters.recipes.whole_take import solve_known_person, solve_one_view, solve_views
+from solver_backend.fitters.model.subject import ON_THE_MANIFOLD, Subject, state_layout
+from solver_backend.fitters.problem import Convergence, Layer, MethodResult, Problem, SolvedFrames
+from solver_backend.fitters.recipes.bundle import solve_known_person, solve_one_view, solve_views
 from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.residuals.terms import graduated_scales

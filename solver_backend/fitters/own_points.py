@@ -19,13 +19,10 @@ from solver_backend.cameras.robust_triangulation import Triangulation
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.layers import Layer, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
-from solver_backend.fitters.measurements.sources import ViewPoints
-from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import points_of
-from solver_backend.fitters.problem import Problem, SolvedFrames
+from solver_backend.fitters.model.subject import FrameStates, points_of
+from solver_backend.fitters.problem import Layer, Problem, SolvedFrames, SolvedLayer
 from solver_backend.fitters.single_frame import sample_frames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy
@@ -163,7 +160,7 @@ def _measure(problem: Problem, own: OwnPoints, placed: PlacedPoints, like: Array
         points=own.points[:, columns],
         covariance=own.covariance[:, columns],
         term=ReprojectionTerm.of(own.cameras, keypoints, own.sigma_px[..., columns], like),
-        source=ViewPoints(own.cameras, keypoints),
+        source=replace(measured.source, keypoints=keypoints),
         layers=layers,
     )
     return replace(problem, measurements=measured)

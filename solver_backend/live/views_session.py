@@ -11,8 +11,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
 from solver_backend.exchange.reading_settings import WorldSettings
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.model.subject import PosedFrames, pose
 from solver_backend.fitters.recipes.live import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
 from solver_backend.live.frames import ViewMoment

@@ -21,8 +21,7 @@ import numpy as np
 from research.priors import load_prior, stored_priors
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.metrics import angle_mae_deg, pck_percent
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE

@@ -25,19 +25,19 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pose_ndf.complete import (
     ALONG,
     WEIGHTS,
     DenoiseSettings,
+    KeypointSettings,
+    ManifoldWeights,
     complete,
     denoise,
     interpolate_poses,
     missing_joints,
 )
 from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
-from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, ManifoldWeights
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.metrics.self_intersection import self_intersection_percent
 from solver_backend.priors.gaussian_vae import VaeName, load_vae

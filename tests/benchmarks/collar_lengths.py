@@ -15,9 +15,8 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
-from solver_backend.fitters.motion_import import pose_fit
-from solver_backend.fitters.motion_import.import_motion import shape_from_lengths
-from solver_backend.fitters.motion_import.pose_fit import Measured, measure
+from solver_backend.fitters.motion_import import import_motion
+from solver_backend.fitters.motion_import.import_motion import Measured, measure, shape_from_lengths
 from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from tests.conftest import recordings_folder
 
@@ -55,15 +54,15 @@ def longer(rest: np.ndarray, factor: float) -> np.ndarray:
 
 def free_mm(rest: np.ndarray, measured: Measured, joints: list[int]) -> float:
     """Return the distance with joints that turn as they like."""
-    sigmas = pose_fit._TURN_SIGMA.copy()
+    sigmas = import_motion._TURN_SIGMA.copy()
     sigmas[joints] = FREE_RAD
-    with patch.object(pose_fit, "_TURN_SIGMA", sigmas):
+    with patch.object(import_motion, "_TURN_SIGMA", sigmas):
         return off_mm(rest, measured)
 
 
 def off_mm(rest: np.ndarray, measured: Measured) -> float:
     """Return the root mean square distance of the limbs' joints from the skeleton's."""
-    joints = pose_fit.fit_poses(rest, measured)[1][:, _LIMBS]
+    joints = import_motion.fit_poses(rest, measured)[1][:, _LIMBS]
     return 1000.0 * float(np.sqrt(((joints - measured.places[:, _LIMBS]) ** 2).sum(-1).mean()))
 
 

@@ -11,11 +11,10 @@ import numpy as np
 
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.layers import Measurements, RoughMotion
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
-from solver_backend.fitters.pose_ndf.fit_keypoints import fit_keypoints
-from solver_backend.fitters.prepare import first_subject, prepare
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.pipeline import first_subject, prepare
+from solver_backend.fitters.pose_ndf.complete import fit_keypoints
+from solver_backend.fitters.problem import Measurements, Problem, RoughMotion
 from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf

@@ -15,8 +15,7 @@ from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import BodyInvalid, PriorInvalid
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.measurements.markers import measure_landmarks
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pipeline import solve_problem
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.rotations import exp_so3

@@ -16,7 +16,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
-from solver_backend.fitters.hands.hand_problem import FINGERS as FINGER_STATES
+from solver_backend.fitters.hands.solve_hand import FINGERS as FINGER_STATES
 from solver_backend.fitters.hands.wide_motion import finger_turns_of
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3

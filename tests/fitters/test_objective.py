@@ -10,8 +10,7 @@ from solver_backend.body.state_layout import TRANSL, StateLayout
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, MotionPrior
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.model.states import FrameStates, Keyframes
-from solver_backend.fitters.model.subject import FrameObjective, frame_equations, pose
+from solver_backend.fitters.model.subject import FrameObjective, FrameStates, Keyframes, frame_equations, pose
 from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.subject import Keyframes, hemisphere_aligned
 
 
 def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) -> Keyframes:

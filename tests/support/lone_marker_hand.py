@@ -7,8 +7,8 @@ import numpy as np
 from solver_backend.body.hand_markers import PLACES, HandMarkers, hand_markers
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.hand_problem import WristPath
 from solver_backend.fitters.hands.marker_hand import MarkerHand, calibrated_hand, marker_size
+from solver_backend.fitters.hands.solve_hand import WristPath
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types.shapes import Float
 

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.subject import Keyframes, hemisphere_aligned
 from solver_backend.geometry.sphere import spherical_normalisation
 
 

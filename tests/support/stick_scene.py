@@ -9,8 +9,14 @@ from solver_backend.fitters.keyframes.normal_equations import FrameData
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
-from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.model.subject import (
+    FrameObjective,
+    Keyframes,
+    PosedFrames,
+    Subject,
+    hemisphere_aligned,
+    pose,
+)
 from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

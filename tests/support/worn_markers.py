@@ -10,8 +10,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import MarkerCloud

@@ -11,9 +11,18 @@ from solver_backend.body.hand_skeleton import HandSites, HandSkeleton, site_fram
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SIZES, HandProblem, KeyModel, WristPath
 from solver_backend.fitters.hands.shown_hands import HandClouds
-from solver_backend.fitters.hands.solve_hand import frame_states, hand_window, solve_keys
+from solver_backend.fitters.hands.solve_hand import (
+    DOF,
+    FINGERS,
+    SIZES,
+    HandProblem,
+    KeyModel,
+    WristPath,
+    frame_states,
+    hand_window,
+    solve_keys,
+)
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.hand_prior import load_hand_prior

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -12,26 +13,281 @@ from solver_backend.body.hand_angles import KNUCKLES
 from solver_backend.body.hand_skeleton import BONES, HandSkeleton
 from solver_backend.body.hands import hand_of_shape
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
+from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.hand_problem import SIZES, HandProblem, WristPath
-from solver_backend.fitters.hands.hand_view_term import (
-    PALM_M,
-    HandNoise,
-    LocatedHand,
-    hand_term,
-    locate_hands,
-    pixels_per_metre,
-    sort_hands,
-)
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
 from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews
+from solver_backend.fitters.hands.solve_hand import SIZES, HandProblem, WristPath
 from solver_backend.fitters.problem import SolvedFrames
-from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.arrays import to_numpy, true_runs
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior
-from solver_backend.types.shapes import Float
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.residuals.terms import PointEvidence, Residuals, geman_mcclure
+from solver_backend.types.shapes import Bool, Float
+
+ROUNDS = 3  # Reweighted means that find a view's offset. A fourth moves it by less than a tenth of a pixel.
+_LOOSE = 3.0  # Robust scale of offsets where none is given.
+
+
+@dataclass(frozen=True)
+class HandViewTerm:
+    """``E = ½ Σ_c min_o [Σ_l c_l ρ(|π(y_l) - k_l - o| / σ_l) + c ρ(|o| / τ_c)]``, o the offset of a view's whole hand.
+
+    A detector that places its crop a little off moves all points of a hand alike: 21 of them locate it no better than
+    one. Eliminating o leaves ``H = Σ_l w PᵀP - (Σ_l w P)ᵀ (Σ_l w P) / (Σ_l w + w_o)`` for each view.
+    """
+
+    points: ReprojectionTerm  # Each point with its own noise.
+    whole_px: Float[np.ndarray, " views"]  # (C,) px, τ: standard deviation per axis of an offset.
+
+    def select(self, frames: Any) -> HandViewTerm:
+        """Return the term of the frames at these indices (or of this slice)."""
+        return replace(self, points=self.points.select(frames))
+
+    def astype(self, precision: Any) -> HandViewTerm:
+        """Return the term in a precision."""
+        return replace(self, points=self.points.astype(precision))
+
+    def rescaled(self, variance: np.ndarray) -> HandViewTerm:
+        """Return the term with the variance of the points' own noise multiplied by a factor."""
+        return replace(self, points=self.points.rescaled(variance))
+
+    def leverage(self, points: np.ndarray, used: np.ndarray) -> np.ndarray:
+        """Return (C, F, L) the share of each view's own error that a point takes over (see ``ReprojectionTerm``)."""
+        return self.points.leverage(points, used)
+
+    def residuals(self, points: np.ndarray) -> Residuals:
+        """Return the residuals of (F, L, 3) positions in pixels, without the offsets of the views."""
+        found = self.points.residuals(points)
+        offset = self._offsets(found.error, np.where(found.measured, self.points.weight, 0.0), _LOOSE)[0]
+        error = np.where(found.measured[..., None], found.error - offset[:, :, None], 0.0)
+        return Residuals(error, self._per_sigma * (error**2).sum(-1), found.measured)
+
+    def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
+        """Return the evidence at (F, L, 3) world positions."""
+        own = self.points
+        px, P, depth = project_with_jacobian(own.cameras, points)
+        usable = (own.weight > 0) & np.isfinite(px).all(-1) & (depth > 0)
+        P, error = np.where(usable[..., None, None], P, 0.0), np.where(usable[..., None], px - own.xy, 0.0)
+        offset, penalty, weight, stiff = self._offsets(error, np.where(usable, own.weight, 0.0), scale)
+        # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
+        hidden = np.where(own.weight > 0, own.confidence * scale**2, 0.0)
+        cost = 0.5 * (np.where(usable, penalty[0], hidden).sum(-1) + penalty[1]).sum(0)
+        pulled = weight[..., None, None] * P
+        left = error - offset[:, :, None]
+        gradient = (np.swapaxes(pulled, -1, -2) @ left[..., None])[..., 0].sum(0)
+        information = (np.swapaxes(pulled, -1, -2) @ P).sum(0)
+        lost = pulled / np.sqrt(np.maximum(weight.sum(-1) + stiff, 1e-12))[..., None, None, None]
+        views, frames, landmarks = weight.shape
+        shared = lost.transpose(1, 0, 3, 2, 4).reshape(frames, 2 * views, landmarks, 3)
+        return PointEvidence(cost, gradient, information, shared)
+
+    @property
+    def _per_sigma(self) -> np.ndarray:
+        return self.points.weight / np.where(self.points.confidence > 0, self.points.confidence, 1.0)
+
+    def _offsets(
+        self, error: np.ndarray, weight: np.ndarray, scale: float
+    ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray], np.ndarray, np.ndarray]:
+        """Return (C, F, 2) offsets, costs of points (C, F, L) and offsets (C, F), and the robust weights of both.
+
+        Args:
+            error: (C, F, L, 2) px, 0 where nothing is measured.
+            weight: (C, F, L) 1/px², 0 where nothing is measured.
+        """
+        confidence = np.where(weight > 0, self.points.confidence, 0.0)
+        per_sigma = np.where(weight > 0, self._per_sigma, 0.0)
+        trust = confidence.max(-1)
+        stiff0 = trust / self.whole_px[:, None] ** 2
+        robust, stiff = weight, stiff0
+        offset = np.zeros((*trust.shape, 2))
+        penalty = np.zeros_like(weight), np.zeros_like(trust)
+        for _ in range(ROUNDS):
+            total = np.maximum(robust.sum(-1) + stiff, 1e-12)
+            offset = (robust[..., None, :] @ error)[..., 0, :] / total[..., None]
+            own, factor = geman_mcclure(per_sigma * ((error - offset[:, :, None]) ** 2).sum(-1), scale)
+            far, hold = geman_mcclure((offset**2).sum(-1) / self.whole_px[:, None] ** 2, scale)
+            robust, stiff = weight * factor, stiff0 * hold
+            penalty = confidence * own, trust * far
+        return offset, penalty, robust, stiff
+
+
+NOISE_FRAMES, EVERY = 20, 2
+"""Frames on which the detector's noise is measured (at most twice as many), and the step between located frames: the
+start of a solve needs no more."""
+LEAST_POINTS = 8  # Least points of a hand that a view shares with others to have an offset.
+ALIKE_FRAMES, LEAST_WHOLE = 20.0, 0.2
+"""Weight of the mean offset of all views, in frames, and the least offset as a share of the points' own noise."""
+RANGE = (0.25, 4.0)  # Limits of a point's variance by the hand's median.
+_MEDIAN = 2.0 * float(np.log(2.0))  # Median of a squared length in two dimensions, in variances per axis.
+
+
+@dataclass(frozen=True)
+class HandNoise:
+    """Standard deviations per axis of a detector of hands in a take, pixels."""
+
+    own_px: Float[np.ndarray, " points"]  # (21,) of each point about its hand.
+    whole_px: Float[np.ndarray, " views"]
+    """(C,) of the whole hand in each view, with constant errors such as the camera's."""
+
+
+@dataclass(frozen=True)
+class LocatedHand:
+    """One hand by the views alone."""
+
+    points: Float[np.ndarray, "frames 21 3"]  # (F, 21, 3) metres, NaN where no two views agree or no view shows it.
+    spread_m2: Float[np.ndarray, "frames 21"]
+    """(F, 21) trace of the covariance by which points scatter about their hand."""
+    noise: HandNoise
+
+
+def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
+    """Locate the hands that any view shows, by side, in every other frame."""
+    both = views.xy.shape[2] * NUM_HAND_POINTS
+    xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
+    confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
+    shown = np.flatnonzero(((views.confidence > 0).any(axis=-1).sum(axis=0) >= 2).any(axis=-1))
+    sample = shown[:: max(1, len(shown) // NOISE_FRAMES)]
+    rough = triangulate(views.cameras, xy[:, sample], confidence[:, sample])
+    sigma_px = np.asarray(rough.sigma_px)
+    used = shown[::EVERY]
+    found = triangulate(views.cameras, xy[:, used], confidence[:, used], sigma_px)
+    traces = np.trace(np.asarray(found.covariance), axis1=-2, axis2=-1)
+    hands: dict[int, LocatedHand] = {}
+    for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))):
+        own = np.arange(side * NUM_HAND_POINTS, (side + 1) * NUM_HAND_POINTS)
+        noise = hand_noise(views, xy[:, sample][:, :, own], rough.of_keypoints(own))
+        points = np.full((xy.shape[1], NUM_HAND_POINTS, 3), np.nan)
+        spread_m2 = np.full(points.shape[:2], np.nan)
+        points[used], spread_m2[used] = found.points[:, own], traces[:, own] * (noise.own_px / sigma_px[own]) ** 2
+        hands[int(side)] = LocatedHand(points, spread_m2, noise)
+    return hands
+
+
+def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
+    """Return the noise of one hand's detections, (C, n, 21, 2) px.
+
+    Residuals of triangulated points split into their mean over a view's hand and the rest. A point of V views takes
+    3 of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
+    squares leave outliers out.
+    """
+    cameras, used = views.cameras, np.asarray(found.inliers)
+    kept = np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
+    error = np.where(used[..., None], xy - project(cameras, np.asarray(found.points)), 0.0) / kept
+    count = used.sum(-1)
+    enough = count >= LEAST_POINTS
+    if enough.sum() < LEAST_POINTS:
+        sigma_px = np.asarray(found.sigma_px)
+        return HandNoise(sigma_px, np.full(len(xy), LEAST_WHOLE * float(np.median(sigma_px))))
+    mean = error.sum(2) / np.maximum(count, 1)[..., None]
+    square = ((error - mean[:, :, None]) ** 2).sum(-1) * (count / np.maximum(count - 1.0, 1.0))[..., None]
+    usable = used & enough[..., None]
+    own = np.array([_variance(square[..., k], usable[..., k], np.nan) for k in range(square.shape[-1])])
+    usual = float(np.nanmedian(own))
+    own = np.clip(np.nan_to_num(own, nan=usual), RANGE[0] * usual, RANGE[1] * usual)
+    offset, shown = (mean**2).sum(-1), enough.sum(axis=1)
+    alike = _variance(offset, enough, usual)
+    each = np.array([_variance(offset[view], enough[view], alike) for view in range(len(xy))])
+    variance = (shown * each + ALIKE_FRAMES * alike) / (shown + ALIKE_FRAMES) - usual / NUM_HAND_POINTS
+    return HandNoise(np.sqrt(own), np.sqrt(np.maximum(variance, LEAST_WHOLE**2 * usual)))
+
+
+def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: float) -> float:
+    known = square[used]
+    return float(np.median(known)) / _MEDIAN if len(known) >= LEAST_POINTS else otherwise
+
+
+SMALL_PX, PALM_M = 15.0, 0.09
+"""Pixels of a palm, from the wrist to the middle finger's knuckle (metres), below which a detector guesses: its points
+are then off by about the size of the hand."""
+MODEL_ERROR_M = 0.004
+"""Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
+ALONE = 0.04
+"""Weight of a hand that one view alone shows: nothing there separates a palm from its mirror image in depth, and a
+wrist that follows the wrong one turns by half a circle."""
+
+
+def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
+    """Return the data term of one hand (side 0 left, 1 right) at (F, 3) wrists, metres.
+
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
+    """
+    px_per_m = pixels_per_metre(views, wrists)[..., None]
+    small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
+    sigma = np.hypot(noise.own_px * small, MODEL_ERROR_M * px_per_m)
+    xy, confidence = views.xy[:, :, side], views.confidence[:, :, side]
+    seen = np.isfinite(xy).all(-1) & (confidence > 0)
+    alone = seen.any(axis=-1).sum(axis=0) < 2
+    confidence = np.where(alone[:, None], ALONE * confidence, confidence)
+    points = ReprojectionTerm(
+        CameraArrays.of(views.cameras, sigma),
+        np.where(seen[..., None], xy, 0.0),
+        np.where(seen, confidence, 0.0) / sigma**2,
+        np.where(seen, confidence, 0.0),
+    )
+    return HandViewTerm(points, noise.whole_px)
+
+
+def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
+    """Return (C, F) the size of a metre in each picture at (F, 3) places."""
+    cameras = views.cameras
+    depth = np.einsum("cj,fj->cf", cameras.R[:, 2], wrists) + cameras.t[:, 2, None]
+    return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
+
+
+NEAR, CLEARLY = 0.8, 0.5
+"""Largest distance of a hand's wrist from the body's in lengths of the forearm in the picture (detector and body err by
+a third of that), and the least gain of an exchange of hands."""
+LEAST_FRAMES = 3  # Shorter stretches are corrected without a diagnostic.
+
+
+@dataclass(frozen=True)
+class SortedHands:
+    """The detections of each side at that side's wrist, and what was exchanged or left out."""
+
+    views: HandViews
+    diagnostics: tuple[Diagnostic, ...]
+
+
+def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
+    """Return detections by the wrists they lie at. Hands that lie at no wrist are excluded.
+
+    A frame's two hands in one view are exchanged where both lie nearer to each other's wrist.
+    A single hand changes its side where it does.
+    Wrists and elbows are (F, 2, 3) metres, of the solved body, left first.
+    """
+    at, up = (project(views.cameras, points) for points in (wrists, elbows))
+    forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
+    seen = views.confidence[..., 0] > 0
+    there = np.where(seen[..., None], views.xy[:, :, :, 0], np.nan)
+    # (C, F, detected side, side of the body)
+    distance = np.linalg.norm(there[:, :, :, None] - at[:, :, None], axis=-1) / forearm
+    far = np.nan_to_num(distance, nan=0.0)
+    gain = (far[..., 0, 0] + far[..., 1, 1]) - (far[..., 0, 1] + far[..., 1, 0])
+    exchanged = gain > CLEARLY
+    order = np.where(exchanged[..., None], [1, 0], [0, 1])
+    xy = np.take_along_axis(views.xy, order[..., None, None], axis=2)
+    confidence = np.take_along_axis(views.confidence, order[..., None], axis=2)
+    own = np.take_along_axis(distance, order[..., None], axis=2)[..., [0, 1], [0, 1]]
+    elsewhere = np.nan_to_num(own, nan=0.0) > NEAR
+    confidence = np.where(elsewhere[..., None], 0.0, confidence)
+    found = [*_named(views, "hands_exchanged", exchanged, Remedy.REPAIRED)]
+    found += _named(views, "hand_elsewhere", elsewhere.any(axis=-1), Remedy.EXCLUDED)
+    return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
+
+
+def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:
+    named = []
+    for view in np.flatnonzero(found.any(axis=1)):
+        runs = [run for run in true_runs(found[view]) if run[1] - run[0] + 1 >= LEAST_FRAMES]
+        if runs:
+            named.append(diagnostic(code, cameras=[views.cameras.names[view]], frames=runs, remedy=remedy))
+    return named
+
 
 _MEASURED = np.concatenate([[(0, knuckle) for knuckle in KNUCKLES[1:]], BONES])
 """Points at both ends of 19 bones: wrist to knuckles, and the bones of the fingers."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
+from typing import ClassVar
 
 import numpy as np
 
@@ -19,11 +20,15 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SHIFT, TURN, KeyModel
-from solver_backend.fitters.hands.measured_hands import MeasuredHand, measure_hands
+from solver_backend.fitters.hands.measured_hands import MeasuredHand, MeasuredHands, measure_hands
 from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews
 from solver_backend.fitters.hands.solve_hand import (
+    DOF,
+    FINGERS,
+    SHIFT,
     THROUGH_M,
+    TURN,
+    KeyModel,
     SolvedHand,
     hand_window,
     initial_keys,
@@ -34,13 +39,12 @@ from solver_backend.fitters.hands.solve_hand import (
 from solver_backend.fitters.hands.wide_motion import hand_size_in, with_hands
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.splice_range import range_layout
-from solver_backend.fitters.layers import SolvedLayer
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.fitters.model.subject import PosedFrames
+from solver_backend.fitters.problem import Layer, Problem, SolvedFrames, SolvedLayer
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
 from solver_backend.geometry.rotations import exp_so3, quat_from_matrix, skew
-from solver_backend.types import Motion
+from solver_backend.types import Cameras, Keypoints2D, Motion
 from solver_backend.types.shapes import Float, Int
 
 STEPS = 6  # Gauss-Newton steps. Shifts are a few centimetres at most, and three are enough where the arm is bent.
@@ -122,6 +126,27 @@ class SolvedHands(SolvedLayer):
         return with_hands(motion, self, statistics(self))
 
 
+@dataclass(frozen=True)
+class Hands(Layer):
+    """Both hands of one person. Wrists follow hands after the body, whose keypoints locate them better."""
+
+    shown: HandViews | HandClouds  # What shows them.
+    SETTINGS: ClassVar[frozenset[str]] = frozenset({"learn_noise"})
+
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Solve the hands on their wrists, and let the arms follow."""
+        solved, hands = solve_hands(self.shown, solved, problem.fps, settings, progress)
+        return solved, hands or self
+
+
+def hands_in_views(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Hands, ...]:
+    """Return the hands of a person, none where no view shows any."""
+    views = HandViews.of(cameras, keypoints)
+    return () if views is None else (Hands(views),)
+
+
 def solve_hands(
     shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
@@ -129,7 +154,8 @@ def solve_hands(
 
     A body without fingers has no hands either, which is reported.
     """
-    if len(solved.frames.transl) < LEAST_FRAMES:
+    frames = np.arange(len(solved.frames.transl))
+    if len(frames) < LEAST_FRAMES:
         return solved, None
     try:
         body = with_fingers(solved.subject.body)
@@ -137,16 +163,37 @@ def solve_hands(
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
     progress(STAGE, 0, 1)
     found = measure_hands(shown, body, solved, fps, settings, None)
-    hands, doubts = dict[int, SolvedHand](), found.diagnostics
-    for number, (side, hand) in enumerate(found.hands.items()):
-        alive = partial(progress, STAGE, number, len(found.hands))
-        alive()
-        hands[side] = solve_hand(hand.problem, hand.located, settings, alive)
-        doubts += through_fingers(hands[side], side)
-        solved = with_arm(solved, side, np.arange(len(solved.frames.transl)), hands[side].turn, hands[side].shift)
-    progress(STAGE, len(hands), len(hands))
+
+    def solve(side: int, hand: MeasuredHand, alive: Callable[[], None]) -> HandRange:
+        return HandRange(frames, solve_hand(hand.problem, hand.located, settings, alive))
+
+    solved, ranges = _solve_each(found, solved, solve, progress)
+    hands, doubts = {side: own.hand for side, own in ranges.items()}, found.diagnostics
+    for side, own in hands.items():
+        doubts += through_fingers(own, side)
     solved = replace(solved, diagnostics=(*solved.diagnostics, *doubts))
     return solved, SolvedHands(body, found.skeletons, hands, found.size)
+
+
+def _solve_each(
+    found: MeasuredHands,
+    solved: SolvedFrames,
+    solve: Callable[[int, MeasuredHand, Callable[[], None]], HandRange],
+    progress: Progress,
+) -> tuple[SolvedFrames, dict[int, HandRange]]:
+    """Solve each measured hand and return the poses with arms that follow, and the hands by side."""
+    hands = dict[int, HandRange]()
+    subject, poses, count = solved.subject, solved.frames, len(found.hands)
+    for number, (side, hand) in enumerate(found.hands.items()):
+        alive = partial(progress, STAGE, number, count)
+        alive()
+        hands[side] = own = solve(side, hand, alive)
+        part, turn, shift = poses.select(own.frames), own.hand.turn, own.hand.shift
+        local = to_numpy(poses.local).copy()
+        local[own.frames] = follow_hand(subject.body, to_numpy(subject.betas), part, side, turn, shift).local
+        poses = replace(poses, local=constant(local, poses.local))
+    progress(STAGE, count, count)
+    return replace(solved, frames=poses), hands
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
@@ -157,15 +204,6 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
         return ()
     most = max(float(deep[first : last + 1].max()) for first, last in runs)
     return (diagnostic("fingers_through_fingers", joints=[f"{SIDES[side]}_hand"], frames=runs, size_mm=1000.0 * most),)
-
-
-def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarray, shift: np.ndarray) -> SolvedFrames:
-    """Return the poses with an arm that follows its hand in n frames."""
-    subject, poses = solved.subject, solved.frames
-    moved = follow_hand(subject.body, to_numpy(subject.betas), poses.select(frames), side, turn, shift)
-    local = to_numpy(poses.local).copy()
-    local[frames] = moved.local
-    return replace(solved, frames=replace(poses, local=constant(local, poses.local)))
 
 
 def statistics(hands: SolvedHands) -> dict[str, object]:
@@ -213,15 +251,12 @@ def solve_hands_again(
         return solved, {}
     progress(STAGE, 0, 1)
     found = measure_hands(shown, body, solved, earlier.fps, settings, hand_size_in(earlier))
-    hands = dict[int, HandRange]()
-    for number, (side, hand) in enumerate(found.hands.items()):
+
+    def solve(side: int, hand: MeasuredHand, alive: Callable[[], None]) -> HandRange:
         still = _still_angles(found.skeletons[side], side, earlier, frame_range.pins)
-        alive = partial(progress, STAGE, number, len(found.hands))
-        hands[side] = solve_hand_range(hand, still, frame_range, settings, alive)
-        again = hands[side].hand
-        solved = with_arm(solved, side, hands[side].frames, again.turn, again.shift)
-    progress(STAGE, len(hands), len(hands))
-    return solved, hands
+        return solve_hand_range(hand, still, frame_range, settings, alive)
+
+    return _solve_each(found, solved, solve, progress)
 
 
 def solve_hand_range(

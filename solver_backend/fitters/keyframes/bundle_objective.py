@@ -25,8 +25,7 @@ from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, differences
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import CODES, Keyframes
-from solver_backend.fitters.model.subject import FrameObjective
+from solver_backend.fitters.model.subject import CODES, FrameObjective, Keyframes
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent

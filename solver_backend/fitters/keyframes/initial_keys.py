@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, BundleModel, Schedule, Stretch
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, control_points
-from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.subject import Subject, points_of
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.model.subject import Keyframes, Subject, hemisphere_aligned, points_of
+from solver_backend.fitters.problem import Measurements, Problem
 from solver_backend.fitters.single_frame import fit_to_points
-from solver_backend.geometry.arrays import array_namespace, constant, index, to_numpy, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, index, to_numpy, true_runs, zeros
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import quat_from_matrix
 from solver_backend.types import Motion
@@ -116,3 +116,168 @@ def window_of(motion: Motion, window: int) -> int:
     """Return the frames per window of an earlier solve, at most ``window``."""
     keys = 0 if motion.keyframes is None else int(motion.keyframes.sum())
     return window if keys < 3 else max(2, min(window, round(2 * motion.num_frames / keys)))
+
+
+DETECTED_M, WORN_M = (0.15, 0.08), (0.06, 0.04)
+"""A landmark is lost where it is this far from its point, and in neighbouring frames still the second distance: for
+detected points, and for markers with known places on the skin. With keys three frames apart, one wrong key bends four
+frames and moves two that far."""
+LOST_SIGMAS = 6.0  # The distance also exceeds so many standard deviations of the point.
+SURE_M = 0.03  # A point is well located where its standard deviation per axis is less.
+ROUGHNESS = 2.5
+"""The distance also exceeds so many times the point's distance from the middle of its neighbours in time. Labelling
+errors and ghosts jump from frame to frame; lost limbs do not. One frame off by d has roughness d, a few frames off by
+the same d have d / 2."""
+SHORTEST = 3
+"""Frames in a row; shorter runs are points located wrongly. One frame is enough at the ends of a take, where a key
+bends two frames only."""
+
+
+def lost_landmarks(
+    found: np.ndarray, points: np.ndarray, covariance: np.ndarray, bounds_m: tuple[float, float] = DETECTED_M
+) -> np.ndarray:
+    """Return (F, L) bool: the landmark is lost.
+
+    Args:
+        found: (F, L, 3) landmarks of the body, metres.
+        points: (F, L, 3) where they were located, NaN where they were not.
+        covariance: (F, L, 3, 3) of the points, m².
+        bounds_m: ``DETECTED_M`` or ``WORN_M``.
+    """
+    lost_m, beside_m = bounds_m
+    variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
+    squared = np.sum((found - points) ** 2, axis=-1)
+    needed = np.maximum(LOST_SIGMAS**2 * variance, (ROUGHNESS * roughness(points)) ** 2)
+    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, needed))
+    lost = np.zeros_like(off)
+    if len(off) < SHORTEST:
+        return lost
+    beyond = ((SHORTEST - 1, SHORTEST - 1), (0, 0))
+    off, far, lost = (np.pad(x, beyond, mode="edge") for x in (off, off & (squared > lost_m**2), lost))
+    in_a_row = partial(np.lib.stride_tricks.sliding_window_view, window_shape=SHORTEST, axis=0)
+    starts = in_a_row(off).all(axis=-1) & in_a_row(far).any(axis=-1)
+    for shift in range(SHORTEST):
+        lost[shift : shift + len(starts)] |= starts
+    return lost[SHORTEST - 1 : 1 - SHORTEST]
+
+
+def roughness(points: np.ndarray) -> np.ndarray:
+    """Return the largest distance (F, L) of points from the middle of their neighbours within 3 frames, metres.
+
+    ``r_t = max_{|s - t| <= 1} |x_s - (x_{s-1} + x_{s+1}) / 2|`` of (F, L, 3) points, 0 where unknown.
+    """
+    apart = np.zeros(points.shape[:2])
+    middle = points[1:-1] - 0.5 * (points[:-2] + points[2:])
+    apart[1:-1] = np.nan_to_num(np.linalg.norm(middle, axis=-1))
+    most = apart.copy()
+    most[1:] = np.maximum(most[1:], apart[:-1])
+    most[:-1] = np.maximum(most[:-1], apart[1:])
+    return most
+
+
+BESIDE = 3  # Windows on both sides that are solved too; their outermost keys do not move. Chosen by hand.
+Start = Callable[[slice], Keyframes]  # Makes the keys of a range of windows from the points of single frames.
+
+
+def resolve_lost_limbs(
+    measurements: Measurements,
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    points: Array,
+    start: Start,
+    schedule: Schedule,
+    frames: np.ndarray | None = None,
+) -> Keyframes:
+    """Solve lost limbs again where that lowers the cost; return the same keys if nothing changes.
+
+    Points that are wrong for some frames look like a lost limb; only the cost separates them. Runs longer than a chunk
+    are not lost limbs and stay.
+
+    Args:
+        points: (F, L, 3) landmarks of the body.
+        frames: numbers of the F frames; all of the layout if None.
+    """
+    lost = _lost_windows(measurements, layout, points, frames)
+    for windows in ranges_around(lost):
+        here = np.zeros_like(lost)
+        here[windows] = lost[windows]
+        stretch = cut_out(model, layout, _restarted(here, keys, start), schedule, windows)
+        solved = stretch.solve()
+        some, rows = keys_of(windows), stretch.layout.rows(schedule.stride)
+        before = stretch.model.equations(rows, keys.select(some), schedule.scales[-1])[0]
+        if solved.cost < float(array_namespace(before).sum(before)):
+            keys = hemisphere_aligned(keys.replaced(some, solved.keys))
+    return keys
+
+
+def ranges_around(lost: np.ndarray) -> Iterator[slice]:
+    """Yield the ranges of windows to solve again for (N,) lost ones; none is longer than a chunk."""
+    near = (np.abs(np.arange(len(lost))[:, None] - np.flatnonzero(lost)) <= BESIDE).any(axis=1)
+    for first, last in true_runs(near):
+        if last - first < CHUNK_WINDOWS:
+            yield slice(first, last + 1)
+
+
+def keys_of(windows: slice) -> slice:
+    """Return the keys of a range of windows."""
+    return slice(2 * windows.start, 2 * windows.stop + 1)
+
+
+def cut_out(model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, windows: slice) -> Stretch:
+    """Return a range of windows as a problem of its own; its outermost keys move at the take's ends only."""
+    fixed_ends = windows.start > 0, windows.stop < layout.num_windows
+    return Stretch.cut(model, layout, keys, schedule, windows, fixed_ends)
+
+
+def _lost_windows(
+    measurements: Measurements, layout: KeyframeLayout, points: Array, frames: np.ndarray | None
+) -> np.ndarray:
+    """Return (N,) bool: a limb is lost in the window."""
+    number = layout.frames if frames is None else frames
+    lost_in = lost_landmarks(to_numpy(points), measurements.points[number], measurements.covariance[number])
+    lost = np.zeros(layout.num_windows, dtype=bool)
+    lost[layout.positions(number[lost_in.any(axis=1)])[0]] = True
+    return lost
+
+
+def _restarted(lost: np.ndarray, keys: Keyframes, start: Start) -> Keyframes:
+    """Return the keys with those of the lost windows taken from ``start``."""
+    for first, last in true_runs(lost):
+        keys = keys.replaced(slice(2 * first, 2 * last + 3), start(slice(first, last + 1)))
+    return hemisphere_aligned(keys)
+
+
+def resolve_outlier_markers(
+    measurements: Measurements,
+    model: BundleModel,
+    layout: KeyframeLayout,
+    keys: Keyframes,
+    schedule: Schedule,
+    frames: np.ndarray,
+) -> Keyframes:
+    """Solve windows with distant markers again from wide scales, and keep those with fewer distant markers.
+
+    Args:
+        measurements: markers of a calibrated person, not a motion's own keypoints.
+
+    Reference: Blake and Zisserman 1987, graduated non-convexity; Black and Rangarajan 1996.
+    """
+    far = _outliers(measurements, model, layout, keys, frames)
+    windows_of, _ = layout.positions(frames)
+    lost = np.zeros(layout.num_windows, dtype=bool)
+    lost[windows_of[far.any(axis=1)]] = True
+    for windows in ranges_around(lost):
+        again = keys.replaced(keys_of(windows), cut_out(model, layout, keys, schedule, windows).solve().keys)
+        here = (windows_of >= windows.start) & (windows_of < windows.stop)
+        if _outliers(measurements, model, layout, again, frames[here]).sum() < far[here].sum():
+            keys = again
+    return hemisphere_aligned(keys)
+
+
+def _outliers(
+    measurements: Measurements, model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: np.ndarray
+) -> np.ndarray:
+    """Return (F, M) bool: the marker is far from the body."""
+    points = to_numpy(points_of(model.subject, model.poses(keys, layout, frames)))
+    return lost_landmarks(points, measurements.points[frames], measurements.covariance[frames], WORN_M)

@@ -12,8 +12,7 @@ import numpy as np
 from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import WindowRows, lagrange, rows_of
-from solver_backend.fitters.model.states import Keyframes, d_pose_d_key
-from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations
+from solver_backend.fitters.model.subject import FrameObjective, Keyframes, Subject, d_pose_d_key, frame_equations
 from solver_backend.geometry.arrays import Array, array_namespace, constant, empty, identity, zeros
 from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import block_size, map_blocks

@@ -20,8 +20,7 @@ from solver_backend.fitters.keyframes.normal_equations import (
 )
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
-from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.subject import Keyframes, PosedFrames, Subject, hemisphere_aligned
 from solver_backend.fitters.problem import Convergence
 from solver_backend.geometry.arrays import Array, array_namespace, index
 from solver_backend.priors.base import PosePrior

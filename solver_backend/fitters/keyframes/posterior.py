@@ -11,7 +11,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, OVERLAP_WINDOWS, BundleModel, chunks_of
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, lagrange
-from solver_backend.fitters.model.states import BLOCK_POSES, Keyframes, PosedFrames, d_pose_d_key
+from solver_backend.fitters.model.subject import BLOCK_POSES, Keyframes, PosedFrames, d_pose_d_key
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.geometry.small_matrices import packed

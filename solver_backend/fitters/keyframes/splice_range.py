@@ -12,8 +12,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.build_motion import build_motion
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem, SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts

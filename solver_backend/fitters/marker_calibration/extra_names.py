@@ -11,8 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
-from solver_backend.fitters.marker_calibration.subject_record import matched, subject_of, with_marker
+from solver_backend.fitters.marker_calibration.calibrate import matched, subject_of, with_marker
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import (
     REACH_M,
@@ -24,7 +23,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
 )
 from solver_backend.fitters.measurements.markers import assign_person, measured_at
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame import posed
+from solver_backend.fitters.single_frame import posed, rough_markers, rough_motion
 from solver_backend.geometry.arrays import quantile
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of

@@ -26,7 +26,14 @@ from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.marker_calibration.calibrate import SubjectCalibration, calibrate
+from solver_backend.fitters.marker_calibration.calibrate import (
+    SubjectCalibration,
+    calibrate,
+    matched,
+    record_of,
+    subject_of,
+    with_marker,
+)
 from solver_backend.fitters.marker_calibration.label_faults import (
     check_sides,
     clean_labels,
@@ -46,14 +53,12 @@ from solver_backend.fitters.marker_calibration.person_doubts import (
     doubt_joints,
     doubts_of,
 )
-from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
-from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of, with_marker
 from solver_backend.fitters.marker_calibration.unknown_markers import BonePoses, attach, loose_groups
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers, measured_at
-from solver_backend.fitters.measurements.sources import LocatedPoints
+from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame import posed
+from solver_backend.fitters.single_frame import posed, rough_markers, rough_motion
 from solver_backend.geometry.arrays import Array, quantile, to_numpy
 from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.priors.base import AutoencodingPrior

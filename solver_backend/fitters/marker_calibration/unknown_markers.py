@@ -13,8 +13,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.body.markers import ON_BONE
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.geometry.arrays import quantile, to_numpy
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
 

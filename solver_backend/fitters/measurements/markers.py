@@ -18,10 +18,9 @@ from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettings
-from solver_backend.fitters.layers import Measurements, seen_frames
-from solver_backend.fitters.measurements.sources import LocatedPoints
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.measurements.views import LocatedPoints
+from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.problem import Measurements, seen_frames
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion

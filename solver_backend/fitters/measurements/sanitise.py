@@ -18,7 +18,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, 
 from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
-from solver_backend.fitters.layers import seen_frames
+from solver_backend.fitters.problem import seen_frames
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import Cameras, Capture, Keypoints2D
 

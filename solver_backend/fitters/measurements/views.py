@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -11,23 +12,197 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
-from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.diagnostics import Diagnostic, Severity
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.solve_settings import SYNC_AUTO
-from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.layers import Layer, Measurements, RoughMotion, seen_frames
+from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
 from solver_backend.fitters.measurements.sanitise import check_capture
-from solver_backend.fitters.measurements.sources import ViewPoints, fit_sigma_px
-from solver_backend.fitters.model.states import FrameStates, PosedFrames
-from solver_backend.fitters.model.subject import FrameObjective
+from solver_backend.fitters.model.subject import (
+    OFF_THE_MANIFOLD,
+    ON_THE_MANIFOLD,
+    FrameObjective,
+    FrameStates,
+    PosedFrames,
+    state_layout,
+)
+from solver_backend.fitters.partial_body.rest_parts import rest_parts
+from solver_backend.fitters.problem import (
+    Layer,
+    Measurements,
+    PointSource,
+    Problem,
+    RestWords,
+    RoughMotion,
+    SolvedFrames,
+    SolvedLayer,
+    seen_frames,
+)
+from solver_backend.fitters.subject_calibration.foot_contacts import with_learned_noise, with_window_variances
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, constant, index
 from solver_backend.geometry.small_matrices import unpacked
+from solver_backend.metrics.positions import reprojection_px
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.types import Capture, Motion
+from solver_backend.residuals.terms import DataTerm
+from solver_backend.types import MARKER_FILLED, MARKER_SEEN, Cameras, Capture, Keypoints2D, Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.build_motion import PosedTake
+    from solver_backend.fitters.recipes.bundle import Bundle
+
+CONSTANT_M = 0.0065
+"""Standard deviation per axis of errors that do not average out: shape, bias and calibration, which the posterior takes
+as known."""
+OF_MARKERS_M = {
+    "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
+    "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
+    "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
+}  # fmt: skip
+"""The same by joint where markers of a calibrated person are solved: four fifths of the error is the calibration's,
+alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
+
+
+class _Points(PointSource):
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Bring parts that nothing informs to rest."""
+        return rest_parts(problem.measurements, solved), self
+
+
+@dataclass(frozen=True)
+class ViewPoints(_Points):
+    """Keypoints that several calibrated cameras see."""
+
+    cameras: Cameras
+    keypoints: Keypoints2D
+    REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen by two cameras", "are not seen by two cameras")
+
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """See ``SolvedLayer``."""
+        return replace(motion, keypoints3d=posed.points, joint_set=self.keypoints.joint_set)
+
+    def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+        """See ``PointSource``."""
+        error = reprojection_px(self.cameras, points, self.keypoints)
+        median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
+        return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
+
+    def constant_m(self, layout: BodyLayout) -> np.ndarray:
+        """See ``PointSource``."""
+        return np.full(layout.num_joints, CONSTANT_M)
+
+    def learn_noise(self, bundle: Bundle) -> DataTerm:
+        """Learn how reliable each keypoint is in each view."""
+        problem, posed = bundle.problem, bundle.posed
+        sample = posed.poses.select(index(problem.sample, posed.keys.z))
+        return with_learned_noise(problem, posed.subject, sample, bundle.settings)
+
+
+@dataclass(frozen=True)
+class LocatedPoints(_Points):
+    """Labelled points that something located in space: optical markers, or a network's landmarks."""
+
+    points: np.ndarray  # (F, L, 3) metres, NaN where missing.
+    labels: tuple[str, ...]  # L labels.
+    flags: np.ndarray  # (F, L) bit mask of ``MARKER_*``.
+    sigma_m: np.ndarray | None = None
+    """(L,) standard deviation per axis of each marker around where the body has it; None before a calibration."""
+    KEEPS_BONES: ClassVar[bool] = True
+    REST: ClassVar[RestWords] = RestWords(Severity.NOTE, "has no markers", "have no markers")
+
+    @classmethod
+    def of(cls, points: np.ndarray, labels: tuple[str, ...] | None) -> LocatedPoints:
+        """Return points that nothing is known of beside their places."""
+        return cls(points, labels or (), np.zeros(points.shape[:2], np.uint8))
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the person was calibrated."""
+        return self.sigma_m is not None
+
+    @property
+    def recipe(self) -> str:
+        """See ``PointSource``."""
+        return "known person" if self.calibrated else "views"
+
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """Return the motion with the markers, what they miss, and the recording with its gaps filled."""
+        from solver_backend.fitters.measurements.gap_filling import bone_rotations, filled
+
+        subject, seen = posed.subject, np.isfinite(self.points).all(-1)
+        bones = bone_rotations(subject.landmarks, posed.bones)
+        return replace(
+            motion,
+            markers=posed.points,
+            marker_labels=self.labels,
+            marker_residual_mm=1000 * np.linalg.norm(posed.points - self.points, axis=-1),
+            marker_flags=np.where(seen, MARKER_SEEN, MARKER_FILLED).astype(np.uint8) | self.flags,
+            marker_sigma=self.sigma_m,
+            cleaned_markers=filled(self.points, posed.points, bones, motion.fps),
+            offsets=posed.offsets,
+            layout=subject.landmarks.names,
+        )
+
+    def report(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
+        """Return no images, and statistics over all seen markers together."""
+        error = 1000 * np.linalg.norm(points - self.points, axis=-1)
+        error = error[np.isfinite(error)]
+        return None, {
+            "marker_mean_mm": float(error.mean()),
+            "marker_median_mm": float(np.median(error)),
+            "marker_p95_mm": float(np.quantile(error, 0.95)),
+            "marker_rmse_mm": float(np.sqrt((error**2).mean())),
+        }
+
+    def constant_m(self, layout: BodyLayout) -> np.ndarray:
+        """See ``PointSource``."""
+        parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
+        known = OF_MARKERS_M if self.calibrated else {}
+        return np.array([known.get(part, CONSTANT_M) for part in parts])
+
+    def learn_noise(self, bundle: Bundle) -> DataTerm:
+        """Learn how reliable each landmark is in each part of the take."""
+        problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
+        if not settings.learn_noise:
+            return bundle.data
+        # Codes that stay were found from the same landmarks, and count.
+        names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+        dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
+        seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
+        return with_window_variances(
+            problem.measurements.term, posed.points, problem.fps, settings.robust_scale, dof, seen
+        )
+
+
+MODEL_ERROR_M = 0.005
+"""Standard deviation per axis, measured by ``python -m tests.benchmarks.model_error`` on strange bodies that move as
+the prior does not know: 3.4 mm at the nose, 3.9 at shoulders, 5.6 at wrists, 8 at knees and 10 at toes; half of the
+keypoints below 5. One number for all: what the body misses at an ankle is more often a wrong knee than a wrong
+ankle, and feet that are trusted less are missed by more."""
+
+
+def fit_sigma_px(cameras: Cameras, points: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """Return (C, F, L) errors of a fitted body against detections, pixels: ``sqrt(sigma² + (f m / z)²)``.
+
+    Args:
+        points: (F, L, 3) located points, NaN where there is none. A frame's depth z is their median's.
+        sigma_px: (L,) of the detector.
+    """
+    depth = np.einsum("cj,fj->cf", cameras.R[:, 2], _centres(points)) + cameras.t[:, 2, None]
+    px_per_m = np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
+    return np.hypot(sigma_px, MODEL_ERROR_M * px_per_m[..., None])
+
+
+def _centres(points: np.ndarray) -> np.ndarray:
+    """Return the (F, 3) medians, coordinate by coordinate, of (F, L, 3) points, or the take's."""
+    ordered = np.sort(points, axis=1)  # what is missing comes last
+    count = np.isfinite(ordered).sum(axis=1)
+    centres = np.take_along_axis(ordered, (np.maximum(count - 1, 0) // 2)[:, None], axis=1)[:, 0]
+    return np.where(count > 0, centres, np.median(centres[count.all(axis=1)], axis=0))
 
 
 def measure_views(
@@ -80,11 +255,15 @@ def measurements_of(
         )
     sigma_px = triangulation.sigma_px
     fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
-    layers: list[Layer] = [*Hands.of_views(cameras, keypoints)]
+    layers: list[Layer] = []
     if keypoints.own:
         from solver_backend.fitters.own_points import OwnPoints
 
-        layers.insert(0, OwnPoints.of(cameras, keypoints, triangulation, fit_px))
+        layers.append(OwnPoints.of(cameras, keypoints, triangulation, fit_px))
+    if keypoints.hands is not None:
+        from solver_backend.fitters.hands.solve_hands import hands_in_views
+
+        layers += hands_in_views(cameras, keypoints)
     return Measurements(
         landmarks=keypoint_landmarks(body, named.joint_set),
         points=points,

@@ -22,7 +22,7 @@ from solver_backend.fitters.model.keyframe_layout import (
     rows_of,
     shared,
 )
-from solver_backend.fitters.model.states import (
+from solver_backend.fitters.model.subject import (
     BLOCK_POSES,
     CODES,
     Keyframes,

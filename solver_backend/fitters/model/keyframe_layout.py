@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from solver_backend.fitters.model.states import Keyframes
+from solver_backend.fitters.model.subject import Keyframes
 from solver_backend.geometry.arrays import Array, Rows, array_namespace, constant, to_numpy
 
 

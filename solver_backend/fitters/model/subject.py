@@ -13,13 +13,233 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
-from solver_backend.body.state_layout import PoseLayout
-from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
-from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, empty, index
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, PoseLayout, StateLayout
+from solver_backend.geometry.arrays import Array, Rows, array_namespace, astype, constant, empty, identity, index, zeros
 from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, quat_from_rotvec, quat_multiply
 from solver_backend.geometry.small_matrices import sum_of_rows
+from solver_backend.geometry.sphere import ZeroMeanSphere, spherical_normalisation
+from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.positions import without_shift
 from solver_backend.residuals.terms import PointEvidence, PointTerm, PoseTerm
+from solver_backend.types import Motion
+
+CODES = ZeroMeanSphere()
+"""Manifold of the codes: unit vectors with zero mean, a sphere of d - 2 dimensions in R^d (thesis 6.2.2)."""
+ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)  # Free blocks of poses that the prior decodes.
+OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)  # Every joint may also leave the prior's manifold by a small rotation.
+
+
+def state_layout(prior: PosePrior) -> StateLayout:
+    """Return the layout of a state that the prior decodes to a pose."""
+    return StateLayout.of(CODES.dimension(prior.latent_dim), len(prior.joints), prior.uncovered)
+
+
+def decoded(prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
+    """Return ``R_j = exp(ρ_j) G_j(z)``, (F, 21, 3, 3).
+
+    Args:
+        prior: the decoder G (thesis 6.2.2).
+        z: (F, d) codes.
+        residual: (F, 21, 3) rotations ρ off the manifold, radians, or None.
+    """
+    local = prior.decode(z)
+    return local if residual is None else array_namespace(z).matmul(exp_so3(residual), local)
+
+
+def decoded_with_vjp(
+    prior: PosePrior, z: Array, residual: Array | None = None
+) -> tuple[Array, Callable[[Array], tuple[Array, Array | None]]]:
+    """Return ``decoded`` and its vector-Jacobian product: (F, 21, 3) by left tangents -> (F, d), (F, 21, 3) or None."""
+    xp = array_namespace(z)
+    local, decoder_vjp = prior.decode_with_vjp(z)
+    if residual is None:
+        return local, lambda by_joints: (decoder_vjp(by_joints), None)
+    turn, bend = exp_so3(residual), left_jacobian_so3(residual)
+
+    def vjp(by_joints: Array) -> tuple[Array, Array]:
+        by_decoded, by_residual = (_transposed(M, by_joints) for M in (turn, bend))
+        return decoder_vjp(by_decoded), by_residual
+
+    return xp.matmul(turn, local), vjp
+
+
+def turned_with_vjp(local: Array, residual: Array) -> tuple[Array, Callable[[Array], tuple[None, Array]]]:
+    """Return ``exp(ρ_j) R_j`` of fixed decoded poses (F, J, 3, 3), and its vector-Jacobian product by ρ."""
+    bend = left_jacobian_so3(residual)
+    turned = array_namespace(local).matmul(exp_so3(residual), local)
+    return turned, lambda by_joints: (None, _transposed(bend, by_joints))
+
+
+def _transposed(matrices: Array, vectors: Array) -> Array:
+    """Return ``Mᵀ v`` of (..., 3, 3) and (..., 3)."""
+    xp = array_namespace(matrices)
+    return xp.matmul(xp.matrix_transpose(matrices), vectors[..., None])[..., 0]
+
+
+def decoder_jacobian(prior: PosePrior, z: Array, residual: Array | None = None) -> tuple[Array, Array | None]:
+    """Return the joints' left tangents by the ambient code (F, 63, d), and by their own ρ (F, 21, 3, 3) or None.
+
+    ``dR = [exp(ρ) J_z dz]x R`` and ``dR = [J_l(ρ) dρ]x R``. It only steers the steps: single precision halves the
+    hottest product of a solve.
+    """
+    xp = array_namespace(z)
+    by_code = xp.astype(prior.decode_with_jacobian(xp.astype(z, xp.float32))[1], z.dtype)
+    if residual is not None:
+        by_code = xp.matmul(exp_so3(residual), by_code)
+    by_residual = None if residual is None else left_jacobian_so3(residual)
+    return xp.reshape(by_code, (z.shape[0], -1, z.shape[-1])), by_residual
+
+
+def d_pose_d_key(layout: StateLayout, prior: PosePrior, z: Array, residual: Array | None = None) -> Array:
+    """Return (F, p, n): pose tangents by the tangents of their own states; without a code block none is decoded."""
+    if CODE not in layout:
+        return d_pose_d_state(layout, None, by_residual=None if residual is None else left_jacobian_so3(residual))
+    by_code, by_residual = decoder_jacobian(prior, z, residual)
+    by_code = array_namespace(z).matmul(by_code, CODES.tangent_basis(z))
+    return d_pose_d_state(layout, by_code, by_residual=by_residual)
+
+
+def d_pose_d_state(
+    layout: StateLayout,
+    by_code: Array | None,
+    by_root: Array | None = None,
+    weight: Array | None = None,
+    by_residual: Array | None = None,
+) -> Array:
+    """Return (F, p, n): pose tangents by the tangents of a state that contributes with a weight.
+
+    Args:
+        by_code: (F, 3 J, c) joints by the code; None if it is fixed.
+        by_root: (F, 6, 6) turn and translation of the root by the state's; None for the identity.
+        weight: (F,) share of the state's rotation vectors; None for one.
+        by_residual: (F, J, 3, 3) joints by their rotation vectors; None on the manifold.
+    """
+    like = by_residual if by_code is None else by_code
+    assert like is not None
+    xp, pose = array_namespace(like), PoseLayout(like.shape[1] // 3 if like is by_code else like.shape[1])
+    jacobian = zeros((like.shape[0], pose.dof, layout.dof), like)
+    eye = identity(3, like)
+    if by_code is not None:
+        jacobian[:, pose.joints, layout[CODE]] = by_code
+    parts = (pose.root, layout[ROOT], slice(0, 3)), (pose.transl, layout[TRANSL], slice(3, 6))
+    for rows, own, i in parts:
+        jacobian[:, rows, own] = eye
+        if by_root is not None:
+            for _, columns, j in parts:
+                jacobian[:, rows, columns] = by_root[:, i, j]
+    share = (xp.ones_like(jacobian[:, 0, 0]) if weight is None else weight)[:, None, None]
+    if by_residual is not None:
+        for number, joint in enumerate(layout.turned):
+            first = layout.turns.start + 3 * number
+            jacobian[:, pose.joint(joint), first : first + 3] = share * by_residual[:, joint]
+    return jacobian
+
+
+@dataclass(frozen=True)
+class Keyframes(Rows):
+    """K keyframes."""
+
+    z: Array  # (K, 32) unit zero-mean codes.
+    quat: Array  # (K, 4) root rotations wxyz, neighbours in one hemisphere.
+    transl: Array  # (K, 3) metres.
+    residual: Array  # (K, 21, 3) rotations off the manifold, radians.
+
+    def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
+        """Return (W, n + 1) keys of each of these windows, which have n free keys."""
+        return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
+
+    def fives(self, windows: np.ndarray) -> Keyframes:
+        """Return (W, 5) keys of each of these windows and one more on both sides; the ends are repeated."""
+        keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
+        return self.select(index(keys, self.z))
+
+    def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
+        """Return the keys with those of a range taken from ``new``."""
+        xp = array_namespace(self.z)
+        pairs: Any = zip(self.arrays, new.arrays, strict=True)  # no field of keys is None
+        return Keyframes(*(xp.concat([old[: keys.start], part, old[keys.stop :]]) for old, part in pairs))
+
+    def retract(self, step: Array, layout: StateLayout) -> Keyframes:
+        """Return the keys moved by (K, n) steps of this layout; blocks that it lacks do not move."""
+        xp, z, residual = array_namespace(step), self.z, self.residual
+        if CODE in layout:
+            along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
+            z = spherical_normalisation(z + along)
+        quat = quat_multiply(quat_from_rotvec(step[:, layout[ROOT]]), self.quat)
+        quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
+        if layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return Keyframes(z, quat, self.transl + step[:, layout[TRANSL]], residual)
+
+
+def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
+    """Return (K, J, 3): the rotation vectors of (K, n) steps by joint, zero where a joint has none."""
+    vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
+    if layout.turned == tuple(range(num_joints)):
+        return vectors
+    by_joint = zeros((step.shape[0], num_joints, 3), step)
+    by_joint[:, index(np.array(layout.turned, dtype=int), step)] = vectors
+    return by_joint
+
+
+def hemisphere_aligned(keys: Keyframes) -> Keyframes:
+    """Return the keys with root quaternions of neighbours in one hemisphere."""
+    xp = array_namespace(keys.quat)
+    dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
+    signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
+    signs = xp.concat([xp.ones_like(keys.quat[:1, 0]), xp.cumulative_prod(signs)])
+    return replace(keys, quat=keys.quat * signs[:, None])
+
+
+@dataclass(frozen=True)
+class FrameStates(Rows):
+    """Unknowns of F independent frames."""
+
+    z: Array  # (F, 32) unit zero-mean codes.
+    root: Array  # (F, 3, 3) body to world.
+    transl: Array  # (F, 3) metres.
+    residual: Array | None = None  # (F, J, 3) rotations off the manifold, radians; None where joints stay on it.
+
+    def retract(self, step: Array, layout: StateLayout) -> FrameStates:
+        """Return the states moved by (F, n) steps of this layout."""
+        xp, residual = array_namespace(step), self.residual
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
+        root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
+        if residual is not None and layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
+
+
+BLOCK_POSES = 500  # Frames posed at a time; affects time and memory only.
+
+
+@dataclass(frozen=True)
+class PosedFrames(Rows):
+    """Poses of F frames."""
+
+    root: Array  # (F, 3, 3) body to world.
+    local: Array  # (F, J, 3, 3) rotations of the J joints after the root.
+    transl: Array  # (F, 3) metres.
+
+    @property
+    def layout(self) -> PoseLayout:
+        """Layout of a frame's tangent."""
+        return PoseLayout(self.local.shape[1])
+
+    @classmethod
+    def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
+        """Return a motion's poses, of the joints that a solve turns."""
+        vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
+        root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
+        return cls(root, local, constant(motion.transl, like))
+
+    def retract(self, step: Array) -> PosedFrames:
+        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseLayout``."""
+        xp, layout = array_namespace(step), self.layout
+        turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
+        root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
+        return PosedFrames(root, local, self.transl + step[:, layout.transl])
 
 
 @dataclass(frozen=True)

@@ -9,17 +9,264 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import informed_joints
 from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
+from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, fingers_move
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
 from solver_backend.exchange.hand_points import SIDES
-from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
-from solver_backend.exchange.rigs.skeleton import JOINT_OF
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
+from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
+from solver_backend.exchange.rigs.skeleton import JOINT_OF, LIMBS, chain_roles
 from solver_backend.fitters.hands.wide_motion import with_finger_turns
-from solver_backend.fitters.motion_import.pose_fit import NUM_TURNED, deviations, fit_poses, measure
-from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion, SkeletonMotion
+
+R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+"""Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
+NUM_TURNED = 1 + NUM_BODY_JOINTS  # Turned joints: all but SMPL's two hand joints.
+_SPINE = SMPL.numbers("spine1", "spine2", "spine3")
+_NECK, _HEAD = SMPL.numbers("neck", "head")
+_BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A skeleton's part of our joints, in the world, metres."""
+
+    places: np.ndarray  # (F, NUM_JOINTS, 3), NaN where the skeleton has no such joint.
+    turns: np.ndarray  # (F, 22, 3, 3) rotations from our body's rest axes to the world.
+    rest: np.ndarray  # (NUM_JOINTS, 3) the skeleton's joints at rest, NaN where it has none.
+
+
+def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
+    """Return places and rotations of our joints by the skeleton.
+
+    With G the rotation of a joint since the skeleton's rest, R_s that of its rest axes to the stage, R_b that of ours
+    and A that of its bone at rest to ours, our rotation is ``G R_s^T A^T R_b``: our bones point where theirs do.
+
+    Args:
+        roles: the skeleton's joint by role.
+        own_rest: (NUM_JOINTS, 3) joints of our body at rest, Y up.
+
+    Raises:
+        MotionInvalid: left and right are not known.
+    """
+    index = {role: motion.names.index(name) for role, name in roles.items()}
+    R = stage_axes({role: motion.rest[j] for role, j in index.items()})
+    if R is None:
+        hint = "Both thighs or both upper arms must be there."
+        raise MotionInvalid("The skeleton's left and right are not known.", where=motion.name, hint=hint)
+    places, rest = np.full((motion.num_frames, NUM_JOINTS, 3), np.nan), np.full((NUM_JOINTS, 3), np.nan)
+    for role, joint in JOINT_OF.items():
+        if role in index and role != "pelvis" and not role.endswith("clavicle"):
+            places[:, joint], rest[joint] = motion.joints[:, index[role]], motion.rest[index[role]]
+    aligned = _alignments(index, motion.rest @ R.T, own_rest @ R_STAGE_BODY.T)
+    G = {role: motion.turns[:, j] @ R.T @ aligned.get(role, np.eye(3)).T @ R_STAGE_BODY for role, j in index.items()}
+    return Measured(places, _turns(G, motion.num_frames), rest)
+
+
+def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the rotation by role from the skeleton's bone at rest to ours, both on the stage."""
+    aligned: dict[str, np.ndarray] = {}
+    for limb, roles in LIMBS.items():
+        if not set(roles[:2]) <= index.keys():
+            continue
+        side, is_arm = limb.partition("_")[0], limb.endswith("arm")
+        joints = [JOINT_OF[role] for role in roles]
+        first, second = rest[index[roles[0]]], rest[index[roles[1]]]
+        # Without hand or foot the limb is taken to be straight at rest.
+        end = rest[index[roles[2]]] if roles[2] in index else 2 * second - first
+        points = np.stack([first, second, end])
+        upper, lower = limb_turns(points, own[joints], is_arm)
+        aligned |= {roles[0]: upper, roles[1]: lower, roles[2]: lower}
+        if roles[2] not in index:
+            continue
+        if is_arm:
+            fingers = [f"{side}_{finger}_1" for finger in ("index", "middle", "ring", "pinky")]
+            if knuckles := [index[role] for role in fingers if role in index]:
+                reach = own[joints[2] + _HAND_AFTER_WRIST] - own[joints[2]]
+                aligned[roles[2]] = swing(lower @ (rest[knuckles].mean(0) - points[2]), reach) @ lower
+        elif f"{side}_toe" in index:
+            heading = level(lower @ (rest[index[f"{side}_toe"]] - points[2]))
+            wanted = level(own[joints[2] + _BALL_AFTER_ANKLE] - own[joints[2]])
+            aligned[roles[2]] = limb_frame(wanted, UP) @ limb_frame(heading, UP).T @ lower
+            aligned[f"{side}_toe"] = aligned[roles[2]]
+    return aligned
+
+
+def _turns(G: dict[str, np.ndarray], frames: int) -> np.ndarray:
+    """Return (F, 22, 3, 3): the skeleton's rotations, with missing ones between their neighbours."""
+    turns = np.empty((frames, NUM_TURNED, 3, 3))
+    turns[:, 0] = G["pelvis"]
+    spine = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "spine")]
+    line = [turns[:, 0], *spine]
+    for k, joint in enumerate(_SPINE):
+        turns[:, joint] = _along(line, (k + 1) / len(_SPINE))
+    chest = turns[:, _SPINE[-1]]
+    turns[:, _HEAD] = G.get("head", chest)
+    necks = [G[role] for role in chain_roles(dict.fromkeys(G, ""), "neck")]
+    turns[:, _NECK] = _along(necks, 0.5) if necks else _along([chest, turns[:, _HEAD]], 0.5)
+    for side in SIDES:
+        above = {"clavicle": chest, "upper_arm": None, "forearm": None, "hand": None}
+        above |= {"thigh": turns[:, 0], "shin": None, "foot": None, "toe": None}
+        last = chest
+        for part, start in above.items():
+            last = G.get(f"{side}_{part}", start if start is not None else last)
+            turns[:, JOINT_OF[f"{side}_{part}"]] = last
+    return turns
+
+
+def _along(line: list[np.ndarray], share: float) -> np.ndarray:
+    """Return the rotation at a share of a chain, by the geodesic between neighbours."""
+    at = share * (len(line) - 1)
+    low = min(int(at), len(line) - 1)
+    if at - low < 1e-9 or low + 1 >= len(line):
+        return line[low]
+    step = log_so3(np.swapaxes(line[low], -1, -2) @ line[low + 1])
+    return line[low] @ exp_so3((at - low) * step)
+
+
+_PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+"""Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
+_PLACE_SIGMA_M = 0.004  # Deviation of a joint of the limbs from the skeleton's, metres.
+_TURN_SIGMA = np.full(NUM_TURNED, 0.12)
+"""Deviation of turns, radians. The pelvis shows its tilt, and collars begin elsewhere in every program, so that the
+same place of a shoulder needs another turn."""
+_TURN_SIGMA[0], _TURN_SIGMA[[13, 14]] = 0.06, 0.2
+_ROUNDS, _BLOCK = 20, 256
+_DAMPING, _EASED, _STIFFENED = 1e-3, 0.2, 8.0
+"""First share added to the diagonal of the normal equations, and its factors where a step helps or does not: undamped
+steps end with shoulders 10 mm farther off on raised arms."""
+_LEAST_GAIN, _CONVERGED, _LONGEST_STEP = 1e-3, 1e-3, 0.4
+"""Share of the cost and radians below which a step is the last, and the most that a joint turns in a round, radians:
+farther off, the equations are not linear."""
+_ABOVE = subtree_matrix(SMPL_PARENTS).T[:, :NUM_TURNED] > 0  # (24, 22) turned joints above each joint, itself included.
+_MOVED = _ABOVE & ~np.eye(NUM_JOINTS, NUM_TURNED, dtype=bool)
+"""(24, 22) joints that turning each one moves: those below it."""
+
+
+def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
+    """Return global rotations (F, 22, 3, 3) of our joints and places (F, 24, 3), by Levenberg-Marquardt.
+
+    With a world rotation δ of each joint that takes all below along, places move by ``Σ δ_i × (p_k - p_i)`` and
+    rotations by ``Σ δ_i`` over the joints above, so that both are linear in δ and in the root's place. ``rest`` are the
+    (24, 3) joints of the shaped body at rest.
+    """
+    parts = [
+        _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])
+        for at in range(0, len(measured.places), _BLOCK)
+    ]
+    return np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts])
+
+
+def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    known, prior = _known(places), _prior()
+    G, root = turns.copy(), np.zeros((len(places), 3))
+    root += (places[:, known] - posed(rest, G, root)[:, known]).mean(1)
+    above = _ABOVE[:NUM_TURNED] / _TURN_SIGMA[:, None]
+    joints = posed(rest, G, root)
+    r, turned, cost = _residuals(joints, G, places, turns, known)
+    damping, moving = np.full(len(G), _DAMPING), np.arange(len(G))
+    for _ in range(_ROUNDS):
+        J = _slopes(joints[moving], known) / _PLACE_SIGMA_M
+        g = (np.swapaxes(J, -1, -2) @ r[moving].reshape(len(moving), -1, 1))[..., 0]
+        g[:, : 3 * NUM_TURNED] += np.einsum("ki,fkc->fic", above, turned[moving]).reshape(len(moving), -1)
+        H = np.swapaxes(J, -1, -2) @ J + prior
+        H[:, range(H.shape[-1]), range(H.shape[-1])] *= 1.0 + damping[moving, None]
+        step = np.linalg.solve(H, g[..., None])[..., 0]
+        delta = step[:, : 3 * NUM_TURNED].reshape(len(moving), NUM_TURNED, 3)
+        farthest = np.linalg.norm(delta, axis=-1).max(axis=1)
+        share = np.minimum(1.0, _LONGEST_STEP / np.maximum(farthest, 1e-12))[:, None]
+        new_G, new_root = _turned(G[moving], share[..., None] * delta), root[moving] + share * step[:, 3 * NUM_TURNED :]
+        new_joints = posed(rest, new_G, new_root)
+        new_r, new_turned, new_cost = _residuals(new_joints, new_G, places[moving], turns[moving], known)
+        better = new_cost < cost[moving]
+        kept = moving[better]
+        gain = 1.0 - new_cost / np.maximum(cost[moving], 1e-12)
+        G[kept], root[kept], joints[kept] = new_G[better], new_root[better], new_joints[better]
+        r[kept], turned[kept], cost[kept] = new_r[better], new_turned[better], new_cost[better]
+        damping[moving] *= np.where(better, _EASED, _STIFFENED)
+        moving = moving[(farthest > _CONVERGED) & ~(better & (gain < _LEAST_GAIN))]
+        if not len(moving):
+            break
+    return G, joints
+
+
+def _residuals(
+    joints: np.ndarray, G: np.ndarray, places: np.ndarray, turns: np.ndarray, known: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the residuals of places (F, K, 3) and rotations (F, 22, 3) in deviations, and the sum of squares."""
+    r = (places[:, known] - joints[:, known]) / _PLACE_SIGMA_M
+    turned = log_so3(turns @ np.swapaxes(G, -1, -2)) / _TURN_SIGMA[:, None]
+    return r, turned, (r**2).sum((1, 2)) + (turned**2).sum((1, 2))
+
+
+def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the (F, 24) deviations of joints in metres, the root mean square over the axes.
+
+    With the normal equations H of the fit and the slopes J of a joint, ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``:
+    the freedom that the fit leaves, and the distance from the skeleton's joint.
+
+    Args:
+        joints: (F, 24, 3) of the fit.
+        places: (F, 24, 3) of the skeleton, NaN where it has none.
+    """
+    known, prior = _known(places), _prior()
+    off = (joints - places)[:, known]
+    variance = np.empty(joints.shape[:2])
+    for at in range(0, len(joints), _BLOCK):
+        J = _slopes(joints[at : at + _BLOCK], np.arange(NUM_JOINTS))
+        shown = J.reshape(len(J), NUM_JOINTS, 3, -1)[:, known].reshape(len(J), 3 * len(known), -1) / _PLACE_SIGMA_M
+        L = np.linalg.cholesky(np.swapaxes(shown, -1, -2) @ shown + prior)
+        open_m = np.linalg.solve(L, np.swapaxes(J, -1, -2))
+        variance[at : at + _BLOCK] = (open_m**2).sum(1).reshape(len(J), NUM_JOINTS, 3).sum(-1) / 3.0
+    variance[:, known] += (off**2).sum(-1) / 3.0
+    return np.sqrt(variance)
+
+
+def _known(places: np.ndarray) -> np.ndarray:
+    return np.array([joint for joint in _PLACED if np.isfinite(places[0, joint, 0])])
+
+
+def _prior() -> np.ndarray:
+    """Return the (69, 69) normal equations of the rotations alone."""
+    above = _ABOVE[:NUM_TURNED] / _TURN_SIGMA[:, None]
+    prior = np.zeros((3 * NUM_TURNED + 3, 3 * NUM_TURNED + 3))
+    prior[: 3 * NUM_TURNED, : 3 * NUM_TURNED] = np.kron(above.T @ above, np.eye(3))
+    return prior
+
+
+def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
+    """Return the joints (F, 24, 3) of global rotations (F, 22, 3, 3) and the root's place (F, 3)."""
+    joints = np.empty((len(G), NUM_JOINTS, 3))
+    joints[:, 0] = root
+    for j in range(1, NUM_JOINTS):
+        parent = SMPL_PARENTS[j]
+        joints[:, j] = joints[:, parent] + G[:, parent] @ (rest[j] - rest[parent])
+    return joints
+
+
+def _slopes(joints: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return (F, 3 K, 69) derivatives of the known places by each joint's turn and the root."""
+    v = (joints[:, known, None] - joints[:, None, :NUM_TURNED]) * _MOVED[known][..., None]
+    J = np.zeros((len(joints), len(known), 3, NUM_TURNED + 1, 3))
+    for a, b, c in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        J[:, :, a, :NUM_TURNED, b] = v[..., c]
+        J[:, :, b, :NUM_TURNED, a] = -v[..., c]
+    J[:, :, range(3), NUM_TURNED, range(3)] = 1.0
+    return J.reshape(len(joints), 3 * len(known), -1)
+
+
+def _turned(G: np.ndarray, delta: np.ndarray) -> np.ndarray:
+    """Return global rotations after each joint has turned, with all below it, by world rotation vectors."""
+    E, whole, new = exp_so3(delta), np.empty_like(G), np.empty_like(G)
+    for j in range(NUM_TURNED):
+        parent = SMPL_PARENTS[j]
+        whole[:, j] = E[:, j] if parent < 0 else whole[:, parent] @ E[:, j]
+        new[:, j] = whole[:, j] @ G[:, j]
+    return new
+
 
 _HIPS, _SHOULDERS = SMPL.both("hip"), SMPL.both("shoulder")
 _BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
@@ -35,7 +282,7 @@ _STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) f
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
 """Deviation of lengths, metres. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44 degrees
 on `cmu_daz_martial_07`). The head's joint is drawn anywhere."""
-_ROUNDS = 4
+_SHAPE_ROUNDS = 4
 _EXACT, _SAME_M, _PLAUSIBLE = 16.0, 0.001, 5.0
 """A skeleton is one of our body's own where these lengths, with so many times the certainty, leave at most a millimetre
 with a shape of at most five standard deviations: then it is that shape, not one drawn to the mean."""
@@ -59,7 +306,7 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
     betas = np.zeros(body.joints_shapedirs.shape[-1])
     weight = certainty / _SIGMA_M[known]
     by_shape = _ways(body.joints_shapedirs)
-    for _ in range(_ROUNDS):
+    for _ in range(_SHAPE_ROUNDS):
         ways = _ways(body.rest_joints(betas))
         lengths = np.linalg.norm(ways, axis=1)
         J = np.einsum("pa,pab->pb", ways / lengths[:, None], by_shape)[known] * weight[:, None]

@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
 
+from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
-from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.layers import PointSource, RestWords, SolvedLayer
-from solver_backend.fitters.measurements.sources import ViewPoints
-from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
-from solver_backend.fitters.one_view.faults import glides
-from solver_backend.fitters.problem import Problem, SolvedFrames
+from solver_backend.fitters.measurements.views import ViewPoints
+from solver_backend.fitters.model.subject import BLOCK_POSES, FrameObjective, PosedFrames, Subject, pose
+from solver_backend.fitters.problem import PointSource, Problem, RestWords, SolvedFrames, SolvedLayer
 from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.geometry.arrays import constant, to_numpy, true_runs
 from solver_backend.geometry.rotations import exp_so3
@@ -26,7 +25,206 @@ from solver_backend.geometry.small_matrices import packed, unpacked
 from solver_backend.priors.view_lifter import PARTS, bone_slants, flip_chances
 from solver_backend.residuals.positions import RelativePositionTerm
 from solver_backend.residuals.terms import DataTerm, PointTerm
-from solver_backend.types import Motion
+from solver_backend.types import Keypoints2D, Motion
+
+CUT_SHARE, CUT_TIMES = 0.3, 6.0
+"""Share of the person's extent, and multiple of the usual step, that keypoints jump by at a cut. A sprinter moves by
+0.15 of it per picture at 30 fps."""
+CUT_POINTS, USUAL_S = 4, 0.5  # Keypoints that both pictures must show, and time around them that gives the usual step.
+GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
+"""A person glides at more than this speed for this time, with feet moving about the body at less than this share of it.
+A walker's feet move about the body as fast as the body moves, and nobody flies this long."""
+SMOOTH_S = 0.25  # Averaging time that removes the jitter of a lifted pose.
+_LEAST_EXTENT_PX = 1.0  # Smallest extent of a person.
+
+
+def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
+    """Interpolate repeated frames of one view's detections, and report them."""
+    again = repeated_frames(keypoints)
+    share = 100.0 * float(again.mean())
+    if share < LEAST_REPEATED:
+        return keypoints, []
+    found = diagnostic(
+        "frames_repeated", cameras=[camera], frames=[(0, keypoints.num_frames - 1)], remedy=Remedy.BRIDGED, size=share
+    )
+    return without_repeats(keypoints, again), [found]
+
+
+def diagnose_cuts(camera: str, keypoints: Keypoints2D) -> list[Diagnostic]:
+    """Return the cuts of one view."""
+    last = cuts(keypoints.xy[0], keypoints.confidence[0] > 0, keypoints.fps)
+    return [diagnostic("picture_cuts", cameras=[camera], frames=[(f, f + 1) for f in last])] if len(last) else []
+
+
+def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
+    """Return the last frames before a cut.
+
+    Args:
+        xy: (F, K, 2) pixels.
+        seen: (F, K) bool.
+    """
+    both = seen[1:] & seen[:-1]
+    step = np.linalg.norm(np.where(both[..., None], np.diff(xy, axis=0), np.nan), axis=-1)
+    low, high = (np.where(seen[..., None], xy, end) for end in (np.inf, -np.inf))
+    span = np.where(seen.any(axis=1)[:, None], high.max(axis=1) - low.min(axis=1), np.nan)
+    extent = np.linalg.norm(span, axis=-1)
+    enough = both.sum(axis=1) >= CUT_POINTS
+    jump = np.zeros(len(step))
+    largest = np.maximum(np.maximum(extent[:-1], extent[1:])[enough], _LEAST_EXTENT_PX)
+    jump[enough] = np.nanmedian(step[enough], axis=1) / largest
+    around = max(2, round(USUAL_S * fps))
+    near = np.lib.stride_tricks.sliding_window_view(np.pad(jump, around, mode="reflect"), 2 * around + 1)
+    usual = np.median(near, axis=1) if len(jump) > around else np.full(len(jump), np.median(jump))
+    return np.flatnonzero((jump > CUT_SHARE) & (jump > CUT_TIMES * usual))
+
+
+def glides(root: np.ndarray, feet: np.ndarray, seen: np.ndarray, fps: float) -> list[tuple[int, int]]:
+    """Return frame ranges in which a person moves over the floor without a step.
+
+    Args:
+        root: (F, 3) the body's middle, world metres, Z up.
+        feet: (F, 2, 3) ankles.
+        seen: (F,) bool.
+    """
+    if len(root) < GLIDE_S * fps + 2:
+        return []
+    body = np.linalg.norm(_speed(root, fps)[:, :2], axis=-1)
+    about = np.linalg.norm(_speed(feet - root[:, None], fps), axis=-1).max(axis=1)
+    gliding = (body > GLIDE_M_S) & (about < GLIDE_SHARE * body) & seen
+    return [run for run in true_runs(gliding) if run[1] - run[0] + 1 >= GLIDE_S * fps]
+
+
+def _speed(points: np.ndarray, fps: float) -> np.ndarray:
+    """Return the velocity of (F, ...) points averaged over ``SMOOTH_S``, per second."""
+    half = max(1, round(0.5 * SMOOTH_S * fps))
+    index = np.arange(len(points))
+    before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
+    span = (after - before).reshape(-1, *(1,) * (points.ndim - 1))
+    return (points[after] - points[before]) * fps / span
+
+
+LIMBS = {
+    "arms": ("shoulder", "elbow", "wrist"),
+    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
+}  # Keypoints that a detector exchanges together.
+LEAST_PAIRS = 2  # Pairs of keypoints that must jump at once; a single pair may be an outlier and only ends an exchange.
+CROSSED_SHARE = 0.5  # An exchange must leave less than this share of the jump.
+JUMP_SHARE = 0.1
+"""Share of the person's extent that it must explain, per keypoint on average over a limb, and of a single pair."""
+LONGEST_S = 1.5  # Longest exchange; in longer ranges the right side is unknown.
+SEEN_BEFORE_S = 0.2  # A keypoint's last place is used for this long.
+
+
+def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
+    """Give exchanged limbs of one view's detections back to their sides, and report them."""
+    names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
+    seen, found = confidence > 0, list[Diagnostic]()
+    for part, names_of in LIMBS.items():
+        pairs = [(names.index(f"left_{p}"), names.index(f"right_{p}")) for p in names_of if f"left_{p}" in names]
+        if len(pairs) < LEAST_PAIRS:
+            continue
+        left, right = np.array(pairs).T
+        jumped = side_jumps(keypoints.xy[0], seen, pairs, keypoints.fps)
+        exchanged, others = exchanged_stretches(jumped, LONGEST_S * keypoints.fps)
+        rows = np.flatnonzero(exchanged)[:, None]
+        for values in (xy, confidence):
+            values[rows, left], values[rows, right] = values[rows, right], values[rows, left]
+        if len(rows):
+            runs = true_runs(exchanged)
+            found.append(
+                diagnostic("limbs_exchanged", cameras=[camera], frames=runs, remedy=Remedy.REPAIRED, part=part)
+            )
+        if others:
+            frames = [(jump - 1, jump) for jump in others]
+            found.append(diagnostic("limbs_jump_sides", cameras=[camera], frames=frames, part=part))
+    return replace(keypoints, xy=xy[None], confidence=confidence[None]), found
+
+
+def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
+    """Return (F,) the number of a limb's left and right pairs that jump to one another's places in each frame.
+
+    The rest of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
+    keypoint's own track and its counterpart's. Limbs that pass each other continue as before.
+    """
+    columns = np.array(pairs)
+    both = seen[:, columns].all(axis=-1)
+    reach = max(1, round(SEEN_BEFORE_S * fps))
+    last = _last_seen(both, reach)
+    tracks = xy[:, columns]
+    size = _extent(xy, seen)
+    own, other = np.zeros(len(xy)), np.zeros(len(xy))
+    seen_pairs, jumped = np.zeros(len(xy), dtype=int), np.zeros(len(xy), dtype=int)
+    for pair in range(len(columns)):
+        rows = np.flatnonzero(both[:, pair] & (last[:, pair] >= 0))
+        before = last[rows, pair]
+        here, there = tracks[rows, pair], tracks[before, pair]
+        track, known = tracks[:, pair], both[:, pair]
+        into, out = _step_before(track, known, before), _step_after(track, known, rows)
+        gap = (rows - before)[:, None, None]
+        mine, theirs = (
+            np.linalg.norm(now - there - gap * 0.5 * (into + onward), axis=-1).sum(axis=1)
+            for now, onward in ((here, out), (here[:, ::-1], out[:, ::-1]))
+        )
+        own[rows] += mine
+        other[rows] += theirs
+        seen_pairs[rows] += 1
+        jumped[rows] += (theirs < CROSSED_SHARE * mine) & (mine - theirs > JUMP_SHARE * size[rows])
+    gained = own - other > 2.0 * JUMP_SHARE * size * np.maximum(seen_pairs, 1)
+    return np.where(gained & (other < CROSSED_SHARE * own), jumped, 0)
+
+
+def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
+    """Return (F,) bool, the exchanged ranges between jumps, shortest first, and the remaining jumps.
+
+    Without a second jump within ``longest`` frames the right side is unknown. A single jump of fewer than
+    ``LEAST_PAIRS`` pairs ends an exchange.
+    """
+    edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
+    faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
+    while len(edges) > 1:
+        lengths = np.diff(edges)
+        part = int(np.argmin(lengths))
+        if lengths[part] > longest:
+            break
+        exchanged[edges[part] : edges[part + 1]] ^= True
+        del edges[part : part + 2]
+    for edge in tuple(edges):
+        ends = faint[np.abs(faint - edge) <= longest]
+        if len(ends) == 1:
+            exchanged[min(edge, ends[0]) : max(edge, ends[0])] ^= True
+            edges.remove(edge)
+    return exchanged, edges
+
+
+def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
+    """Return (F, P) the last frame before each with the pair seen, -1 if too long ago."""
+    frame = np.where(both, np.arange(len(both))[:, None], -1)
+    before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
+    return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
+
+
+def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 2) the step into each frame, 0 if unknown."""
+    known = (frames > 0) & both[np.maximum(frames - 1, 0)]
+    return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
+
+
+def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 2) the step out of each frame, 0 if unknown."""
+    after = np.minimum(frames + 1, len(track) - 1)
+    known = (after > frames) & both[after]
+    return np.where(known[:, None, None], track[after] - track[frames], 0.0)
+
+
+def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return (F,) root mean square distance of the keypoints from their middle, the median where few are seen."""
+    weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
+    known = np.where(seen[..., None], xy, 0.0)
+    middle = np.einsum("fk,fkc->fc", weight, known)
+    square = np.einsum("fk,fkc->f", weight, np.where(seen[..., None], known - middle[:, None], 0.0) ** 2)
+    size, enough = np.sqrt(square), seen.sum(axis=1) >= 6
+    return np.where(enough, size, np.median(size[enough]) if enough.any() else np.inf)
+
 
 ALIKE = 0.9
 """Factor on the lifter's deviations for lifted depths, whose errors last too long to average out. Set with ``ACROSS_M``

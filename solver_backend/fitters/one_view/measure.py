@@ -13,13 +13,11 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.layers import Measurements, RoughMotion, seen_frames
-from solver_backend.fitters.measurements.sources import ViewPoints
-from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.one_view.depth import OneCamera, OneView
-from solver_backend.fitters.one_view.faults import bridge_repeats, diagnose_cuts, restore_sides
+from solver_backend.fitters.hands.solve_hands import hands_in_views
+from solver_backend.fitters.measurements.views import ViewPoints
+from solver_backend.fitters.model.subject import FrameStates, Subject
+from solver_backend.fitters.one_view.depth import OneCamera, OneView, bridge_repeats, diagnose_cuts, restore_sides
+from solver_backend.fitters.problem import Measurements, RoughMotion, seen_frames
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.lifted_take import lift_take, surest_feet
@@ -167,7 +165,7 @@ def measure_one_view(
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
         found.append(diagnostic("own_point_unused", reason="single", joints=[point.name for point in whole.own]))
-    hands = Hands.of_views(camera, whole.views([view]))
+    hands = hands_in_views(camera, whole.views([view]))
     if hands:
         found.append(diagnostic("hands_one_view"))
     detected, exchanged = restore_sides(cameras.names[view], detected)

@@ -16,17 +16,17 @@ from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.hands.wide_motion import finger_turns_of, with_finger_turns, without_fingers
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.model.subject import PosedFrames, Subject
 from solver_backend.fitters.pose_ndf.complete import (
     CompleteSettings,
     DenoiseSettings,
+    KeypointSettings,
     complete,
     denoise,
+    fit_keypoints,
     interpolate_poses,
     missing_joints,
 )
-from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, fit_keypoints
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3, log_so3, matrix_from_quat, quat_from_matrix
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF

@@ -14,24 +14,261 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.props import Prop
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake
-from solver_backend.fitters.layers import Layer, SolvedLayer
 from solver_backend.fitters.marker_calibration.unknown_markers import FRAMES, LEAST_MARKERS, BonePoses, loose_groups
-from solver_backend.fitters.problem import Problem, SolvedFrames
-from solver_backend.fitters.props.prop_equations import (
-    LEAST_SIGMA_M,
-    MOST_SIGMA_M,
-    PropEquations,
-    PropState,
-    start_prop,
-    unrest_of,
-)
-from solver_backend.geometry.alignment import nearest_rotation
+from solver_backend.fitters.problem import Layer, Problem, SolvedFrames, SolvedLayer
+from solver_backend.geometry.alignment import nearest_rotation, umeyama
 from solver_backend.geometry.arrays import quantile, true_runs
-from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.rotations import (
+    cross,
+    exp_so3,
+    left_jacobian_inverse_so3,
+    log_so3,
+    matrix_from_quat,
+    quat_from_matrix,
+    skew,
+)
 from solver_backend.geometry.small_matrices import mean_sigma, packed
-from solver_backend.residuals.terms import graduated_scales
+from solver_backend.residuals.terms import geman_mcclure, graduated_scales
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.solver.levenberg_marquardt import LMSettings, minimise
 from solver_backend.types import MarkerCloud, Motion
+
+SIZE = 12
+"""Unknowns of a frame: small turn θ (rad, ``R ← exp(θ) R``), shift (m), angular velocity (rad/s), velocity (m/s), all
+of them along the world's axes."""
+
+
+@dataclass(frozen=True)
+class PropState:
+    """F frames of a rigid body, ``x_world = R x + t``, in metres, with its spin in rad/s and velocity in m/s."""
+
+    R: np.ndarray
+    t: np.ndarray
+    spin: np.ndarray
+    velocity: np.ndarray
+
+    @classmethod
+    def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
+        """Return the state of poses, with velocities by differences over two frames."""
+        before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
+        step = dt * np.maximum(after - before, 1)[:, None]
+        return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
+
+    def retract(self, step: np.ndarray) -> PropState:
+        """Return the state moved by a (1, 12 F) tangent step."""
+        turn, shift, spin, velocity = np.split(step.reshape(-1, SIZE), 4, axis=1)
+        R = exp_so3(turn) @ self.R
+        return replace(self, R=R, t=self.t + shift, spin=self.spin + spin, velocity=self.velocity + velocity)
+
+
+def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return (..., 3) rotation vectors φ with ``exp(φ) before = after``."""
+    return log_so3(after @ np.swapaxes(before, -1, -2))
+
+
+RELAXES_S = 0.5  # Time in which an unmeasured velocity dies away. A hand's strokes last 0.2 to 1 s.
+TURN_PRECISION = 3.0 / np.pi**2  # Precision of an unknown turn: the variance of an angle between -π and π is π² / 3.
+
+
+@dataclass(frozen=True)
+class PropEquations:
+    """Cost, gradient and Hessian of a prop's motion.
+
+    ``½ Σ ρ(|R_f p_m + t_f - x_fm|² / σ²) + ½ Σ eᵀ Q⁻¹ e + ½ Σ dt (|ω|² / q_R + |v|² / q_t) / τ²`` with, between frames,
+    ``e = (log(R_f+1 R_fᵀ) - dt ω_f, t_f+1 - t_f - dt v_f, ω_f+1 - ω_f, v_f+1 - v_f)``, ``Q = [[dt³/3, dt²/2], [dt²/2,
+    dt]] q`` and τ = ``RELAXES_S``.
+
+    Reference: Barfoot 2017, "State Estimation for Robotics", section 11.2.3 (white noise on acceleration); Uhlenbeck
+    and Ornstein 1930 (velocities that die away).
+    """
+
+    points: np.ndarray  # (F, M, 3) recorded markers, metres, NaN where missing.
+    rest: np.ndarray  # (M, 3) the markers in the prop's frame, metres.
+    sigma_m: float  # Standard deviation of a marker per axis.
+    unrest: np.ndarray
+    """(F - 1, 2) power densities q of the angular acceleration (rad²/s³) and of the acceleration (m²/s³)."""
+    dt: float
+
+    def linearise(self, state: PropState, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
+        """Return the (1,) cost and the normal equations; ``scale`` is the robust one, in standard deviations."""
+        cost, diagonal, g = self.of_markers(state, scale)
+        e, before, after = self._between(state)
+        weight = self._precision()
+        weighted = (weight @ e[..., None])[..., 0]
+        diagonal[:-1] += np.swapaxes(before, -1, -2) @ weight @ before
+        diagonal[1:] += np.swapaxes(after, -1, -2) @ weight @ after
+        g[:-1] += np.einsum("fij,fi->fj", before, weighted)
+        g[1:] += np.einsum("fij,fi->fj", after, weighted)
+        rates = np.concatenate([state.spin, state.velocity], axis=1)
+        calm = self.dt / RELAXES_S**2 / np.repeat(np.append(self.unrest, self.unrest[-1:], axis=0), 3, axis=1)
+        along = np.arange(SIZE // 2, SIZE)
+        diagonal[:, along, along] += calm
+        g[:, along] += calm * rates
+        diagonal[0, :3, :3] += TURN_PRECISION * np.eye(3)
+        upper = np.swapaxes(before, -1, -2) @ weight @ after
+        cost += 0.5 * float((e * weighted).sum() + (calm * rates**2).sum())
+        return np.array([cost]), BlockTridiagonal(diagonal, upper, g)
+
+    def retract(self, state: PropState, step: np.ndarray) -> PropState:
+        """Return the state moved by a (1, 12 F) tangent step."""
+        return state.retract(step)
+
+    def residuals(self, state: PropState) -> tuple[np.ndarray, np.ndarray]:
+        """Return (F, M, 3) errors in metres, zero where nothing is seen, and (F, M, 3) the turned markers."""
+        turned = self.rest @ np.swapaxes(state.R, -1, -2)
+        return np.nan_to_num(turned + state.t[:, None] - self.points), turned
+
+    def weights(self, error: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return (F, M) robust costs and weights of errors, zero where nothing is seen."""
+        seen = np.isfinite(self.points).all(-1)
+        cost, weight = geman_mcclure((error**2).sum(-1) / self.sigma_m**2, scale)
+        return np.where(seen, cost, 0.0), np.where(seen, weight, 0.0)
+
+    def of_markers(self, state: PropState, scale: float) -> tuple[float, np.ndarray, np.ndarray]:
+        """Return the markers' cost, and their parts of the blocks (F, 12, 12) and the gradient (F, 12)."""
+        error, turned = self.residuals(state)
+        cost, weight = self.weights(error, scale)
+        weight = weight / self.sigma_m**2
+        lever = skew(turned)
+        H, g = np.zeros((len(error), SIZE, SIZE)), np.zeros((len(error), SIZE))
+        H[:, :3, :3] = np.einsum("fm,fmki,fmkj->fij", weight, lever, lever)
+        H[:, :3, 3:6] = np.einsum("fm,fmij->fij", weight, lever)
+        H[:, 3:6, :3] = np.swapaxes(H[:, :3, 3:6], -1, -2)
+        H[:, [3, 4, 5], [3, 4, 5]] = weight.sum(axis=1)[:, None]
+        g[:, :3] = (weight[..., None] * cross(turned, error)).sum(axis=1)
+        g[:, 3:6] = (weight[..., None] * error).sum(axis=1)
+        return 0.5 * float(cost.sum()), H, g
+
+    def _between(self, state: PropState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return errors (F - 1, 12) between frames and their Jacobians by the frame before and the one after."""
+        turn = turns(state.R[:-1], state.R[1:])
+        moved = np.diff(state.t, axis=0) - self.dt * state.velocity[:-1]
+        changed = np.diff(np.concatenate([state.spin, state.velocity], axis=1), axis=0)
+        e = np.concatenate([turn - self.dt * state.spin[:-1], moved, changed], axis=1)
+        J = left_jacobian_inverse_so3(turn)
+        after = np.tile(np.eye(SIZE), (len(e), 1, 1))
+        before = -after
+        after[:, :3, :3] = J
+        # exp(φ) exp(-θ) changes φ by the right Jacobian's inverse, the left one's transposed.
+        before[:, :3, :3] = -np.swapaxes(J, -1, -2)
+        half = np.arange(SIZE // 2)
+        before[:, half, half + SIZE // 2] = -self.dt
+        return e, before, after
+
+    def _precision(self) -> np.ndarray:
+        dt, half = self.dt, np.arange(SIZE // 2)
+        share = 1.0 / np.repeat(self.unrest, 3, axis=1)
+        weight = np.zeros((len(share), SIZE, SIZE))
+        weight[:, half, half] = 12.0 / dt**3 * share
+        weight[:, half, half + SIZE // 2] = weight[:, half + SIZE // 2, half] = -6.0 / dt**2 * share
+        weight[:, half + SIZE // 2, half + SIZE // 2] = 4.0 / dt * share
+        return weight
+
+
+PASSES = 4  # Alternations of poses and shape.
+ON_A_LINE_M = 0.01  # Largest root mean square distance from a line of markers that leave the turn about it open.
+LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
+"""Limits of a marker's deviation per axis: optical systems have 0.1 to 1 mm. Beyond, markers are loose."""
+
+
+@dataclass(frozen=True)
+class PropStart:
+    """A prop before its solve."""
+
+    rest: np.ndarray  # (M, 3) markers about their centre, metres.
+    R: np.ndarray
+    t: np.ndarray
+    posed: np.ndarray  # (F,) bool: the frame shows three markers or more. The others lie on the way between such.
+    sigma_m: float  # Standard deviation of a marker per axis.
+
+
+def start_prop(points: np.ndarray) -> PropStart:
+    """Return shape and poses of (F, M, 3) markers in metres that move as one, NaN where missing.
+
+    The frame that shows most markers gives the first shape. Poses then follow from the shape (``umeyama``) and the
+    shape from the poses, the median over frames, until both agree.
+    """
+    seen = np.isfinite(points).all(-1)
+    best = int(seen.sum(axis=1).argmax())
+    rest = points[best] - points[best][seen[best]].mean(axis=0)
+    for _ in range(PASSES):
+        R, t, posed = _poses(points, rest)
+        own = (points - t[:, None]) @ R
+        rest = quantile(np.where(posed[:, None, None], own, np.nan), 0.5, axis=0)
+    rest -= rest.mean(axis=0)
+    R, t, posed = _poses(points, rest)
+    if np.linalg.svd(rest, compute_uv=False)[1] < ON_A_LINE_M * np.sqrt(len(rest)):
+        R = _least_turned(np.linalg.svd(rest)[2], R)
+    error = (points - (rest @ np.swapaxes(R, -1, -2) + t[:, None]))[posed]
+    numbers = 3.0 * float(np.median(seen[posed].sum(axis=1)))
+    freedom = (numbers - 6.0) / numbers if numbers > 6.0 else 1.0
+    sigma = 1.4826 / np.sqrt(freedom) * float(quantile(np.abs(error), 0.5, axis=(0, 1, 2)))
+    return PropStart(rest, *_between(R, t, posed), posed, min(max(sigma, LEAST_SIGMA_M), MOST_SIGMA_M))
+
+
+def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    usable = np.isfinite(points).all(-1) & np.isfinite(rest).all(-1)
+    posed = usable.sum(axis=1) >= 3
+    R, t = np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3))
+    shape = np.broadcast_to(rest, points.shape)
+    _, R[posed], t[posed] = umeyama(shape[posed], points[posed], usable[posed].astype(np.float64))
+    return R, t, posed
+
+
+def _least_turned(axes: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Return the least turns that bring the line, ``axes[0]``, to its directions; ``axes[1]`` decides half turns."""
+    to = R @ axes[0]
+    across = np.cross(axes[0], to)
+    sine = np.linalg.norm(across, axis=-1)
+    unit = np.where(sine[:, None] > 1e-9, across / np.maximum(sine, 1e-9)[:, None], axes[1])
+    return exp_so3(np.arctan2(sine, to @ axes[0])[:, None] * unit)
+
+
+def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    at, frames = np.flatnonzero(posed), np.arange(len(t))
+    quat = quat_from_matrix(R[at])
+    flip = np.cumprod(np.where((quat[1:] * quat[:-1]).sum(-1) < 0, -1.0, 1.0))
+    quat[1:] *= flip[:, None]
+    full = np.stack([np.interp(frames, at, quat[:, k]) for k in range(4)], axis=1)
+    full /= np.linalg.norm(full, axis=1, keepdims=True)
+    return matrix_from_quat(full), np.stack([np.interp(frames, at, t[at, k]) for k in range(3)], axis=1)
+
+
+LAG_S, AROUND_S, USUAL_S = 0.1, 1.0, 0.1
+"""Seconds over which accelerations are measured (gaps are about as long, and markers' noise is negligible), over which
+unrest is averaged, and of the take's average that are added to it. In a gap they are all there is."""
+LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3
+"""Least unrest as a share of the take's, and as the stray of a prop at rest in ``LAG_S``."""
+
+
+def unrest_of(start: PropStart, fps: float) -> np.ndarray:
+    """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
+
+    The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis where acceleration is
+    white noise of density q.
+    """
+    frames = len(start.t)
+    lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))
+    span, middle = lag / fps, slice(lag, frames - lag)
+    known = start.posed[: frames - 2 * lag] & start.posed[middle] & start.posed[2 * lag :]
+    R, t = start.R, start.t
+    second = turns(R[middle], R[2 * lag :]) - turns(R[: frames - 2 * lag], R[middle])
+    bend = t[2 * lag :] - 2 * t[middle] + t[: frames - 2 * lag]
+    square = np.stack([(second**2).mean(-1), (bend**2).mean(-1)], axis=1)
+    usual = square[known].mean(axis=0) if known.any() else np.zeros(2)
+    width = max(1, round(AROUND_S * fps))
+    count, total = _around(known, width), np.stack([_around(square[:, k] * known, width) for k in range(2)], axis=1)
+    prior = max(1.0, USUAL_S * fps)
+    local = (total + prior * usual) / (count + prior)[:, None]
+    least = np.maximum(LEAST_SHARE * usual, np.square([LEAST_RAD, LEAST_M]))
+    density = np.maximum(local, least) * 1.5 / span**3
+    return density[np.clip(np.arange(frames - 1) - lag, 0, len(density) - 1)]
+
+
+def _around(values: np.ndarray, width: int) -> np.ndarray:
+    sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    at = np.arange(len(values))
+    return sums[np.minimum(at + width // 2 + 1, len(values))] - sums[np.maximum(at - width // 2, 0)]
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,6 @@ import numpy as np
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.layer import Hands
 from solver_backend.fitters.hands.wide_motion import with_fingers_of, without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames, window_of
@@ -24,18 +23,19 @@ from solver_backend.fitters.keyframes.splice_range import (
     spliced,
 )
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import (
+from solver_backend.fitters.model.subject import (
     OFF_THE_MANIFOLD,
     ON_THE_MANIFOLD,
     Keyframes,
     PosedFrames,
+    Subject,
     hemisphere_aligned,
+    points_of,
 )
-from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem, Solution, SolvedFrames
 from solver_backend.fitters.recipes.bundle import Bundle, Pass
+from solver_backend.fitters.subject_calibration.foot_contacts import with_learned_noise
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
-from solver_backend.fitters.subject_calibration.variances import with_learned_noise
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.small_matrices import packed
@@ -174,7 +174,7 @@ def solve_again(
     progress: Progress,
 ) -> Solution:
     """Return the motion with a frame range solved again; all other frames stay bit for bit. Errors: ``solve_range``."""
-    from solver_backend.fitters.hands.solve_hands import HandRange, solve_hands_again
+    from solver_backend.fitters.hands.solve_hands import HandRange, Hands, solve_hands_again
 
     body = without_fingers(motion)
     solved, frames = solve_range(problem, subject, body, frame_range, settings, progress)

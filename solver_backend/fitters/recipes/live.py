@@ -15,9 +15,8 @@ from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.fitters.measurements.sources import fit_sigma_px
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
+from solver_backend.fitters.measurements.views import fit_sigma_px
+from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.priors.lifter import load_lifter

@@ -10,12 +10,11 @@ import numpy as np
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.keyframes.optimise import Stretches
-from solver_backend.fitters.model.states import FrameStates, PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.keyframes.optimise import Stretches, in_turn
+from solver_backend.fitters.model.subject import FrameStates, PosedFrames, Subject, pose
 from solver_backend.fitters.problem import Convergence, MethodResult, Problem, SolvedFrames
-from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed, sample_frames
-from solver_backend.geometry.arrays import Array, Rows, constant, to_numpy
+from solver_backend.fitters.single_frame import BLOCK_FRAMES, bridged_states, fit_to_points, posed, sample_frames
+from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
@@ -24,28 +23,8 @@ from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewt
 
 SIGMA_M = 0.01
 """σ0, the fixed standard deviation of the first stage per axis; log-variances are relative to its square."""
-BLOCK_FRAMES = 64  # Frames fitted at a time.
-
-
-@dataclass(frozen=True)
-class FitWeights:
-    """Weights of the priors; not tuned."""
-
-    pose: float = 0.5  # λ_pose of ``|z|²`` (thesis 5.4).
-    shape: float = 0.5  # λ_β of ``|β|²`` (thesis 5.4): half, as the shape space has unit variance.
-
-
-@dataclass(frozen=True)
-class CodedFrames(Rows):
-    """Poses of F frames by their codes."""
-
-    z: np.ndarray  # (F, 32) codes.
-    root: np.ndarray  # (F, 3, 3) body to world.
-    transl: np.ndarray  # (F, 3) metres.
-
-    def posed(self, prior: GaussianVAE) -> PosedFrames:
-        """Return the decoded poses."""
-        return PosedFrames(self.root, prior.decode(self.z), self.transl)
+POSE_WEIGHT, SHAPE_WEIGHT = 0.5, 0.5
+"""λ_pose of ``|z|²`` and λ_β of ``|β|²`` (thesis 5.4), half because the shape space has unit variance. Not tuned."""
 
 
 @dataclass(frozen=True)
@@ -54,10 +33,9 @@ class LandmarkFit:
 
     subject: Subject
     prior: GaussianVAE
-    start: CodedFrames
+    start: FrameStates
     points: np.ndarray  # (F, L, 3) measured landmarks, metres, finite.
     seen: np.ndarray  # (F, L) bool.
-    weights: FitWeights = FitWeights()
 
     @property
     def layout(self) -> StateLayout:
@@ -74,42 +52,42 @@ class LandmarkFit:
         unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
         return unknowns
 
-    def states(self, x: np.ndarray) -> CodedFrames:
+    def states(self, x: np.ndarray) -> FrameStates:
         """Return the states at (F, 38 or more) unknowns."""
         code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
-        return CodedFrames(code, exp_so3(root) @ self.start.root, transl)
+        return FrameStates(code, exp_so3(root) @ self.start.root, transl)
 
     def evaluate(self, x: np.ndarray, loss: LandmarkLoss) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and that by the shape (F, 10)."""
         states = self.states(x)
         local, decoder_vjp = self.prior.decode_with_vjp(states.z)
-        posed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
-        assert posed.by_rotations is not None and posed.by_betas is not None
-        error = posed.points - self.points
+        placed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
+        assert placed.by_rotations is not None and placed.by_betas is not None
+        error = placed.points - self.points
         found = loss((error * error).sum(-1) / SIGMA_M**2, self.seen, x[:, self.layout.dof :])
         by_points = (2.0 / SIGMA_M**2 * found.by_squared[..., None] * error).reshape(len(x), 1, -1)
-        by_turns = (by_points @ posed.by_rotations.reshape(len(x), by_points.shape[-1], -1)).reshape(len(x), -1, 3)
-        by_code = decoder_vjp(by_turns[:, 1:]) + 2.0 * self.weights.pose * states.z
+        by_turns = (by_points @ placed.by_rotations.reshape(len(x), by_points.shape[-1], -1)).reshape(len(x), -1, 3)
+        by_code = decoder_vjp(by_turns[:, 1:]) + 2.0 * POSE_WEIGHT * states.z
         by_root = (by_turns[:, :1] @ left_jacobian_so3(x[:, self.layout[ROOT]]))[:, 0]
         by_transl = by_points.reshape(error.shape).sum(axis=1)
-        by_betas = (by_points @ posed.by_betas.reshape(len(x), by_points.shape[-1], -1))[:, 0]
-        cost = found.cost + self.weights.pose * (states.z**2).sum(-1)
+        by_betas = (by_points @ placed.by_betas.reshape(len(x), by_points.shape[-1], -1))[:, 0]
+        cost = found.cost + POSE_WEIGHT * (states.z**2).sum(-1)
         return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
 
     def scale(self, loss: LandmarkLoss) -> np.ndarray:
         """Return (F, 38 + n) guesses of the inverse second derivatives, from the Jacobian at the start."""
         local, by_code = self.prior.decode_with_jacobian(self.start.z)
-        posed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
-        assert posed.by_rotations is not None
+        placed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
+        assert placed.by_rotations is not None
         count, weight = len(self.seen), self.seen[..., None, None] / SIGMA_M**2
-        by_latent = posed.by_rotations[..., 3:] @ by_code.reshape(count, 1, -1, by_code.shape[-1])
-        second = [(weight * part**2).sum((1, 2)) for part in (by_latent, posed.by_rotations[..., :3])]
+        by_latent = placed.by_rotations[..., 3:] @ by_code.reshape(count, 1, -1, by_code.shape[-1])
+        second = [(weight * part**2).sum((1, 2)) for part in (by_latent, placed.by_rotations[..., :3])]
         own = np.full((count, loss.unknowns(self.seen.shape[1])), 0.5)
         by_transl = np.repeat(weight.sum((1, 2)), 3, axis=1)
-        by_latent, by_root = second[0] + 2.0 * self.weights.pose, second[1] + 1.0
+        by_latent, by_root = second[0] + 2.0 * POSE_WEIGHT, second[1] + 1.0
         return 1.0 / np.concatenate([by_latent, by_root, by_transl + 1.0, own], axis=1)
 
-    def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[CodedFrames, QuasiNewtonResult]:
+    def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[FrameStates, QuasiNewtonResult]:
         """Fit every frame by itself; the shape stays."""
 
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -118,7 +96,7 @@ class LandmarkFit:
         found = independent_lbfgs(objective, self.unknowns(loss), self.scale(loss), settings)
         return self.states(found.x), found
 
-    def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, CodedFrames]:
+    def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, FrameStates]:
         """Fit the shape and the poses of all frames together; the loss must have no unknowns of its own."""
         frames, betas = len(self.seen), self.subject.betas
         parts = frames * self.layout.dof
@@ -129,14 +107,14 @@ class LandmarkFit:
         def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             fits = [at(row).evaluate(row[:parts].reshape(frames, -1), loss) for row in x]
             own = x[:, parts:]
-            cost = np.array([part[0].sum() for part in fits]) + self.weights.shape * (own * own).sum(-1)
-            by_betas = np.stack([part[2].sum(axis=0) for part in fits]) + 2.0 * self.weights.shape * own
+            cost = np.array([part[0].sum() for part in fits]) + SHAPE_WEIGHT * (own * own).sum(-1)
+            by_betas = np.stack([part[2].sum(axis=0) for part in fits]) + 2.0 * SHAPE_WEIGHT * own
             return cost, np.concatenate([np.stack([part[1].ravel() for part in fits]), by_betas], axis=1)
 
-        posed = pose(self.subject, self.start.posed(self.prior), jacobian=True)
-        assert posed.by_betas is not None
-        by_betas = (self.seen[..., None, None] * posed.by_betas**2).sum((0, 1, 2)) / SIGMA_M**2
-        scale = np.concatenate([self.scale(loss).ravel(), 1.0 / (by_betas + 2.0 * self.weights.shape)])[None]
+        placed = pose(self.subject, posed(self.prior, self.start), jacobian=True)
+        assert placed.by_betas is not None
+        by_betas = (self.seen[..., None, None] * placed.by_betas**2).sum((0, 1, 2)) / SIGMA_M**2
+        scale = np.concatenate([self.scale(loss).ravel(), 1.0 / (by_betas + 2.0 * SHAPE_WEIGHT)])[None]
         start = np.concatenate([self.unknowns(loss).ravel(), betas])[None]
         best = independent_lbfgs(objective, start, scale, settings).x[0]
         return at(best).subject, self.states(best[:parts].reshape(frames, -1))
@@ -153,20 +131,19 @@ def pose_prior() -> GaussianVAE:
 
 
 def solve_noise_aware(
-    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+    problem: Problem,
+    subject: Subject,
+    settings: SolveSettings,
+    progress: Progress,
+    each: Stretches = in_turn,
+    *,
+    loss: LandmarkLoss = LearnedVariances(),
 ) -> MethodResult:
     """Minimise thesis eq. 5.8 in its two stages (thesis 5.2.3) and interpolate unseen frames.
 
     First fit shape, poses and translations with fixed variances, the shape from ``SHAPE_FRAMES`` frames. Then hold the
-    shape and fit poses, translations and each landmark's log-variance in each frame.
+    shape and fit poses, translations and each landmark's log-variance in each frame (``loss``).
     """
-    return solve_in_stages(problem, subject, settings, progress, LearnedVariances())
-
-
-def solve_in_stages(
-    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, loss: LandmarkLoss
-) -> MethodResult:
-    """Fit shape, unless it is known, and poses by least squares, then the poses by ``loss``."""
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))
     prior, seen = pose_prior(), np.flatnonzero(measured.seen)
@@ -174,10 +151,10 @@ def solve_in_stages(
 
     def fit_of(person: Subject, frames: np.ndarray) -> LandmarkFit:
         states = fit_to_points(problem, person, frames)
-        start = CodedFrames(prior.encode(posed(problem.prior, states).local), states.root, states.transl)
+        start = FrameStates(prior.encode(posed(problem.prior, states).local), states.root, states.transl)
         located = measured.located[frames]
         points = np.where(located[..., None], measured.points[frames], 0.0)
-        return LandmarkFit(person, prior, start, points, located, FitWeights())
+        return LandmarkFit(person, prior, start, points, located)
 
     if settings.betas is None and not measured.knows_person:
         person, _ = fit_of(person, sample_frames(measured, SHAPE_FRAMES)).fit_shape(FixedVariances(), STEPS)
@@ -191,18 +168,9 @@ def solve_in_stages(
         found.append(fine)
         ends.append(Convergence(len(block), int(end.converged.sum()), end.iterations))
         progress("Noise-aware fit", len(blocks) + 2 * (number + 1), 3 * len(blocks))
-    frames = _bridged(found, seen, problem.num_frames).posed(prior)
-    solved = SolvedFrames(replace(subject, betas=constant(person.betas, like)), _like(frames, like))
-    return solved, Convergence.joined(ends)
-
-
-def _bridged(parts: list[CodedFrames], seen: np.ndarray, num_frames: int) -> CodedFrames:
-    z, root, transl = (np.concatenate([getattr(part, name) for part in parts]) for name in ("z", "root", "transl"))
-    between = bridged_states(FrameStates(spherical_normalisation(z), root, transl), seen, num_frames)
-    frame = np.arange(num_frames)
-    codes = np.stack([np.interp(frame, seen, column) for column in z.T], axis=1)
-    return CodedFrames(codes, between.root, between.transl)
-
-
-def _like(frames: PosedFrames, like: Array) -> PosedFrames:
-    return PosedFrames(*(constant(part, like) for part in (frames.root, frames.local, frames.transl)))
+    whole = FrameStates.concatenate(found)
+    between = bridged_states(replace(whole, z=spherical_normalisation(whole.z)), seen, problem.num_frames)
+    codes = np.stack([np.interp(np.arange(problem.num_frames), seen, column) for column in whole.z.T], axis=1)
+    frames = posed(prior, replace(between, z=codes))
+    frames = PosedFrames(*(constant(part, like) for part in (frames.root, frames.local, frames.transl)))
+    return SolvedFrames(replace(subject, betas=constant(person.betas, like)), frames), Convergence.joined(ends)

@@ -9,8 +9,15 @@ import numpy as np
 from solver_backend.body.state_layout import RESIDUAL, UNCOVERED
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.model.states import FrameStates, PosedFrames, d_pose_d_key, state_layout
-from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.model.subject import (
+    FrameObjective,
+    FrameStates,
+    PosedFrames,
+    Subject,
+    d_pose_d_key,
+    pose,
+    state_layout,
+)
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points, lifted_betas, posed, sample_frames
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros

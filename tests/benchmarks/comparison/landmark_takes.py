@@ -12,8 +12,8 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.measurements.markers import measure_landmarks
+from solver_backend.fitters.problem import Measurements
 from solver_backend.labelling.point_network import frame_landmarks, load_network
 from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.types import SMPL_JOINTS, JointSet

@@ -10,9 +10,8 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, bending, fit_keypoints
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.pose_ndf.complete import KeypointSettings, bending, fit_keypoints
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.base import PosePrior

@@ -12,8 +12,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.cameras.projection import project
 from solver_backend.fitters import solve
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import SPoser

@@ -16,16 +16,16 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.fitters.pose_ndf.complete import (
     WEIGHTS,
     CompleteSettings,
     DenoiseSettings,
+    KeypointSettings,
     complete,
     denoise,
     missing_joints,
 )
-from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf
 from tests.benchmarks.bench_pose_ndf import (

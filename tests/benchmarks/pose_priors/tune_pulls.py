@@ -12,7 +12,7 @@ from functools import cache
 import numpy as np
 
 from research.priors import load_gmm
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
 from solver_backend.residuals.pose_mixture import read_mixture
 from tests.benchmarks.bench_pose_ndf import KEYPOINT_SETTINGS, VAES

@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.fitters.hands.solve_hands import follow_hand
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.geometry.rotations import exp_so3, log_so3
 
 RNG = np.random.default_rng(3)

@@ -10,10 +10,12 @@ import pytest
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
 from solver_backend.body.hand_skeleton import PALM_M, RADIUS_M, finger_gaps, finger_overlap, nearest_points
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, contact_equations
 from solver_backend.fitters.hands.solve_hand import (
     HandKeys,
+    HandProblem,
+    KeyModel,
     SolvedHand,
+    contact_equations,
     frame_states,
     solve_hand,
     solve_keys,

@@ -10,8 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import hand_of_shape, with_fingers
 from solver_backend.cameras.projection import CameraArrays, project
-from solver_backend.fitters.hands.hand_view_term import HandViewTerm, locate_hands
-from solver_backend.fitters.hands.measured_hands import hand_size, likely_size
+from solver_backend.fitters.hands.measured_hands import HandViewTerm, hand_size, likely_size, locate_hands
 from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from tests.support.moving_hand import hand_problem

@@ -15,11 +15,9 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.fitters.hands.solve_hands import SolvedHands, follow_hand, solve_hands
-from solver_backend.fitters.layers import Measurements
 from solver_backend.fitters.measurements.views import measure_views
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.problem import SolvedFrames
+from solver_backend.fitters.model.subject import PosedFrames, Subject
+from solver_backend.fitters.problem import Measurements, SolvedFrames
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.demo import DEMO_BETAS, demo_capture

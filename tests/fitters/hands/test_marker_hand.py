@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hand_markers import PLACES, hand_markers
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
-from solver_backend.fitters.hands.hand_problem import HandProblem
+from solver_backend.fitters.hands.solve_hand import HandProblem
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
 from tests.support.lone_marker_hand import LAYOUTS, solve_marker_hand

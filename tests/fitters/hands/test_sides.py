@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import Remedy
-from solver_backend.fitters.hands.hand_view_term import sort_hands
+from solver_backend.fitters.hands.measured_hands import sort_hands
 from solver_backend.fitters.hands.shown_hands import HandViews
 from tests.support.scenes import ring_of_cameras
 

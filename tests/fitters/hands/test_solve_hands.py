@@ -190,7 +190,7 @@ def test_short_takes_have_hands(frames: int) -> None:
 
 @pytest.mark.slow
 def test_a_body_without_finger_joints_is_named(monkeypatch) -> None:
-    import solver_backend.fitters.prepare as prepare
+    import solver_backend.fitters.pipeline as prepare
 
     plain = replace(load_body(), id="another")
     monkeypatch.setattr(prepare, "load_chosen_body", lambda _: plain)

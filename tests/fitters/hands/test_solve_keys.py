@@ -8,8 +8,15 @@ import numpy as np
 import pytest
 
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, HandProblem, KeyModel
-from solver_backend.fitters.hands.solve_hand import frame_covariances, frame_states, solve_keys
+from solver_backend.fitters.hands.solve_hand import (
+    DOF,
+    FINGERS,
+    HandProblem,
+    KeyModel,
+    frame_covariances,
+    frame_states,
+    solve_keys,
+)
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.residuals.positions import PositionTerm
 from tests.support.moving_hand import hand_problem

@@ -10,7 +10,7 @@ from solver_backend.cli import spread
 from solver_backend.fitters.keyframes.bundle_objective import MotionPrior
 from solver_backend.fitters.keyframes.normal_equations import FrameData, data_equations
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretch, solve_keys
-from solver_backend.fitters.model.states import Keyframes
+from solver_backend.fitters.model.subject import Keyframes
 from solver_backend.fitters.recipes.bundle import FIXED_CODES
 from tests.support.layouts import WHOLE
 from tests.support.stick_scene import ROTATIONS, StickScene

@@ -12,8 +12,7 @@ from solver_backend.fitters.keyframes.initial_keys import dense_layout, window_o
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes
-from solver_backend.fitters.model.subject import FrameObjective, Subject
+from solver_backend.fitters.model.subject import FrameObjective, Keyframes, Subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import JointSet
 from tests.support.layouts import WHOLE

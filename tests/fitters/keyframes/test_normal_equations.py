@@ -11,8 +11,7 @@ from solver_backend.fitters.keyframes import normal_equations
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows, lagrange
-from solver_backend.fitters.model.states import Keyframes
-from solver_backend.fitters.model.subject import frame_equations
+from solver_backend.fitters.model.subject import Keyframes, frame_equations
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.base import PosePrior
 from tests.support.finer_keys import resampled

@@ -11,8 +11,7 @@ from solver_backend.fitters.keyframes.normal_equations import data_equations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.subject import frame_equations, pose
+from solver_backend.fitters.model.subject import Keyframes, frame_equations, hemisphere_aligned, pose
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.layouts import LAYOUTS, ON_MANIFOLD

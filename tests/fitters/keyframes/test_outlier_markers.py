@@ -12,8 +12,7 @@ from solver_backend.body.joint_limits import from_swing_and_twist, swing_and_twi
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.fitters import solve
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture

@@ -7,7 +7,7 @@ from solver_backend.body.body import load_body
 from solver_backend.fitters import SolveSettings, resolve_range, solve
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.measurements.markers import measure_motion
-from solver_backend.fitters.measurements.sources import CONSTANT_M, OF_MARKERS_M
+from solver_backend.fitters.measurements.views import CONSTANT_M, OF_MARKERS_M
 from solver_backend.fitters.problem import Problem
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.demo import record_markers

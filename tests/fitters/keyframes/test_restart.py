@@ -7,13 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.fitters.keyframes.initial_keys import _neighbours
-from solver_backend.fitters.keyframes.lost_limbs import _lost_windows, resolve_lost_limbs
+from solver_backend.fitters.keyframes.initial_keys import _lost_windows, _neighbours, resolve_lost_limbs
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.layers import Measurements
-from solver_backend.fitters.measurements.sources import LocatedPoints
-from solver_backend.fitters.model.states import Keyframes
-from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.measurements.views import LocatedPoints
+from solver_backend.fitters.model.subject import Keyframes, pose
+from solver_backend.fitters.problem import Measurements
 from tests.support.stick_scene import ROTATIONS, StickScene
 
 

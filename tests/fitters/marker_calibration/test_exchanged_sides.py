@@ -9,8 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersMirrored
 from solver_backend.fitters.marker_calibration.label_faults import check_sides
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.worn_markers import worn_markers

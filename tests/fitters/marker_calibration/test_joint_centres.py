@@ -8,8 +8,7 @@ from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.person_doubts import STRANGE, WIDEST
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.trc import write_trc

@@ -10,8 +10,8 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
-from solver_backend.fitters.marker_calibration.rough_motion import rough_markers
 from solver_backend.fitters.pipeline import calibrate_person
+from solver_backend.fitters.single_frame import rough_markers
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 from tests.support.worn_markers import worn_markers

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.fitters.keyframes.lost_limbs import lost_landmarks, roughness
+from solver_backend.fitters.keyframes.initial_keys import lost_landmarks, roughness
 
 FRAMES, POINTS = 30, 6
 

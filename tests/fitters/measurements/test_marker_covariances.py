@@ -13,8 +13,7 @@ from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.calibrate import PRIOR_FRAMES, marker_sigma
 from solver_backend.fitters.marker_calibration.marker_problem import moved_points
 from solver_backend.fitters.measurements.markers import SIGMA_M
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.positions import PositionTerm

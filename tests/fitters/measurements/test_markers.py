@@ -15,8 +15,7 @@ from solver_backend.exchange.progress import silent
 from solver_backend.fitters import Solution, SolveSettings, solve_problem
 from solver_backend.fitters.marker_calibration.marker_problem import marker_problem
 from solver_backend.fitters.measurements.markers import measure_markers
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.sposer import load_sposer

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.fitters.measurements.sources import MODEL_ERROR_M, fit_sigma_px
+from solver_backend.fitters.measurements.views import MODEL_ERROR_M, fit_sigma_px
 from tests.support.camera_ring import ring
 
 

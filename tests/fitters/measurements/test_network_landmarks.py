@@ -13,8 +13,7 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections, SubjectInva
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.markers import measure_network_landmarks
-from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.prepare import prepare
+from solver_backend.fitters.pipeline import prepare, solve
 from solver_backend.labelling.outputs import JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import frame_landmarks, load_network
 from solver_backend.synthesis.embedded.demo import DEMO_TAKE, demo_capture, record_markers

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes, PosedFrames
+from solver_backend.fitters.model.subject import Keyframes, PosedFrames
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.geometry.rotations import exp_so3, matrix_from_quat
 from tests.support.layouts import LAYOUTS, ON_MANIFOLD, POSE, WHOLE

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import PosedFrames
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.layouts import POSE
 

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.fitters.model.keyframe_curve import SphericalMean, key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.states import Keyframes
+from solver_backend.fitters.model.subject import Keyframes
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 

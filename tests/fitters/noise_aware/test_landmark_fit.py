@@ -10,8 +10,9 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.recipes.noise_aware import CodedFrames, LandmarkFit
+from solver_backend.fitters.model.subject import FrameStates, Subject
+from solver_backend.fitters.recipes.noise_aware import LandmarkFit
+from solver_backend.fitters.single_frame import posed
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss, LearnedVariances
@@ -26,10 +27,10 @@ def fit() -> LandmarkFit:
     """Three people of one shape with exact markers, started a little off."""
     rng, body, prior = np.random.default_rng(0), load_body(), load_vae("rvposer")
     landmarks = marker_landmarks(body, marker_layout("MANIFOLD_53"))
-    truth = CodedFrames(0.6 * rng.normal(size=(3, 32)), exp_so3(0.5 * rng.normal(size=(3, 3))), rng.normal(size=(3, 3)))
-    frames = truth.posed(prior)
+    truth = FrameStates(0.6 * rng.normal(size=(3, 32)), exp_so3(0.5 * rng.normal(size=(3, 3))), rng.normal(size=(3, 3)))
+    frames = posed(prior, truth)
     points = pose_landmarks(body, landmarks, BETAS, frames.root, frames.local, frames.transl).points
-    start = CodedFrames(
+    start = FrameStates(
         truth.z + 0.2 * rng.normal(size=(3, 32)), exp_so3(0.1 * rng.normal(size=(3, 3))) @ truth.root,
         truth.transl + 0.03 * rng.normal(size=(3, 3)),
     )  # fmt: skip
@@ -62,8 +63,8 @@ def test_the_derivative_by_the_shape_agrees_with_differences(fit: LandmarkFit) -
         np.testing.assert_allclose(by_betas[:, k], (costs[0] - costs[1]) / (2 * step), rtol=1e-5, atol=1e-3)
 
 
-def distance_mm(fit: LandmarkFit, found: CodedFrames) -> np.ndarray:
-    frames, subject = found.posed(fit.prior), fit.subject
+def distance_mm(fit: LandmarkFit, found: FrameStates) -> np.ndarray:
+    frames, subject = posed(fit.prior, found), fit.subject
     points = pose_landmarks(
         subject.body, subject.landmarks, subject.betas, frames.root, frames.local, frames.transl
     ).points

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics
-from solver_backend.fitters.one_view.faults import cuts, glides
+from solver_backend.fitters.one_view.depth import cuts, glides
 from solver_backend.fitters.pipeline import solve
 from solver_backend.types import FLAG_UNSEEN, Capture, JointSet, Motion
 from tests.support.limb_errors import LIMBS, limb_errors

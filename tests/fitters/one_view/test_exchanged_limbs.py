@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, read_diagnostics
-from solver_backend.fitters.one_view.faults import LIMBS, LONGEST_S, restore_sides
+from solver_backend.fitters.one_view.depth import LIMBS, LONGEST_S, restore_sides
 from solver_backend.fitters.pipeline import solve
 from solver_backend.types import Capture, Keypoints2D
 from tests.support.limb_errors import limb_errors

@@ -12,9 +12,8 @@ from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.hands.layer import Hands
-from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.prepare import prepare
+from solver_backend.fitters.hands.solve_hands import Hands
+from solver_backend.fitters.pipeline import prepare, solve
 from solver_backend.geometry.small_matrices import unpacked
 from solver_backend.report.checks import diagnose
 from solver_backend.types import FLAG_UNSEEN, Capture, Motion

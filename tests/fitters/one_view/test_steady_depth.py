@@ -6,8 +6,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.one_view.depth import OneView, smooth, steady_depth
 from solver_backend.fitters.problem import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3

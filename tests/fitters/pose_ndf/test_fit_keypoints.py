@@ -11,9 +11,8 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.pose_ndf.fit_keypoints import BENDS, KeypointObjective, KeypointSettings, fit_keypoints
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
+from solver_backend.fitters.pose_ndf.complete import BENDS, KeypointObjective, KeypointSettings, fit_keypoints
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import SMPL_JOINTS, JointSet, Keypoints2D

@@ -12,17 +12,17 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, PoseInvalid
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.pose_ndf import fit_keypoints
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.pose_ndf.complete import (
     CompleteSettings,
     DenoiseSettings,
+    ManifoldWeights,
+    PoseSequence,
     complete,
     denoise,
     missing_joints,
+    solve_sequence,
 )
-from solver_backend.fitters.pose_ndf.fit_keypoints import ManifoldWeights, PoseSequence, solve_sequence
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_ndf import TURN_METRIC, PoseNDF
 from tests.support.layouts import POSE
@@ -128,7 +128,7 @@ def test_numpy_against_torch(prior: PoseNDF) -> None:
 
 
 def test_a_long_take_goes_on_from_chunk_to_chunk(prior: PoseNDF, monkeypatch) -> None:
-    monkeypatch.setattr(fit_keypoints, "CHUNK_FRAMES", 4)
+    monkeypatch.setattr("solver_backend.fitters.pose_ndf.complete.CHUNK_FRAMES", 4)
     problem, state, told = sequence(prior, 10, first=True), frames(10, 4), []
     found, _ = solve_sequence(problem, state, 5, "Work", lambda *event: told.append(event))
     assert told == [("Work", 4, 10), ("Work", 8, 10), ("Work", 10, 10)] and found.local.shape == (10, 21, 3, 3)

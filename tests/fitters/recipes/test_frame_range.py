@@ -9,7 +9,7 @@ from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import resolve_range, solve
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
-from solver_backend.fitters.measurements.sources import CONSTANT_M
+from solver_backend.fitters.measurements.views import CONSTANT_M
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.support.short_solves import QUICK, cut

@@ -9,14 +9,11 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.initial_keys import closer_window, paces
-from solver_backend.fitters.layers import RoughMotion
 from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers
-from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.model.subject import FrameStates, Subject
+from solver_backend.fitters.problem import Problem, RoughMotion
 from solver_backend.fitters.recipes import bundle
-from solver_backend.fitters.recipes.bundle import FIXED_CODES, ON_THE_MANIFOLD
-from solver_backend.fitters.recipes.whole_take import CLOSEST, KnownPersonPlan
+from solver_backend.fitters.recipes.bundle import CLOSEST, FIXED_CODES, ON_THE_MANIFOLD, KnownPersonPlan
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.demo import record_markers
 

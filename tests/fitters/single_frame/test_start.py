@@ -7,10 +7,9 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.layers import Measurements
-from solver_backend.fitters.measurements.sources import LocatedPoints
+from solver_backend.fitters.measurements.views import LocatedPoints
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.problem import Measurements, Problem
 from solver_backend.fitters.single_frame import fit_to_points, lifted_betas, posed
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm

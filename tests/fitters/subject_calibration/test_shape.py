@@ -5,8 +5,7 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.model.subject import FrameObjective, FrameStates, Subject, pose
 from solver_backend.fitters.single_frame import posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.rotations import exp_so3

@@ -12,8 +12,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.measurements.markers import measure_markers
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
+from solver_backend.fitters.model.subject import FrameObjective, PosedFrames, Subject, frame_equations, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, fit_to_points, posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape, refit_shape

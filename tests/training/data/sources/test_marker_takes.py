@@ -10,8 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.fitters.model.states import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
 from training.data.sources import marker_takes
