@@ -27,12 +27,12 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.sensors.take import capture_from, cloud_of
+    from solver_backend.sensors.take import capture_of, cloud_of
 
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":
-        write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=args.overwrite)
+        write_capture(args.out, capture_of(folder, take, args.out.stem), overwrite=args.overwrite)
     else:
         write_markers(args.out, take.cloud, overwrite=args.overwrite)
     seen = np.isfinite(take.cloud.positions).all(-1)

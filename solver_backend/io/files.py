@@ -18,22 +18,16 @@ from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.outputs import open_regular, read_regular, require_file
 
-LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
-"""Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
+LARGEST_TAKE = 1_000_000_000  # Bytes of a take at most.
+LARGEST_TEXT = 20_000_000  # Bytes of a calibration, a job or the detections of one frame. Real ones have thousands.
 _LARGEST_TOML = 2_000_000
-LONGEST_HEADING = 200
-"""Characters of a column's heading at most, because patterns take time that grows with the square of the length."""
+LONGEST_HEADING = 200  # Characters of a column's heading. Patterns take time that grows with the square of the length.
 _MOST_KEY_PARTS = 32  # Dotted parts of a TOML key at most, chosen by hand.
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 
 def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
-    """Read a file of at most ``largest`` bytes.
-
-    Raises:
-        FileMissing: there is no such file.
-        FileDamaged: it is larger, or cannot be read.
-    """
+    """Read a file of at most ``largest`` bytes. Raise FileMissing, or FileDamaged if it is larger or unreadable."""
     try:
         data, size = read_regular(path, largest)
     except OSError as error:
@@ -68,20 +62,12 @@ def as_text(data: bytes) -> str:
 
 
 def read_json(path: Path | str) -> Any:
-    """Read a JSON file.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or not JSON.
-    """
+    """Read a JSON file. Raise FileMissing or FileDamaged."""
     return parse_json(read_text(path, LARGEST_TEXT), path)
 
 
 def read_toml(path: Path | str) -> dict[str, Any]:
-    """Read a TOML file.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or not TOML.
-    """
+    """Read a TOML file. Raise FileMissing or FileDamaged."""
     text = read_text(path, _LARGEST_TOML)
     try:
         # Python's parser takes quadratic time for keys of many parts.
@@ -89,16 +75,12 @@ def read_toml(path: Path | str) -> dict[str, Any]:
             raise tomllib.TOMLDecodeError(f"a key has more than {_MOST_KEY_PARTS} parts")
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:
-        hint = "Check the line that is named."
-        raise FileDamaged(f"The file is truncated or is not TOML ({error}).", where=str(path), hint=hint) from error
+        what = f"The file is truncated or is not TOML ({error})."
+        raise FileDamaged(what, where=str(path), hint="Check the line that is named.") from error
 
 
 def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
-    """Read an XML file; ``kind`` names its format in errors.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or not XML.
-    """
+    """Read an XML file. Raise FileMissing or FileDamaged. ``kind`` is the name of its format in errors."""
     try:
         return ElementTree.fromstring(read_bytes(path, largest))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
@@ -107,41 +89,36 @@ def read_xml(path: Path, largest: int, kind: str) -> ElementTree.Element:
 
 
 def load_array(path: Path) -> np.ndarray:
-    """Return the array of a ``.npy`` file, mapped into memory.
-
-    Raises:
-        FileDamaged: it is no such file.
-    """
+    """Return the array of a ``.npy`` file, mapped into memory. Raise FileDamaged if it is not one."""
     try:
-        return np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError, SyntaxError, TokenError, OverflowError, MemoryError) as error:
+        array = np.load(path, mmap_mode="r", allow_pickle=False)
+    except (OSError, ValueError, EOFError, SyntaxError, TokenError, TypeError, OverflowError, MemoryError) as error:
         what = f"The file is not a NumPy array, or cannot be read ({error})."
         raise FileDamaged(what, where=str(path), hint="Save it again.") from error
+    if isinstance(array, np.ndarray):
+        return array
+    array.close()
+    hint = "Rename it to .npz, or save one array with numpy.save."
+    raise FileDamaged("The file is an archive of arrays (.npz), not one array.", where=str(path), hint=hint)
 
 
 class AppendedFile:
-    """A file to which pieces are appended, each whole or not at all. Failures are counted and not raised.
+    """A file that receives each piece whole or not at all. Failures are counted and not raised.
 
     Nothing is buffered, so that pieces survive however the process ends.
     """
 
     def __init__(self, handle: int, where: str) -> None:
         self.handle, self.where = handle, where
-        self.written, self.lost = 0, 0
-        """Pieces in the file, and pieces that could not be written."""
-        self.failure = ""
-        """System message of the last failure."""
+        self.written, self.lost = 0, 0  # Pieces in the file, and pieces that could not be written.
+        self.failure = ""  # System message of the last failure.
         try:
             self._size: int | None = os.lseek(handle, 0, os.SEEK_CUR)
         except OSError:  # a pipe
             self._size = None
 
     def append(self, piece: bytes) -> bool:
-        """Append a piece and return whether it was written.
-
-        Raises:
-            BrokenPipeError: the reading process has ended.
-        """
+        """Append a piece and return whether it was written. Raise BrokenPipeError if the reading process has ended."""
         try:
             rest = memoryview(piece)
             while rest:
@@ -151,7 +128,10 @@ class AppendedFile:
         except OSError as error:
             self.lost += 1
             self.failure = error.strerror or str(error)
-            self._cut_back()
+            if self._size is not None:
+                with suppress(OSError):
+                    os.ftruncate(self.handle, self._size)
+                    os.lseek(self.handle, self._size, os.SEEK_SET)
             return False
         self.written += 1
         if self._size is not None:
@@ -164,19 +144,13 @@ class AppendedFile:
             what = f"{self.lost} of {self.lost + self.written} lines or frames could not be written: {self.failure}."
             raise OutputNotWritable(what, where=self.where, hint=hint)
 
-    def _cut_back(self) -> None:
-        if self._size is not None:
-            with suppress(OSError):
-                os.ftruncate(self.handle, self._size)
-                os.lseek(self.handle, self._size, os.SEEK_SET)
-
     def close(self) -> None:
         """Close the file."""
         os.close(self.handle)
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Open a file to append to; ``fresh`` refuses an existing file, otherwise it is emptied.
+    """Open a file to append to. ``fresh`` refuses an existing file, which is emptied otherwise.
 
     Raises:
         OutputNotWritable: it cannot be opened.

@@ -25,19 +25,16 @@ from solver_backend.io.camera_names import name_key, natural_key
 _LARGEST_HEADER = 1 << 26  # Bytes of a header at most. Ten hours of video have less.
 _MOST_BOXES = 10_000  # Boxes of a file that are examined, chosen by hand.
 _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
-_UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)
-"""Errors of damaged files."""
+_UNREADABLE = (OSError, struct.error, IndexError, ValueError, OverflowError)  # Errors of damaged files.
 
 
 @dataclass(frozen=True)
 class VideoHeader:
     """Statements of a video's header."""
 
-    fps: float
-    """Mean frames per second."""
+    fps: float  # Mean frames per second.
     num_frames: int
-    size: tuple[int, int]
-    """Width and height in pixels as shown by a player, after rotation."""
+    size: tuple[int, int]  # Width and height in pixels as shown by a player, after rotation.
 
 
 def read_video_header(path: Path) -> VideoHeader | None:
@@ -118,17 +115,14 @@ def _shown_size(tkhd: memoryview) -> tuple[int, int]:
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
-SENSOR_RECORDING = "recording.json"
-"""The file that describes a folder of infrared and depth sensors."""
+SENSOR_RECORDING = "recording.json"  # The file that describes a folder of infrared and depth sensors.
 _FOLDERS = ("videos", "video", "images", "footage")
 
 
 def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path | None, ...]:
     """Return the video or image folder of each recorded camera, or None.
 
-    Args:
-        levels: folders that may hold a folder ``videos``, nearest first.
-        recorded: names of the recorded cameras.
+    ``levels`` are folders that may have a folder ``videos``, the nearest first.
     """
     for level in levels:
         for name in (*_FOLDERS, "."):
@@ -211,7 +205,7 @@ _FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORE
 
 
 def parts_of(path: Path) -> tuple[Path, ...]:
-    """Return the files of a recording in order, from a video, its first chapter, or a folder of pictures."""
+    """Return the files of one recording in order, from a video, its first chapter, or a folder of pictures."""
     if path.is_dir():
         return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
     if chapter_of(path) is None or not path.parent.is_dir():
@@ -228,7 +222,7 @@ def count_recordings(root: Path) -> int:
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
-    """Return the recordings of videos, each as its chapters in order. A chapter without its first is one of its own."""
+    """Return recordings as their chapters in order. A chapter without its first one is a recording of its own."""
     recordings: list[list[Path]] = []
     open_: dict[tuple[str, ...], list[Path]] = {}
     numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
@@ -262,13 +256,12 @@ def is_video(path: Path) -> bool:
 
 
 def is_picture(path: Path) -> bool:
-    """Return whether a path is named like a picture that is not hidden."""
+    """Return whether a path has the ending of a picture and is not hidden."""
     return path.suffix.lower() in IMAGES and not path.name.startswith(".")
 
 
 PICTURES = (".jpg", ".jpeg")
-_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64
-"""Bytes of a JPEG segment, and segments of a file, at most."""
+_MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Bytes of a JPEG segment, and segments of a file, at most.
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 """Tags of Exif 2.32: of the list of the camera's own entries, and FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"

@@ -29,8 +29,7 @@ MARKER_OPTIONS = frozenset({"fps", "unit", "up_axis"})  # Reading options that `
 STILL_FRAMES = 10  # A marker that does not move at all over this many frames was not measured.
 WIDEST_ARRAY_M = 60.0  # Cameras further apart than this many units are not in metres.
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
-"""Distance of one camera, as a multiple of the width of the others, from which it is in another unit, and cameras that
-show it."""
+"""A camera at this multiple of the width of the others is in another unit. At least three cameras show it."""
 
 
 def interpret_rate(
@@ -38,10 +37,7 @@ def interpret_rate(
 ) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate of detections, a note on its origin, and a problem if it is assumed.
 
-    Args:
-        given: by the user.
-        stated: rates of files, the most trusted first, with the note on each.
-        default: if nothing states a rate.
+    The user's rate wins, then the ``stated`` rates of files with their notes, the most trusted first.
     """
     if given is not None:
         return given, (diagnostic("frame_rate_read", source="given", rate=given),), ()
@@ -54,16 +50,9 @@ def interpret_rate(
 def interpret_cameras(
     stated: StatedCameras, path: Path, kind: str, unit: str | None, up_axis: str | None
 ) -> Calibration | None:
-    """Return the cameras of a calibration in metres, Z up, None if the file holds none.
+    """Return the cameras of a calibration in metres, Z up, None if the file has none.
 
-    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is read as millimetres.
-
-    Args:
-        stated: by the file.
-        path: of the file or folder.
-        kind: of format, for the notes.
-        unit: given by the user, a key of ``METRES``.
-        up_axis: of the file's world, given by the user.
+    Without a unit, an array wider than ``WIDEST_ARRAY_M`` is in millimetres. ``kind`` is the format, for the notes.
 
     Raises:
         CalibrationInvalid: two cameras have one name, or a value is impossible.
@@ -119,9 +108,9 @@ def interpret_markers(source: MarkerSource, options: ReadOptions) -> MarkerTake:
     """Return the markers in metres with Z up, with a report.
 
     Raises:
-        NoDetections: the file holds no markers, or none is ever seen.
-        FileDamaged: the frame rate is neither stated nor given.
-        JobInvalid: the given unit or axis is unknown.
+        NoDetections: the file has no markers, or none is ever seen.
+        FileDamaged: the file has no frame rate, and the user gives none.
+        JobInvalid: the user's unit or axis is unknown.
     """
     if source.to_metres is not None and options.unit is None and options.up_axis is None:
         turned = (source.positions.astype(np.float32) @ np.asarray(source.to_metres, np.float32).T).astype(np.float64)
@@ -208,8 +197,7 @@ def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ..
     return (diagnostic("marker_never_moves", markers=still),) if still else ()
 
 
-OUTSIDE = 1.0
-"""Distance of a sentinel from the box of most positions, in its longest sides. -9999 mm is two or more away."""
+OUTSIDE = 1.0  # Distance of a sentinel from the box of most positions, in its longest sides. -9999 mm is two away.
 FAR = 100.0  # Distance in sides from which any number is a sentinel. The box contains a person's walk.
 OFTEN = 3  # Repetitions of one number on all three axes from which it was not measured, wherever it is.
 SHARES = (0.05, 0.3)  # Share of the positions at either end that the box leaves out, and the share if more is missing.
@@ -219,13 +207,9 @@ _NINES = 9999.0  # Least number with only the digit nine, which programs write f
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
 ) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
-    """Return positions with NaN for unseen markers, notes on zeros and problems on other sentinels.
+    """Return (F, M, 3) positions with NaN for unseen markers, notes on zeros and problems on other sentinels.
 
     Many programs write 0 0 0 for an unseen marker. Others write one number for all three axes (-9999, 1e6) or nines.
-
-    Args:
-        positions: (F, M, 3) in the file's unit, NaN where missing.
-        labels: one per marker.
     """
     x, y, z = np.moveaxis(positions, -1, 0)  # NumPy is slow to reduce an axis of three
     origin = (x == 0) & (y == 0) & (z == 0)

@@ -26,7 +26,7 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class Readers(Iterable[Reader[Item]], Generic[Item]):
-    """Readers in the order in which they are asked, whose modules are imported on demand."""
+    """Readers in the order of asking. Their modules are imported on demand."""
 
     rows: tuple[tuple[str, str], ...]  # Module of this package, and the name of its reader or readers.
 
@@ -34,10 +34,6 @@ class Readers(Iterable[Reader[Item]], Generic[Item]):
         for module, name in self.rows:
             found: Any = getattr(importlib.import_module(f"solver_backend.io.{module}"), name)
             yield from found if isinstance(found, tuple) else (found,)
-
-
-def _first(readers: Iterable[Reader[Item]], path: Path) -> Reader[Item] | None:
-    return next((reader for reader in readers if reader.recognises(path)), None)
 
 
 CAPTURES: Readers[Capture] = Readers(
@@ -72,7 +68,7 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
         MocapError: the reader's own errors.
     """
     path, chosen = Path(os.path.abspath(path)), ReadOptions(**options)
-    reader = _first(readers, path)
+    reader = next((reader for reader in readers if reader.recognises(path)), None)
     if reader is None:
         from solver_backend.io.unsupported import no_capture
 
@@ -98,7 +94,7 @@ def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhCli
         MocapError: the reader's own errors.
     """
     path, chosen = Path(path), ReadOptions(**options)
-    reader = _first(MOTIONS, path)
+    reader = next((reader for reader in MOTIONS if reader.recognises(path)), None)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in MOTIONS)
         raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")

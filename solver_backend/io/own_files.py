@@ -52,7 +52,7 @@ def _read_views(path: Path, options: ReadOptions) -> Capture:
 
 
 def _read_markers(path: Path, options: ReadOptions) -> Capture:
-    """Read a capture file. A given frame rate replaces that of markers."""
+    """Read a capture file. The frame rate of options applies to the markers."""
     capture = read_capture(path)
     capture = replace(capture, sources=capture.sources or (str(path),))
     if capture.markers is None:

@@ -13,8 +13,7 @@ from solver_backend.io.files import read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB, _UP, _PAETH = 1, 2, 4
-_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15
-"""Bytes of an unpacked picture, and its pixels per side, at most."""
+_LARGEST, _LONGEST_SIDE = 1 << 27, 1 << 15  # Bytes of an unpacked picture, and its pixels per side, at most.
 
 
 def png_bytes(picture: np.ndarray, *, noisy: bool = False) -> bytes:
@@ -43,7 +42,7 @@ def read_png(path: Path) -> np.ndarray:
     """Read a PNG that is grey (8 or 16 bits) or colour (8 bits, with or without alpha), not interlaced.
 
     Raises:
-        FileMissing, FileDamaged: it is not there, or is no such file.
+        FileMissing, FileDamaged: there is no such file, or it is no such picture.
     """
     if not path.is_file():
         raise FileMissing("The picture is not there.", where=str(path))

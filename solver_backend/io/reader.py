@@ -17,13 +17,13 @@ Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
+@dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
-    """Statements of the caller, which replace those of the file."""
+    """Statements of the caller. They replace what the file states."""
 
     joint_set: JointSet | None = field(default=None, kw_only=True)
     """Joint set of the keypoints, None for the recording's or the recognised one."""
-    sync: str = SYNC_AUTO
-    """Correction of cameras with different start times, see ``SolveSettings``."""
+    sync: str = SYNC_AUTO  # Correction of cameras with different start times, see ``SolveSettings``.
     progress: Progress = silent
 
     def __post_init__(self) -> None:
@@ -43,17 +43,15 @@ class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
 class Reader(Generic[Content]):
     """One kind of file or folder."""
 
-    kind: str
-    """Description and name of the files, for lists."""
-    recognises: Callable[[Path], bool]
-    """Quick test of a path, which need not exist."""
+    kind: str  # Description and name of the files, for lists.
+    recognises: Callable[[Path], bool]  # Quick test of a path, which need not exist.
     read: Callable[[Path, ReadOptions], Content]
     """Read a recognised path, raise our own errors. ``open`` refuses options first."""
     takes: frozenset[str] = frozenset()
-    """Reading options that apply, besides those of ``load_capture`` itself. All others are refused."""
+    """Reading options that apply in addition to the ones of ``load_capture``. All others are refused."""
 
     def open(self, path: Path, options: ReadOptions, also: frozenset[str] = frozenset()) -> Content:
-        """Read a recognised path. Options in ``also`` are applied by the caller.
+        """Read a recognised path. The caller applies the options in ``also``.
 
         Raises:
             JobInvalid: an option does not apply.

@@ -17,7 +17,7 @@ from solver_backend.io.files import LARGEST_TAKE, as_text, first_bytes, read_tex
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
-"""Cells without a value, besides every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
+"""Cells without a value. Every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``) also have none."""
 ROWS_LOOKED_AT = 100  # Rows that show how numbers are written.
 _START_BYTES = 1 << 16  # Bytes within which the first line of a table ends, chosen by hand.
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
@@ -28,8 +28,8 @@ _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPAC
 """Separators of thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 OTHER_RATE = 0.3
-"""Relative difference from which the rate of a time column contradicts the stated rate. Times have few decimals, and a
-step of 4 ms may be written as 0.00 or 0.01."""
+"""The rate of a time column contradicts the stated rate if it differs by more than this share. Times have few decimals,
+and a step of 4 ms may be written as 0.00 or 0.01."""
 LARGEST = 1e30  # Larger or infinite numbers are missing values, because nothing in a recording is that large.
 
 
@@ -63,11 +63,7 @@ def heading_of(path: Path) -> list[str]:
 
 
 def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
-    """Return the rows of a table that are not empty.
-
-    Raises:
-        FileDamaged: quotes or line breaks are broken.
-    """
+    """Return the rows of a table that are not empty. Raise FileDamaged if quotes or line breaks are broken."""
     try:
         return [row for row in csv.reader(io.StringIO(text), delimiter=delimiter) if row]
     except csv.Error as error:
@@ -75,11 +71,7 @@ def csv_rows(text: str, delimiter: str, path: Path) -> list[list[str]]:
 
 
 def read_rows(path: Path, largest: int = LARGEST_TAKE) -> tuple[list[str], list[list[str]], str]:
-    """Return the heading, the rows and the delimiter of a table.
-
-    Raises:
-        FileMissing, FileDamaged: the file is not there, or it is no table.
-    """
+    """Return heading, rows and delimiter of a table. Raise FileMissing, or FileDamaged if it is no table."""
     text = read_text(path, largest)
     delimiter = delimiter_of(text.partition("\n")[0])
     rows = csv_rows(text, delimiter, path)
@@ -100,15 +92,7 @@ def is_number(cell: str) -> bool:
 def read_numbers(
     rows: list[list[str]], first_line: int, path: Path, *, width: int = 0, leading: int = 1, sure: bool = True
 ) -> np.ndarray:
-    """Return the numbers of a table with decimal points or commas, see ``number_table``.
-
-    Args:
-        rows: cells of each row.
-        first_line: line number of the first row, from 1, for messages.
-        width: expected cells per row, 0 if unknown.
-        leading: first cells without decimals, such as the frame number.
-        sure: see ``with_whole_decimals``.
-    """
+    """Return the numbers of a table with decimal points or commas, see ``number_table`` and ``with_whole_decimals``."""
     rows = with_whole_decimals(rows, width, leading, path, sure=sure) if width else rows
     comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     return number_table(rows, first_line, path, comma=comma)
@@ -116,6 +100,8 @@ def read_numbers(
 
 def number_table(rows: Sequence[Sequence[str]], first_line: int, path: Path, *, comma: bool = False) -> np.ndarray:
     """Return (rows, columns) numbers, NaN for missing cells and for the missing end of short rows.
+
+    ``first_line`` is the number of the first row's line for messages, from 1.
 
     Raises:
         FileDamaged: a cell is no number, or rows differ so much in length that this is no table.
@@ -163,10 +149,7 @@ def decimal_comma(cells: Iterable[str]) -> bool:
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
     """Return lines with tabs between cells if a spreadsheet saved them with other separators and quotes.
 
-    Args:
-        lines: of the file.
-        heading: the line that shows the separator.
-        least: separators that it has at least.
+    The ``heading`` shows the separator. It has at least ``least`` of them.
     """
     separator = next((mark for mark in ("\t", ";", ",", "|") if heading.count(mark) >= least), "\t")
     if separator == "\t" and '"' not in heading:
@@ -182,18 +165,15 @@ def with_whole_decimals(
 ) -> list[list[str]]:
     """Join decimals that were split at their commas, ``12`` and ``50`` to ``12.50``.
 
-    Args:
-        rows: of cells.
-        width: expected cells per row.
-        leading: first cells that are no decimal numbers.
-        path: for errors.
-        sure: rows have no further cells. If not, rows that cannot be joined stay unchanged.
+    Rows have ``width`` cells, of which the ``leading`` ones are no decimal numbers. If rows may have more cells (not
+    ``sure``), rows that cannot be joined stay unchanged.
 
     Raises:
         FileDamaged: some rows are split, and others cannot be joined.
     """
     most = width + (width - leading) // 2
-    if not any(most < _used(row) <= 2 * width and _of_halves(row[leading:]) for row in rows):
+    split = (row for row in rows if most < _used(row) <= 2 * width)
+    if not any(all(_WHOLE.fullmatch(c.strip()) or not c.strip() for c in row[leading:]) for row in split):
         return rows
     whole = [_joined(row, width, leading) for row in rows]
     if not all(whole):
@@ -202,10 +182,6 @@ def with_whole_decimals(
         what = "Commas separate both cells and decimals, and which are which cannot be recognised."
         raise FileDamaged(what, where=str(path), hint="Save the table with semicolons or tabs between the cells.")
     return [row for row in whole if row is not None]
-
-
-def _of_halves(cells: Sequence[str]) -> bool:
-    return all(_WHOLE.fullmatch(cell.strip()) or not cell.strip() for cell in cells)
 
 
 def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
@@ -223,7 +199,7 @@ def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
-    """Return (rows, markers, 3) positions whose x, y and z begin at these columns, NaN for missing columns."""
+    """Return (rows, markers, 3) positions with x, y and z from these columns on, NaN for missing columns."""
     columns = np.asarray(first_columns, dtype=np.int64)[:, None] + np.arange(3)
     if columns.size and columns.max() >= values.shape[1]:
         more = columns.max() + 1 - values.shape[1]
@@ -284,12 +260,8 @@ def frame_facts(
 ) -> FrameFacts:
     """Return first frame and rate of a table.
 
-    Args:
-        numbers: (F,) frame numbers, None without such a column.
-        times: (F,) seconds, None without such a column.
-        rate: frames per second in the header.
-        count: number of frames in the header.
-        first: number of the first frame if the column does not give it.
+    ``numbers`` and ``times`` (F,) are columns, None if missing. ``rate`` and ``count`` of frames are from the header.
+    ``first`` is the number of the first frame if no column states it.
     """
     rate, contradicted = (rate, ()) if times is None else _stated_rate(rate, times)
     if numbers is None:
@@ -304,6 +276,6 @@ def frame_facts(
 
 
 def number_in(cell: str | None) -> float | None:
-    """Return the number in a cell, None if it holds none."""
+    """Return the number in a cell, None if it has none."""
     text = (cell or "").strip().strip('"').replace(",", ".")
     return float(text) if is_number(text) and np.isfinite(float(text)) else None

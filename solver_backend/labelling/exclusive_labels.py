@@ -37,12 +37,8 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
     """Return (T,) labels that maximise the evidence, none twice among tracklets that are seen together.
 
     The clearest tracklet chooses first, by the margin of its best free label over the next. Then pairs exchange their
-    labels as long as the sum grows.
-
-    Args:
-        evidence: (T, 54) log likelihoods, ghost last.
-        together: (T, T) bool: both are seen at one time.
-        bound: labels assigned by the user, by tracklet.
+    labels as long as the sum grows. Evidence is (T, 54) log likelihoods, the ghost last. ``together`` (T, T) are pairs
+    that are seen at one time, ``bound`` the user's labels by tracklet.
     """
     count = len(evidence)
     labels = np.full(count, -1)
@@ -51,7 +47,8 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
         labels[t] = label
         if label != GHOST:
             free[together[t], label] = False
-    open_ = labels < 0
+    fixed = labels >= 0
+    open_ = ~fixed
     margin = _margins(free, evidence)
     while open_.any():
         rows = np.flatnonzero(open_)
@@ -62,8 +59,6 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
             loses = together[t] & free[:, labels[t]]
             free[loses, labels[t]] = False
             margin[loses] = _margins(free[loses], evidence[loses])
-    fixed = np.zeros(count, dtype=bool)
-    fixed[list(bound or {})] = True
     for _ in range(_ROUNDS):
         if not _exchanged(labels, evidence, together, fixed):
             break

@@ -19,8 +19,8 @@ from solver_backend.types import MarkerCloud
 FRAMES, LEAST_COMMON = 240, 5
 """Most frames of the take to use, and least frames that show both markers of a known pair."""
 FLOOR_M, NEAR_M, BEND = 0.008, 0.12, 0.15
-"""Standard deviation of a rigid pair's distance by sliding skin, and of one farther apart than ``NEAR_M``, as a share
-of the distance: another take bends joints that this one holds still."""
+"""Standard deviation of a rigid pair's distance by sliding skin, and the share that adds to it per distance beyond
+``NEAR_M``: another take bends joints that are still in this one."""
 RIGID_M = 0.02  # Deviation of a pair that weighs half.
 VOLUME = 0.12  # Additional standard deviation of a triple product of unit vectors between takes.
 
@@ -30,14 +30,10 @@ class ReferenceTake:
     """Distances and orientations of L markers."""
 
     labels: tuple[str, ...]
-    distance: np.ndarray
-    """(L, L) metres, the means, NaN where a pair is never seen."""
-    variance: np.ndarray
-    """(L, L) m²."""
-    weight: np.ndarray
-    """(L, L) weight of each pair, 0 to 1; 0 on the diagonal."""
-    points: np.ndarray
-    """(F, L, 3) metres."""
+    distance: np.ndarray  # (L, L) metres, the means, NaN where a pair is never seen.
+    variance: np.ndarray  # (L, L) m².
+    weight: np.ndarray  # (L, L) weight of each pair, 0 to 1, with 0 on the diagonal.
+    points: np.ndarray  # (F, L, 3) metres.
 
     def volume(self, label: int, others: np.ndarray) -> tuple[float, float]:
         """Return mean and variance of the triple product of unit vectors from a marker to three others."""
@@ -77,13 +73,13 @@ def triple_products(points: np.ndarray, others: np.ndarray) -> np.ndarray:
     return np.einsum("...i,...i->...", along[..., 0, :], np.cross(along[..., 1, :], along[..., 2, :]))
 
 
-BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Hypotheses to keep, and while fewer labels than ``SEED`` are laid.
+BEAM, FIRST_BEAM, SEED = 150, 3000, 5  # Hypotheses to keep, and while fewer labels than ``SEED`` are placed.
 CAP, SKIP = 6.0, 2.0
-"""Largest cost of one pair in halves of squared deviations, such as a bent joint or a wrong pair, and the cost of a
-pair with a label that is laid on no point; a right one costs 0.5."""
+"""Largest cost of one pair in halves of squared deviations, as of a bent joint or a wrong pair, and the cost of a pair
+with a label on no point. A right one costs 0.5."""
 VOLUMES, VOLUME_WEIGHT = 3, 3.0  # Triple products of each new label, and the weight of each against a rigid pair.
 FITS, CLEAR = 4.0, 0.2
-"""Largest mean cost of a tracklet that fits a label, and the least by which the next label is worse."""
+"""Largest mean cost of a tracklet that fits a label, and the least difference to the cost of the next label."""
 SAMPLES, ROUNDS = 24, 6  # Frames of a tracklet to use, and rounds in which names spread.
 
 
@@ -92,10 +88,8 @@ class LikeTake:
     """A take named after another."""
 
     tracklets: Tracklets
-    chain_label: np.ndarray
-    """(C,) label of each chain of tracklets, -1 where none is sure."""
-    labels: tuple[str, ...]
-    """Of the reference."""
+    chain_label: np.ndarray  # (C,) label of each chain of tracklets, -1 where none is sure.
+    labels: tuple[str, ...]  # Of the reference.
 
     @property
     def point_labels(self) -> np.ndarray:
@@ -120,10 +114,8 @@ def label_like(
 ) -> LikeTake:
     """Name a take's points after a labelled take of the same person.
 
-    Args:
-        cloud: F frames of N points. Their names are ignored.
-        persistent: each column is one marker throughout.
-        proposed: (F, N) labels by the network, -1 where none: another start; the better fit wins.
+    The names of the cloud are ignored. ``persistent``: each column is one marker throughout. ``proposed`` (F, N) are
+    the network's labels, -1 where none, as another start. The better fit wins.
 
     Raises:
         NoDetections: no frame shows enough of the points.
@@ -153,12 +145,7 @@ def label_like(
 
 
 def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
-    """Return (N,) the label of each point at one moment, -1 where none is.
-
-    Args:
-        points: (F, N, 3) around that moment, NaN where missing.
-        now: (N, 3) at it.
-    """
+    """Return the label of each of (N, 3) points ``now``, -1 where none is, from (F, N, 3) points around that moment."""
     some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
     mean, variance = distance_statistics(points[some])
     at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
@@ -226,7 +213,7 @@ def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, 
 def _spread(
     tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
 ) -> tuple[np.ndarray, float]:
-    """Return the label of every chain, named from those that have one, and the score of the fit."""
+    """Return the label of every chain, starting from known ones, and the score of the fit."""
     seen = [np.flatnonzero(column) for column in alive.T]
     samples = [frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))] for frames in seen]
     for _ in range(ROUNDS):
@@ -252,10 +239,7 @@ def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
 def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
     """Return (L,) the mean cost over pairs of each label for a tracklet, by its distances to the named points.
 
-    Args:
-        points: (S, 3) of the tracklet.
-        named: (S, L, 3).
-        own: the tracklet's own label, which does not count as a named point, -1 where it has none.
+    Points (S, 3) are of the tracklet, ``named`` (S, L, 3). Its own label (-1 if none) is not a named point.
     """
     distance = np.linalg.norm(named - points[:, None], axis=-1)
     if own >= 0:

@@ -36,8 +36,7 @@ BODY_SHARE, BODY_MOST = 0.3, 2.5
 PASSING, PASSING_S = 5.0, 0.4
 """Log likelihood by which a point seen for a moment is no marker, and the seconds in which that fades."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
-SELDOM_COST = 1.5
-"""Markers that common layouts lack, and the prior log likelihood that they lose."""
+SELDOM_COST = 1.5  # Markers that common layouts lack, and the prior log likelihood that they lose.
 SURE, TRUSTED = 0.8, 0.6  # Least probability of a label that is given, and of one whose chain helps to name others.
 FIRST_AGREED, AGREED = 0.5, 0.4
 """Least mean probability by the network of these: in the first round, and always where a body is laid over them."""
@@ -62,10 +61,7 @@ def voted(
     """Return label and confidence of every chain: ``UNKNOWN`` where no label is probable enough.
 
     Log likelihoods add up: the network's mean times the readings it counts as, ``distance_evidence``,
-    ``body_evidence`` (each (C, 54), or 0), and the prior.
-
-    Args:
-        together: (C, C) chains that are seen at one time.
+    ``body_evidence`` (each (C, 54), or 0), and the prior. ``together`` (C, C) are chains that are seen at one time.
     """
     between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
     seconds = votes.count * between
@@ -115,11 +111,8 @@ def with_head_forward(
 ) -> np.ndarray:
     """Return the label of each chain, with the head's four turned by quarters where the head faces sideways.
 
-    The distances of a head that is wider than long fit as well when it is turned by a quarter.
-
-    Args:
-        labels: (C,) label of each chain, negative where it has none.
-        bound: labels assigned by the user, by chain. A head with one of these is left.
+    The distances of a head that is wider than long fit as well when it is turned by a quarter. A head with a label of
+    the user (``bound``, by chain) stays.
     """
     if any(label in AROUND for label in bound.values()):
         return labels
@@ -164,10 +157,11 @@ def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
 
 CHECK_FPS = 8.0  # Frames per second over which a body is laid.
 SIGMA_M, FREEDOM = 0.03, 3.0
+SIGMA_M, FREEDOM = 0.03, 3.0
 """Deviation per axis of a marker from its place on an uncalibrated body, and degrees of freedom of Student's
-distribution of these distances: where a limb is posed wrongly, all are off."""
+distribution of these distances: all are off if a limb is posed wrongly."""
 GHOST_M, _FARTHEST_M = 0.12, 0.2
-"""Distance from every place at which a point is as likely no marker, and the largest distance that counts."""
+"""Distance from every place at which a point is equally likely no marker, and the largest distance that counts."""
 GUESS_WIDER, STEPS = 3.0, 5  # Factor of the network's deviation of unsure markers, and steps per frame.
 BAD_FIT_M = 0.06
 """Largest distance of a body from its markers, the median of all or of a limb: a worse fit is not used."""
@@ -213,9 +207,7 @@ def body_evidence(
 ) -> np.ndarray:
     """Return (C, 54) mean log likelihoods of each chain's labels by the body, 0 where it is not used.
 
-    Args:
-        trusted: (C,) bool: the body is laid over these.
-        fit: of a body, from its start.
+    ``trusted`` (C,) are the chains that the body is laid over. ``fit`` is at its start.
     """
     frames, guesses = votes.frames, votes.landmarks[:, :GHOST]
     sigmas = np.sqrt(np.trace(votes.covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
@@ -284,23 +276,17 @@ MOST_CHAINS = 5000  # Most chains of tracklets: every pair of them is compared, 
 class LabelledTake:
     """F frames of N labelled points."""
 
-    labels: np.ndarray
-    """(F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or missing."""
-    confidence: np.ndarray
-    """(F, N) probability of the label, NaN where there is no point."""
+    labels: np.ndarray  # (F, N) marker of each point, ``GHOST`` for none of them, -1 unknown or missing.
+    confidence: np.ndarray  # (F, N) probability of the label, NaN where there is no point.
     tracklets: Tracklets
-    stretch_label: np.ndarray
-    """(T,) label of each tracklet, as above."""
-    stretch_confidence: np.ndarray
-    """(T,) probability of that label."""
-    votes: Votes
-    """The network's reading that the labels are from."""
+    stretch_label: np.ndarray  # (T,) label of each tracklet.
+    stretch_confidence: np.ndarray  # (T,) probability of that label.
+    votes: Votes  # The network's reading that the labels are from.
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
         """Return the take with one column per marker, in the superset's order, and then the unnamed points.
 
-        Names that somebody gave these stay. Others are numbered. Where two tracklets of one marker share a frame, the
-        surer one counts.
+        The user's names stay, others are numbered. Of two tracklets of one marker in a frame, the surer one counts.
         """
         frames, given = len(self.labels), source.values
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
@@ -329,11 +315,11 @@ def label_take(
 ) -> LabelledTake:
     """Label the points of a take.
 
+    Columns of the cloud (metres, Z up) are tracks, which may break, jump, and continue elsewhere.
+
     Args:
-        cloud: points, Z up, metres. Columns are tracks, which may break, jump, and go on elsewhere.
         start_fit: makes the fit of a body that is laid over the named points.
-        user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole tracklet.
-            Empty text: none of them.
+        user_labels: marker's name by (column, frame), for the whole tracklet. Empty text: none of them.
         persistent: each column is one marker throughout the take.
 
     Raises:
@@ -377,7 +363,7 @@ def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.nd
 
 
 def _fewest_inside(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-    """Return the fewest frames that hit every tracklet: ends of those that end before others begin."""
+    """Return the fewest frames that hit every tracklet: the ends of tracklets that end before others begin."""
     chosen, latest = list[int](), -1
     for t in np.argsort(last, kind="stable"):
         if first[t] > latest:

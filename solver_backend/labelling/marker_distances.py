@@ -19,8 +19,8 @@ FLOOR_M, PLACED_M = 0.004, 0.006
 FREEDOM = 4.0  # Degrees of freedom of Student's distribution: one wrongly named partner must not decide.
 LONG_S = 3.0  # Seconds seen together from which the change of a distance is fully informative.
 ALIKE, ALIKE_M, ALIKE_CHANGE = 0.5, 0.012, 0.5
-"""Share of the pairs that are placed alike on both sides of a person, and the difference of their distances: metres,
-and a share of their change."""
+"""Share of the pairs that are placed alike on both sides of a person, and the difference of their distances in metres
+and as a share of their change."""
 READINGS, _SHARE, FEWEST_PARTNERS = 8.0, 0.35, 6
 """Most partners that count as independent (one marker's place moves all of its distances), largest weight of one
 partner, and least partners of a named tracklet, chosen by hand."""
@@ -142,13 +142,9 @@ def _evidence_of(
     size: float,
     table: DistanceTable,
 ) -> np.ndarray:
-    """Return the rows of ``distance_evidence`` for some of the chains.
+    """Return the rows of ``distance_evidence`` for (R,) chains, with the numbers of the trusted chains as partners.
 
-    Args:
-        which: (R,) numbers of the chains.
-        partners: numbers of the trusted chains.
-        mirrored: (P, partners) see ``_of_the_other_side``, of a person of middle size.
-        size: of the person over the table's.
+    ``mirrored`` is that of ``_of_the_other_side`` for a person of middle size, ``size`` the person's over the table's.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size

@@ -68,12 +68,9 @@ def exchange_gains(one: TakeShape, other: TakeShape, pairs: np.ndarray) -> np.nd
 
 
 def replacement_gains(one: TakeShape, other: TakeShape, marker: int, candidates: np.ndarray) -> np.ndarray:
-    """Return (K,) gains of taking another point of one take for a marker of the other take.
+    """Return (K,) gains of taking another point of one take (a candidate's number) for a marker of the other take.
 
-    Args:
-        one: a take of M markers and further points.
-        other: another take of the same M markers, with NaN for the further points.
-        candidates: (K,) numbers of further points of the first take.
+    The first take has M markers and further points, the other one the same markers and NaN for the further points.
     """
     shared = other.variance[marker] + one.variance[marker]
     weight = 1.0 / (1.0 + 0.5 * shared / RIGID_M**2)
@@ -124,13 +121,10 @@ _PLACED_M = 0.03  # Standard deviation of the distance between two markers at kn
 class NameChange:
     """Two names that are swapped in one take."""
 
-    take: int
-    """Number of the take, from 0."""
+    take: int  # Number of the take, from 0.
     first: str
-    second: str
-    """Labels, or the former label of a point without a name that takes the first one."""
-    mended: bool
-    """False where the takes do not decide which name is right. The names are then left."""
+    second: str  # Labels, or the former label of a point without a name that takes the first one.
+    mended: bool  # False where the takes do not decide which name is right. The names are then left.
 
 
 @dataclass(frozen=True)
@@ -148,9 +142,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
     A take that all others contradict, while they agree among themselves, is corrected. Where as many takes are for one
     as for the other, the layout's places decide. Where these do not either, the names are left and reported.
 
-    Args:
-        clouds: the takes. Each of their columns is one marker throughout.
-        kept: labels that the user assigned, which are not changed.
+    The user's labels (``kept``) are not changed. Each column of the takes is one marker throughout.
     """
     takes, mended = list(clouds), list[NameChange]()
     if len(takes) < 2 or any(cloud.labels is None for cloud in takes):
@@ -215,9 +207,8 @@ def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameCh
 def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
     """Return the takes with two swapped names, how clearly, and whether that is sure.
 
-    Args:
-        gain: (T, T) gains of an exchange between two takes, NaN where one of them does not show both markers.
-        by_layout: (T,) the same against the layout's places.
+    Gains of an exchange are (T, T) between two takes, NaN if one of them does not show both markers, and (T,) against
+    the layout's places.
     """
     there = np.flatnonzero(np.isfinite(gain).any(1))
     between = gain[np.ix_(there, there)]

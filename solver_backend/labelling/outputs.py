@@ -10,8 +10,7 @@ MARKERS: tuple[str, ...] = marker_layout("MANIFOLD_53")
 """Places that a point can be, by column of the network's labels. Layouts are subsets of them."""
 GHOST = len(MARKERS)  # Label of a point that is none of the markers.
 JOINTS: tuple[str, ...] = SMPL_JOINTS
-LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
-"""Markers, then joints, in the order of the estimated positions."""
+LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)  # Markers, then joints, in the order of the estimated positions.
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )

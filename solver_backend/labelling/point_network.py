@@ -30,12 +30,9 @@ _DM = 0.1  # Metres in a decimetre, the unit that the network's positions and sp
 class CloudReading:
     """B clouds of N points; 53 markers and a ghost, 77 landmarks."""
 
-    scores: Float[np.ndarray, "clouds points labels"]
-    """(B, N, 54) of each label, ghost last."""
-    missing: Float[np.ndarray, " markers"]
-    """(53,) score of a marker without a point."""
-    positions: Float[np.ndarray, "clouds landmarks 3"]
-    """(B, 77, 3) metres."""
+    scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) of each label, ghost last.
+    missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.
+    positions: Float[np.ndarray, "clouds landmarks 3"]  # (B, 77, 3) metres.
     spread: Float[np.ndarray, "clouds landmarks 6"]
     """(B, 77, 6): log diagonal and lower part of the Cholesky factor of each position's scatter, inverted, in 1/dm."""
 

@@ -30,22 +30,17 @@ from solver_backend.live.recordings import FaceRecorder
 
 VERSION = 6  # Version of Live Link Face's packets.
 _LONGEST_NAME = 256  # Longest name of a device or subject, in bytes. Chosen by hand.
-_OF_EYE = ("Blink", "LookDown", "LookIn", "LookOut", "LookUp", "Squint", "Wide")
-
-
-def _both(*stems: str) -> tuple[str, ...]:
-    return tuple(f"{stem}{side}" for stem in stems for side in ("Left", "Right"))
-
-
-BLEND_SHAPES = (
-    *(f"eye{part}{side}" for side in ("Left", "Right") for part in _OF_EYE),
-    "jawForward", "jawLeft", "jawRight", "jawOpen", "mouthClose", "mouthFunnel", "mouthPucker", "mouthLeft",
-    "mouthRight", *_both("mouthSmile", "mouthFrown", "mouthDimple", "mouthStretch"),
-    "mouthRollLower", "mouthRollUpper", "mouthShrugLower", "mouthShrugUpper",
-    *_both("mouthPress", "mouthLowerDown", "mouthUpperUp", "browDown"), "browInnerUp", *_both("browOuterUp"),
-    "cheekPuff", *_both("cheekSquint", "noseSneer"), "tongueOut",
-)  # fmt: skip
-"""ARKit's 52 names in the order of the packets."""
+_NAMES = """
+    eyeBlinkLeft eyeLookDownLeft eyeLookInLeft eyeLookOutLeft eyeLookUpLeft eyeSquintLeft eyeWideLeft
+    eyeBlinkRight eyeLookDownRight eyeLookInRight eyeLookOutRight eyeLookUpRight eyeSquintRight eyeWideRight
+    jawForward jawLeft jawRight jawOpen mouthClose mouthFunnel mouthPucker mouthLeft mouthRight
+    mouthSmileLeft mouthSmileRight mouthFrownLeft mouthFrownRight mouthDimpleLeft mouthDimpleRight
+    mouthStretchLeft mouthStretchRight mouthRollLower mouthRollUpper mouthShrugLower mouthShrugUpper
+    mouthPressLeft mouthPressRight mouthLowerDownLeft mouthLowerDownRight mouthUpperUpLeft mouthUpperUpRight
+    browDownLeft browDownRight browInnerUp browOuterUpLeft browOuterUpRight
+    cheekPuff cheekSquintLeft cheekSquintRight noseSneerLeft noseSneerRight tongueOut
+"""
+BLEND_SHAPES = tuple(_NAMES.split())  # ARKit's 52 names in the order of the packets.
 _PAIR = re.compile(r"(\w{1,64})[-&](-?\d{1,6}(?:\.\d{1,9})?)")
 _SIDE = re.compile(r"_[LR]$")
 

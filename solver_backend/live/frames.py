@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
 import time
@@ -43,12 +44,10 @@ class ViewMoment:
 
     fault: ClassVar[str] = ""
     time: float
-    arrived: float
-    """``time.perf_counter()`` when its last picture arrived."""
+    arrived: float  # ``time.perf_counter()`` when its last picture arrived.
     people: tuple[np.ndarray | None, ...]
     """(P, K, 3) keypoints of all people per view: x and y in pixels, confidence. None for a skipped view."""
-    times: tuple[float, ...] = ()
-    """Time of each view's picture in seconds, NaN for a skipped view."""
+    times: tuple[float, ...] = ()  # Time of each view's picture in seconds, NaN for a skipped view.
 
     @property
     def lag_s(self) -> float:
@@ -58,17 +57,19 @@ class ViewMoment:
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
     """Yield the frames of a take at the recorded rate, or without waiting."""
-    start, number = time.perf_counter(), 0
-    while True:
-        for frame in cloud.positions:
-            at = number / cloud.fps
-            if paced and (ahead := start + at - time.perf_counter()) > 0:
-                time.sleep(ahead)
-            came = time.perf_counter()
-            yield PointFrame(at, measured(frame), came, due=start + at if paced else came)
-            number += 1
-        if not repeat:
-            return
+    for number, due in due_times(len(cloud.positions), cloud.fps, paced=paced, repeat=repeat):
+        frame = measured(cloud.positions[number % len(cloud.positions)])
+        yield PointFrame(number / cloud.fps, frame, time.perf_counter(), due=due)
+
+
+def due_times(frames: int, fps: float, *, paced: bool, repeat: bool) -> Iterator[tuple[int, float]]:
+    """Yield number and due ``time.perf_counter()`` of frames, at their rate or without waiting."""
+    start = time.perf_counter()
+    for number in itertools.count() if repeat and frames else range(frames):
+        due = start + number / fps if paced else time.perf_counter()
+        if (ahead := due - time.perf_counter()) > 0:
+            time.sleep(ahead)
+        yield number, due
 
 
 def measured(points: np.ndarray) -> np.ndarray:

@@ -22,8 +22,7 @@ _RETRY_S = 0.5  # Time between attempts at a busy port, in seconds. Chosen by ha
 _BUFFER = 1 << 20  # Receive buffer of the system in bytes: one second of the largest bundles.
 
 Frame = TypeVar("Frame", covariant=True)
-Ask = Callable[[socket.socket], None]
-"""Asks a sender to send, through our socket."""
+Ask = Callable[[socket.socket], None]  # Asks a sender to send, through our socket.
 
 
 class Assembly(Protocol[Frame]):

@@ -167,8 +167,7 @@ def read_rows(
 PointRecorder = Recorder[[PointFrame]]
 PoseRecorder = Recorder[[float, np.ndarray, np.ndarray]]
 FaceRecorder = Recorder[[float, dict[str, float]]]
-_FRAMES_AT_ONCE = 512
-"""Frames of points in memory while a recording is finished."""
+_FRAMES_AT_ONCE = 512  # Frames of points in memory while a recording is finished.
 _POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
 _RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
 """Usual frame rates of senders."""
@@ -183,8 +182,7 @@ class PointsRecording(RecordingFormat[[PointFrame]]):
     """Live points. Readers of markers also open the unfinished file, see ``live_recording``."""
 
     pieces: ClassVar[str] = "frames"
-    fps: float | None = None
-    """Nominal rate, or None."""
+    fps: float | None = None  # Nominal rate, or None.
     world: Callable[[], np.ndarray | None] = lambda: None
     """Returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known."""
 

@@ -14,7 +14,7 @@ from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import FrameBundle
 from solver_backend.exchange.vmc.sender import PacketSender, VmcAddress
-from solver_backend.live.frames import LATE_S
+from solver_backend.live.frames import LATE_S, due_times
 from solver_backend.types import Motion
 
 Proportions = Callable[[], tuple[BodyLayout, np.ndarray]]
@@ -84,24 +84,15 @@ def pose_values(rotvec: np.ndarray, transl: np.ndarray) -> PoseValues:
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
     """Yield a line per frame with all joints of the motion.
 
-    Args:
-        paced: play at the motion's rate and skip frames that are more than ``LATE_S`` late.
-        repeat: play again and again with increasing time.
+    ``paced``: play at the motion's rate and skip frames that are more than ``LATE_S`` late. ``repeat``: play again and
+    again with increasing time.
     """
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
-    start, number = time.perf_counter(), 0
-    while True:
-        for rotvec, transl in zip(vectors, motion.transl, strict=True):
-            due = start + number / motion.fps if paced else time.perf_counter()
-            if (ahead := due - time.perf_counter()) > 0:
-                time.sleep(ahead)
-            lag = time.perf_counter() - due
-            if lag < LATE_S:
-                pose = pose_values(rotvec, transl)
-                yield frame_line(number, number / motion.fps, "tracking", 0.0, lag, points=0, **pose)
-            number += 1
-        if not repeat:
-            return
+    for number, due in due_times(motion.num_frames, motion.fps, paced=paced, repeat=repeat):
+        if (lag := time.perf_counter() - due) < LATE_S:
+            at = number % motion.num_frames
+            pose = pose_values(vectors[at], motion.transl[at])
+            yield frame_line(number, number / motion.fps, "tracking", 0.0, lag, points=0, **pose)
 
 
 def rest_joints(motion: Motion) -> np.ndarray:

@@ -22,8 +22,7 @@ from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, eve
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
-_PEOPLE_M = (0.5, 3.5)
-"""Plausible extent of a person's markers, in metres."""
+_PEOPLE_M = (0.5, 3.5)  # Plausible extent of a person's markers, in metres.
 _CLEARLY = 0.08  # Least gain in certainty of an up axis other than z.
 _UPRIGHT = 0.1
 """Weight of a standing person in that certainty. In eight recorded takes the true axis is surer than the next one by
@@ -79,10 +78,8 @@ class PointTracks:
     def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
         """Return the (N, 54) evidence of a frame's points and their tracks together.
 
-        Args:
-            points: (N, 3) metres.
-            log_probability: (N, 54) of each label in this frame.
-            dt: seconds since the last frame.
+        Points are (N, 3) metres with (N, 54) log probabilities of each label in this frame, ``dt`` seconds after the
+        last one.
         """
         before = self._matched(points, dt)
         known = before >= 0

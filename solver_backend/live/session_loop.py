@@ -118,23 +118,27 @@ def millimetres(values_m: np.ndarray) -> list[float | None]:
 UNEXPLAINED = 10  # A pose with this many unexplained points is unsure: a second person, a large prop, or a wrong fit.
 OFF_M = 0.08  # A pose is unsure if the median distance of a limb's markers is larger, in metres.
 _FEWEST = 3  # A limb is judged by at least this many points.
-_PARTS = {
-    "arm": ("UPA", "ELB", "ELM", "FRM", "WRA", "WRB", "FIN"),
-    "leg": ("THI", "KNE", "KNM", "SHN", "ANK", "ANM", "HEE", "MT5", "MT1", "TOE"),
-}
-_LIMBS = {
-    f"{side} {part}": [MARKERS.index(f"{side[0].upper()}{name}") for name in names]
-    for part, names in _PARTS.items()
-    for side in ("left", "right")
-}
+_PARTS = {"arm": "UPA ELB ELM FRM WRA WRB FIN", "leg": "THI KNE KNM SHN ANK ANM HEE MT5 MT1 TOE"}
+_KEYPOINT_PARTS = {"arm": "shoulder elbow wrist", "leg": "hip knee ankle heel big_toe"}
+
+
+def _limbs_of(names: Sequence[str], parts: Mapping[str, str], sides: Mapping[str, str]) -> dict[str, list[int]]:
+    """Return the rows of each limb among names, from its parts and the prefix of each side."""
+    return {
+        f"{side} {limb}": [row for row, name in enumerate(names) if name in {f"{prefix}{p}" for p in words.split()}]
+        for limb, words in parts.items()
+        for side, prefix in sides.items()
+    }
+
+
+_LIMBS = _limbs_of(MARKERS, _PARTS, {"left": "L", "right": "R"})
 
 
 def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]] = _LIMBS) -> str:
     """Return why a pose is unsure, with numbers, or an empty text.
 
-    Args:
-        off_m: (L,) distance of each marker or keypoint from the body in metres, NaN where it is not seen.
-        limbs: rows of each limb, by default among the 53 markers.
+    ``off_m`` (L,) are the distances of markers or keypoints from the body in metres, NaN where not seen. ``limbs`` are
+    the rows of each limb, by default among the 53 markers.
     """
     seen = {limb: off_m[rows][np.isfinite(off_m[rows])] for limb, rows in limbs.items()}
     medians = {limb: float(np.median(off)) for limb, off in seen.items() if len(off) >= _FEWEST}
@@ -146,12 +150,7 @@ def doubts_of(off_m: np.ndarray, unexplained: int, limbs: Mapping[str, list[int]
 
 def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
     """Return the rows of each limb among a detector's keypoints."""
-    parts = {"arm": ("shoulder", "elbow", "wrist"), "leg": ("hip", "knee", "ankle", "heel", "big_toe")}
-    return {
-        f"{side} {part}": [row for row, name in enumerate(names) if name in {f"{side}_{joint}" for joint in joints}]
-        for part, joints in parts.items()
-        for side in ("left", "right")
-    }
+    return _limbs_of(names, _KEYPOINT_PARTS, {"left": "left_", "right": "right_"})
 
 
 def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:

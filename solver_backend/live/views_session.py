@@ -25,8 +25,7 @@ _PARTS = {
     "legs": ("hip", "knee", "ankle", "heel", "big_toe", "small_toe", "foot_index"),
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
-_FEWEST = 2
-"""Fewest visible keypoints of a pair that can be exchanged."""
+_FEWEST = 2  # Fewest visible keypoints of a pair that can be exchanged.
 
 
 class ExchangedSides:
@@ -45,9 +44,8 @@ class ExchangedSides:
     def put_back(self, seen: np.ndarray, expected: np.ndarray) -> tuple[np.ndarray, int]:
         """Return one view's (K, 3) keypoints with corrected sides, and the number of corrected pairs.
 
-        Args:
-            seen: (K, 3) x, y and confidence, NaN or confidence 0 where missing.
-            expected: (K, 2) px of the person's last pose, NaN where unknown.
+        Keypoints are x, y and confidence, NaN or confidence 0 where missing. ``expected`` are (K, 2) px of the person's
+        last pose, NaN where unknown.
         """
         size = float(np.linalg.norm(np.nanmax(expected, axis=0) - np.nanmin(expected, axis=0)))
         found, count = seen.copy(), 0
@@ -82,12 +80,10 @@ class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
         world: WorldSettings = WorldSettings(),
         up_axis: str | None = None,
     ) -> None:
-        """Create a session.
+        """Create a session. It moves the calibrated cameras to the person's world once that is known.
 
-        Args:
-            cameras: calibrated cameras. The session moves them to the person's world once that is known.
-            betas: (10,) shape of a known person.
-            up_axis: up axis of the calibration. If None, Z or the axis along which the person stands.
+        ``betas`` (10,) is the shape of a known person. Without an ``up_axis`` of the calibration, Z is up, or the axis
+        of the standing person.
         """
         super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
         self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis

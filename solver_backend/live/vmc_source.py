@@ -27,8 +27,7 @@ from solver_backend.live.sending import pose_values
 
 FARTHEST_M = 1e4  # Largest plausible distance from the origin, in metres.
 FACE = "/VMC/Ext/Blend/Val"
-_LONGEST_NAME = 40
-"""Longest foreign name in messages. Chosen by hand."""
+_LONGEST_NAME = 40  # Longest foreign name in messages. Chosen by hand.
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 
@@ -166,8 +165,7 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
 
 
 _LEGS = (("left_hip", "left_knee", "left_ankle"), ("right_hip", "right_knee", "right_ankle"))
-_SAME = 0.005
-"""Largest difference of leg lengths, as a share, without scaling the path."""
+_SAME = 0.005  # Largest difference of leg lengths, as a share, without scaling the path.
 
 
 class BonesOnBody:

@@ -21,13 +21,7 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
 from solver_backend.sensors.devices.device import Device, SensorFrame
 from solver_backend.sensors.devices.recorded import Recording, SensorFiles, SensorRecorder
-from solver_backend.sensors.fusion.moments import (
-    Finding,
-    Gatherer,
-    MarkerTracks,
-    TrackedPoints,
-    fuse,
-)
+from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, TrackedPoints, fuse
 from solver_backend.types import Cameras
 
 KEPT = 4096  # Number of recent latencies in the statistics.
@@ -39,11 +33,9 @@ class ChainStatistics:
 
     moments: int = 0
     points: int = 0
-    skipped: int = 0
-    """Number of complete moments that were skipped for newer ones."""
+    skipped: int = 0  # Number of complete moments that were skipped for newer ones.
     frames: Counter[str] = field(default_factory=Counter)
-    lost: Counter[str] = field(default_factory=Counter)
-    """Frames missing from each sensor's count."""
+    lost: Counter[str] = field(default_factory=Counter)  # Frames missing from each sensor's count.
     _latency_ms: deque[float] = field(default_factory=lambda: deque(maxlen=KEPT))
     _first_s: float = 0.0
     _last_s: float = 0.0
@@ -79,11 +71,9 @@ class SensorTask:
     device: Device
     cameras: Cameras
     mask: np.ndarray | None = None
-    record: Path | None = None
-    """Folder of a started recording, or None."""
+    record: Path | None = None  # Folder of a started recording, or None.
     kind: str = "raw"
-    live: bool = True
-    """The sensor sets the pace: a slow disk loses frames, and a lost sensor may return."""
+    live: bool = True  # The sensor sets the pace: a slow disk loses frames, and a lost sensor may return.
 
 
 @dataclass(frozen=True)
@@ -194,8 +184,7 @@ class LiveMoment:
     """Result of one moment."""
 
     tracked: TrackedPoints
-    arrived: float
-    """Host time of its first frame, in seconds."""
+    arrived: float  # Host time of its first frame, in seconds.
     seen: tuple[SensorSightings, ...] = ()
 
 

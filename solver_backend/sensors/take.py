@@ -65,19 +65,17 @@ def cloud_of(
     return SensorTake(cloud, dict(frames), (*missing, *found))
 
 
-def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
-    """Return the capture of a take: its unnamed points, cameras and problems."""
+def capture_of(
+    folder: SensorFolder, take: SensorTake | None = None, name: str = "", *, progress: Progress = silent
+) -> Capture:
+    """Return the capture of a folder: unnamed points, cameras and problems. ``cloud_of`` makes a missing take."""
+    take, name = take or cloud_of(folder, progress=progress), name or folder.path.name
     source = (str(folder.path),)
     return Capture(name, cameras=folder.cameras, markers=take.cloud, sources=source, problems=take.findings)
 
 
-def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
-    """Return the capture of a folder of sensors with its name. Raises what ``cloud_of`` raises."""
-    return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
-
-
 def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
-    """Return each finding once, with its first time and its number."""
+    """Return each finding once, with its first time and its count."""
     alike: dict[str, list[Finding]] = {}
     for finding in findings:
         alike.setdefault(finding.message, []).append(finding)
@@ -95,11 +93,7 @@ def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
 
 def masks_of(empty: SensorFolder) -> dict[str, np.ndarray]:
     """Return each sensor's mask of constant lights from a recording of the empty scene."""
-    return {
-        device.name: learned_mask(frame.infrared for frame in device.frames())
-        for device in empty.devices
-        if device.count()
-    }
+    return {d.name: learned_mask(frame.infrared for frame in d.frames()) for d in empty.devices if d.count()}
 
 
 def _moments(
@@ -112,13 +106,12 @@ def _moments(
     while going:
         # Ask the sensor that is farthest behind, so that few frames wait.
         finder = min(going, key=lambda f: clock[f])
+        frame = None
         try:
-            frame = next(going[finder])
-        except StopIteration:
-            del going[finder]
-            gatherer.ended(finder.index)
+            frame = next(going[finder], None)
         except SensorFailed as error:
             ended.append(diagnostic("sensor_failed", cameras=[finder.lens.name], reason=str(error)))
+        if frame is None:
             del going[finder]
             gatherer.ended(finder.index)
         else:
@@ -136,9 +129,6 @@ LARGEST_INTERLEAVE_S = 0.02  # Largest exposure delay between two sensors, in se
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
     """Return the clocks of sensors on one trigger. At stamp t, sensor c shows what happened at ``t + c · interleave``.
-
-    Args:
-        interleave_s: ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
 
     Raises:
         CommandLineInvalid: the interleave is negative or too long.

@@ -20,7 +20,7 @@ from solver_backend.fitters.hands.solve_hand import FINGERS as FINGER_STATES
 from solver_backend.fitters.hands.wide_motion import finger_turns_of
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
+from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.choreography import author_motion
 from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
@@ -42,7 +42,7 @@ def known(body: Body) -> KnownMotion:
 
 
 def bring(path: Path, body: Body, *, keep_height: bool = True) -> ImportedMotion:
-    source, roles, _ = read_foreign_bvh(path)
+    source, roles, _ = read_foreign_clip(path)
     return import_motion(source, roles, body, keep_height=keep_height)
 
 
@@ -81,7 +81,7 @@ def test_arms_that_end_at_the_elbow_and_hang_at_rest_point_where_the_skeletons_d
 def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     names = tuple(f"joint_{(7 * j) % 24}" for j in range(24))
     path = write_bvh(tmp_path / "clip.bvh", known, names=names, turn=np.eye(3), unit=0.001, order="XYZ")
-    source, roles, notes = read_foreign_bvh(path)
+    source, roles, notes = read_foreign_clip(path)
     done = import_motion(source, roles, body, keep_height=True)
     off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
     assert off.max() < 0.01 and codes(notes) == ("unit_read", "up_axis_read")
@@ -90,7 +90,7 @@ def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body:
 
 def test_deviations_show_where_the_body_cannot_follow(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     """A joint that the skeleton has elsewhere deviates by its share of that, too; of a skeleton like ours none does."""
-    source, roles, _ = read_foreign_bvh(write_bvh(tmp_path / "clip.bvh", known))
+    source, roles, _ = read_foreign_clip(write_bvh(tmp_path / "clip.bvh", known))
     near = import_motion(source, roles, body).motion
     joints = source.joints.copy()
     elbow = source.names.index(roles["left_forearm"])
@@ -154,15 +154,15 @@ def test_what_is_wrong_is_named(tmp_path: Path, known: KnownMotion) -> None:
         return write_bvh(tmp_path / f"{name}.bvh", known, **how)  # pyright: ignore[reportArgumentType]
 
     with pytest.raises(MotionInvalid, match="in no known unit"):
-        read_foreign_bvh(clip("huge", unit=1e-6))
+        read_foreign_clip(clip("huge", unit=1e-6))
     with pytest.raises(FileDamaged, match="0 frames"):
-        read_foreign_bvh(edited(clip("none"), "Frames: 90", "Frames: 0"))
+        read_foreign_clip(edited(clip("none"), "Frames: 90", "Frames: 0"))
     broken = clip("nan")
     last = broken.read_text().splitlines()[-1].split()
     with pytest.raises(NonFiniteData, match="NaN"):
-        read_foreign_bvh(edited(broken, " ".join(last), " ".join(["nan", *last[1:]])))
+        read_foreign_clip(edited(broken, " ".join(last), " ".join(["nan", *last[1:]])))
     with pytest.raises(MotionInvalid, match=r"Several joints are called 'joint'"):
-        read_foreign_bvh(clip("twice", names=("joint",) * 24))
+        read_foreign_clip(clip("twice", names=("joint",) * 24))
 
 
 def test_a_skeleton_without_legs_is_named(tmp_path: Path) -> None:
@@ -173,7 +173,7 @@ def test_a_skeleton_without_legs_is_named(tmp_path: Path) -> None:
     path = tmp_path / "torso.bvh"
     path.write_text("\n".join([*lines, " ".join(["0"] * 12)]))
     with pytest.raises(MotionInvalid, match=r"No joints were found for left_thigh"):
-        read_foreign_bvh(path)
+        read_foreign_clip(path)
 
 
 def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion, capsys) -> None:
@@ -204,15 +204,15 @@ def test_a_t_pose_before_the_clip_is_a_warning(tmp_path: Path, known: KnownMotio
     G = known.posed.G.copy()
     G[0] = Y_UP.T
     path = write_bvh(tmp_path / "t.bvh", replace(known, posed=replace(known.posed, G=G)))
-    [apart] = [item for item in read_foreign_bvh(path)[2] if item.code == "motion_first_frame_apart"]
+    [apart] = [item for item in read_foreign_clip(path)[2] if item.code == "motion_first_frame_apart"]
     assert apart.where.frames == ((0, 0),) and apart.values["angle"] > 30.0
-    whole = read_foreign_bvh(write_bvh(tmp_path / "whole.bvh", known))[2]
+    whole = read_foreign_clip(write_bvh(tmp_path / "whole.bvh", known))[2]
     assert "motion_first_frame_apart" not in codes(whole)
 
 
 def test_axes_of_the_file_can_be_given(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     path = write_bvh(tmp_path / "clip.bvh", known, turn=Y_UP)
-    given, roles, _ = read_foreign_bvh(path, unit="cm", up_axis="y")
+    given, roles, _ = read_foreign_clip(path, unit="cm", up_axis="y")
     assert np.abs(given.joints[:, given.names.index(roles["pelvis"])] - known.posed.joints[:, 0]).max() < 1e-4
 
 

@@ -111,7 +111,7 @@ def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(r
     folder = open_folder(recording)
     first, second = (replace(device, repeat=True) for device in folder.devices)
     assert isinstance(second, RecordedSensor)
-    wrong = replace(second, sensor=replace(second.sensor, name="nobody"))
+    wrong = replace(second, name="nobody")
     tasks = [
         SensorTask(Unplugged(first, first.name, 5), CAMERAS), SensorTask(second, CAMERAS),
         SensorTask(wrong, CAMERAS),

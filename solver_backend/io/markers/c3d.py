@@ -37,32 +37,28 @@ class Processor(IntEnum):
     MIPS = 86
 
 
-def _integers(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    """Return (..., n) int16 of (..., 2 n) bytes, contiguous along the last axis."""
-    return raw.view(">i2" if processor is Processor.MIPS else "<i2")
+def _view(raw: np.ndarray, processor: Processor, kind: str) -> np.ndarray:
+    """Return bytes, contiguous along the last axis, as numbers of a NumPy kind of the processor."""
+    return raw.view((">" if processor is Processor.MIPS else "<") + kind)
 
 
 def _floats(raw: np.ndarray, processor: Processor) -> np.ndarray:
     """Return (..., n) float64 of (..., 4 n) bytes, contiguous along the last axis.
 
-    A VAX F float is two little-endian 16-bit words, the high one first, with an exponent that is 2 larger than that of
-    the IEEE float with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual).
-    Values of 2^126 and above, which IEEE uses for infinity and NaN, become those.
+    A VAX F float is two little-endian 16-bit words, the high one first. Its exponent is 2 larger than in the IEEE float
+    with the same bits: ``value = ieee(high << 16 | low) / 4`` (VAX Architecture Reference Manual). Values of 2^126 and
+    above, which IEEE uses for infinity and NaN, become those.
     """
     with np.errstate(invalid="ignore"):
         if processor is not Processor.DEC:
-            return raw.view(">f4" if processor is Processor.MIPS else "<f4").astype(np.float64)
+            return _view(raw, processor, "f4").astype(np.float64)
         words = raw.view("<u2").astype(np.uint32)
         ieee = (words[..., 0::2] << 16) | words[..., 1::2]
         return ieee.view(np.float32).astype(np.float64) / 4.0
 
 
-def _unsigned(raw: np.ndarray, processor: Processor) -> np.ndarray:
-    return raw.view(">u2" if processor is Processor.MIPS else "<u2")
-
-
 BLOCK, KEY, MOST_BLOCKS = 512, 0x50, 255
-"""Bytes of a block, second byte of every file, and blocks of a parameter section, whose length is one byte."""
+"""Bytes of a block, second byte of every file, and blocks of a parameter section at most (one byte)."""
 _BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}  # Bytes of an element by parameter type: characters, bytes, integers, floats.
 
 
@@ -93,7 +89,7 @@ class Parameter:
         if self.kind == 4:
             return _floats(self.data, processor)
         if self.kind == 2:
-            return _unsigned(self.data, processor).astype(np.float64)
+            return _view(self.data, processor, "u2").astype(np.float64)
         return self.data.astype(np.float64) if self.kind == 1 else np.zeros(0)
 
     def texts(self) -> tuple[str, ...]:
@@ -108,10 +104,8 @@ class Parameters:
     """All parameters by 'GROUP:NAME' in capitals."""
 
     processor: Processor
-    by_name: dict[str, Parameter]
-    """The first parameter of each name."""
-    end: int
-    """First byte after the section."""
+    by_name: dict[str, Parameter]  # The first parameter of each name.
+    end: int  # First byte after the section.
 
     def numbers(self, name: str) -> np.ndarray:
         """Return a parameter's values, none if it is missing."""
@@ -127,7 +121,7 @@ class Parameters:
         return next(iter(self.by_name[name].texts()), "") if name in self.by_name else ""
 
     def texts(self, name: str) -> tuple[str, ...]:
-        """Return the strings of a list that continues in NAME2, NAME3, ..., because a parameter holds at most 255."""
+        """Return the strings of a list that continues in NAME2, NAME3, ..., because a parameter has at most 255."""
         found, part = self.by_name[name].texts() if name in self.by_name else (), 2
         while (key := f"{name}{part}") in self.by_name:
             found += self.by_name[key].texts()
@@ -152,10 +146,11 @@ def _read_parameters(data: np.ndarray, path: Path) -> Parameters:
 
 
 def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parameter]:
-    """Return the parameters of a chain of records. Every step goes forward, so the loop ends.
+    """Return the parameters of a chain of records. Every step is forward, so the loop ends.
 
-    A record is: length of the name (negative if locked), id of the group (negative for a group's own record), name,
-    distance from here to the next record; for a parameter: type, number of dimensions, dimensions, data.
+    A record has the length of the name (negative if locked), the id of the group (negative in a group's own record),
+    the name, and the distance from here to the next record. A parameter adds its type, the number of dimensions, the
+    dimensions and the data.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Parameter]] = []
@@ -166,7 +161,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
         if length == 0 or name_end + 2 > len(section):
             break
         name = _text(section[at + 2 : name_end]).upper()
-        step = int(_unsigned(section[name_end : name_end + 2], processor)[0])
+        step = int(_view(section[name_end : name_end + 2], processor, "u2")[0])
         if group < 0:
             groups.setdefault(-group, name)
         elif (parameter := _parameter(section[name_end + 2 :])) is not None:
@@ -181,7 +176,7 @@ def _follow_chain(section: np.ndarray, processor: Processor) -> dict[str, Parame
 
 
 def _parameter(body: np.ndarray) -> Parameter | None:
-    """Return the parameter whose type starts here, None if it does not fit into the section."""
+    """Return the parameter that begins with its type here, None if it does not fit into the section."""
     if len(body) < 2:
         return None
     kind, count = int(body[:1].view(np.int8)[0]), int(body[1])
@@ -195,7 +190,7 @@ def _parameter(body: np.ndarray) -> Parameter | None:
 
 def _read_header(data: np.ndarray, processor: Processor) -> Header:
     # Word n of the user guide is bytes 2 n - 2 and 2 n - 1.
-    words = [int(value) for value in _unsigned(data[:BLOCK], processor)[:10]]
+    words = [int(value) for value in _view(data[:BLOCK], processor, "u2")[:10]]
     scale, rate = (float(_floats(data[2 * n - 2 : 2 * n + 2], processor)[0]) for n in (7, 11))
     return Header(words[1], words[2], words[9], words[3], words[4], scale, words[8], rate)
 
@@ -228,11 +223,7 @@ class SegmentOrigins:
 
 
 def read_segments(path: Path) -> SegmentOrigins | None:
-    """Return the segments of a file, None if it holds none.
-
-    Raises:
-        FileMissing, FileDamaged: the file is not there, or it is truncated or no C3D.
-    """
+    """Return the segments of a file, None if there are none. Raise FileMissing, or FileDamaged if it is no C3D."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     return _origins(data, _read_parameters(data, path))
 
@@ -268,14 +259,11 @@ def _segment_name(label: str) -> str:
 class _Layout:
     """Location of the frames."""
 
-    start: int
-    """First byte."""
+    start: int  # First byte.
     frames: int
-    stride: int
-    """Bytes in a frame."""
+    stride: int  # Bytes in a frame.
     points: int
-    word: int
-    """Bytes in a word: 4 in a file of floats, 2 in a file of integers."""
+    word: int  # Bytes in a word: 4 in a file of floats, 2 in a file of integers.
     first_frame: int
     problems: tuple[Diagnostic, ...]
 
@@ -390,8 +378,8 @@ def _points(
 ) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
     """Return positions (F, M, 3) and residuals (F, M) of the kept points in the file's unit, NaN where missing."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
-    decode = _floats if layout.word == 4 else _integers
-    values = decode(frames[:, : 4 * layout.word * layout.points], parameters.processor)
+    raw = frames[:, : 4 * layout.word * layout.points]
+    values = _floats(raw, parameters.processor) if layout.word == 4 else _view(raw, parameters.processor, "i2")
     values = values.reshape(layout.frames, layout.points, 4)
     values = values if len(kept) == layout.points else values[:, kept]
     positions = values[..., :3] * (1.0 if layout.word == 4 else scale)

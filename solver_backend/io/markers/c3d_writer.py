@@ -29,8 +29,7 @@ class C3dSize:
     frames: int
     labels: Sequence[str]
     fps: float
-    largest_m: float
-    """Largest absolute coordinate in metres."""
+    largest_m: float  # Largest absolute coordinate in metres.
 
 
 def unnamed_labels(markers: int) -> tuple[str, ...]:
@@ -53,13 +52,7 @@ def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) 
 def write_c3d_parts(
     path: Path | str, size: C3dSize, parts: Iterable[tuple[np.ndarray, np.ndarray | None]], *, overwrite: bool = False
 ) -> Path:
-    """Write a C3D file whose frames come in parts, so that not all are in memory.
-
-    Args:
-        path: of the file.
-        size: of all parts together.
-        parts: (F, M, 3) positions in metres and (F, M) residuals in the order of time.
-        overwrite: an existing file.
+    """Write a C3D file from parts, (F, M, 3) metres and (F, M) residuals in the order of time, one at a time in memory.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
@@ -70,11 +63,8 @@ def write_c3d_parts(
     if not (np.isfinite(size.fps) and size.fps > 0):
         raise NonFiniteData(f"The frame rate must be a positive number, not {size.fps}.", where=str(path))
     if not (size.largest_m < LARGEST_M and size.fps < LARGEST_M):
-        what = (
-            f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit a C3D file, whose "
-        )
-        what += f"numbers end at {LARGEST_M:g}."
-        hint = "Leave out the marker or the frames where it is."
+        what = f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit a C3D file."
+        hint = f"Numbers end at {LARGEST_M:g}: leave out the marker or the frames where it is."
         raise NonFiniteData(what, where=str(path), hint=hint)
     if markers > MOST:
         raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST}.", where=str(path))
@@ -108,29 +98,29 @@ _Value = tuple[int, tuple[int, ...], bytes]  # Kind, dimensions and bytes of a p
 def _parameter_section(size: C3dSize, scale: float) -> tuple[bytes, int]:
     """Return the section, padded to blocks, and the block after it."""
     frames, labels, none = size.frames, size.labels, _texts([])
-    point = {"USED": _integers(len(labels)), "FRAMES": _integers(min(frames, MOST)), "SCALE": _floats(-scale)}
-    point |= {"RATE": _floats(size.fps), "DATA_START": _integers(0), "UNITS": _texts(["mm"])}
+    point = {"USED": _words(len(labels)), "FRAMES": _words(min(frames, MOST)), "SCALE": _singles(-scale)}
+    point |= {"RATE": _singles(size.fps), "DATA_START": _words(0), "UNITS": _texts(["mm"])}
     point |= {"X_SCREEN": _texts(["+X"]), "Y_SCREEN": _texts(["+Z"]), **_long("LABELS", labels)}
-    point |= {**_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _floats(frames)}
-    trial = {"ACTUAL_START_FIELD": _integers(1, 0), "ACTUAL_END_FIELD": _integers(frames % 65536, frames // 65536)}
-    trial["CAMERA_RATE"] = _floats(size.fps)
-    analog = {"USED": _integers(0), "RATE": _floats(size.fps), "GEN_SCALE": _floats(1.0), "LABELS": none}
+    point |= {**_long("DESCRIPTIONS", [""] * len(labels)), "LONG_FRAMES": _singles(frames)}
+    trial = {"ACTUAL_START_FIELD": _words(1, 0), "ACTUAL_END_FIELD": _words(frames % 65536, frames // 65536)}
+    trial["CAMERA_RATE"] = _singles(size.fps)
+    analog = {"USED": _words(0), "RATE": _singles(size.fps), "GEN_SCALE": _singles(1.0), "LABELS": none}
     analog |= {"DESCRIPTIONS": none, "SCALE": (4, (0,), b""), "OFFSET": (2, (0,), b""), "UNITS": none}
-    force = {"USED": _integers(0), "TYPE": (2, (0,), b""), "ZERO": _integers(1, 0)}
+    force = {"USED": _words(0), "TYPE": (2, (0,), b""), "ZERO": _words(1, 0)}
     groups = {"POINT": point, "TRIAL": trial, "ANALOG": analog, "FORCE_PLATFORM": force}
     blocks = -(-(len(_records(groups)) + 4) // BLOCK)
     if blocks > MOST_BLOCKS:
         raise ShapeMismatch(f"{len(labels)} labels are too long for the head of a C3D file.")
-    point["DATA_START"] = _integers(2 + blocks)
+    point["DATA_START"] = _words(2 + blocks)
     return _padded(bytes([1, KEY, blocks, Processor.INTEL]) + _records(groups)), 2 + blocks
 
 
-def _integers(*values: int) -> _Value:
-    return 2, () if len(values) == 1 else (len(values),), struct.pack(f"<{len(values)}H", *values)
+def _words(*values: int) -> _Value:
+    return 2, (len(values),) if values[1:] else (), struct.pack(f"<{len(values)}H", *values)
 
 
-def _floats(*values: float) -> _Value:
-    return 4, () if len(values) == 1 else (len(values),), struct.pack(f"<{len(values)}f", *values)
+def _singles(*values: float) -> _Value:
+    return 4, (len(values),) if values[1:] else (), struct.pack(f"<{len(values)}f", *values)
 
 
 def _texts(texts: Sequence[str]) -> _Value:

@@ -11,13 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
-from solver_backend.exchange.errors import (
-    BackendMissing,
-    CaptureNotRecognised,
-    FileDamaged,
-    FileMissing,
-    NoDetections,
-)
+from solver_backend.exchange.errors import BackendMissing, CaptureNotRecognised, FileDamaged, FileMissing, NoDetections
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
 from solver_backend.io.camera_names import listing
 from solver_backend.io.files import read_text
@@ -39,12 +33,11 @@ from solver_backend.io.text_table import (
 # values in turn. Then come rows of types, names, ids and quantities, and the row "Frame", "Time (Seconds)", X, Y, Z.
 # The rows depend on the version, so columns are found by their content. Cells of unseen markers are blank. Y is up.
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
-"""Of the row above the numbers, whose first words depend on the language."""
+"""The row above the numbers. Its first words depend on the language."""
 _TYPES = re.compile(r'^"*[,;\t]\s*"?Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
 """The row of types, which shows the format if the first line was cut away."""
 _FORMAT_VERSION = "format version"
-_MOTIVE_LINES = 30
-"""Lines within which the axes must come."""
+_MOTIVE_LINES = 30  # The axes come within this number of lines.
 _BODY, _MARKER = "rigid body", "marker"
 """Types of columns. "Rigid Body Marker" and "Bone Marker" are the positions that an asset's model expects."""
 _KNOWN_TYPES = (_MARKER, _BODY, "bone", "skeleton")
@@ -62,27 +55,19 @@ class _Columns(NamedTuple):
     @classmethod
     def of(cls, header: Sequence[Sequence[str]], path: Path) -> _Columns:
         """Read the rows from the types to the axes."""
-        at = next((i for i, row in enumerate(header) if any(map(_is_type, row))), None)
+        lower = [[cell.lower() for cell in row] for row in header]
+        kinds = ((i, cell) for i, row in enumerate(lower) for cell in row)
+        at = next((i for i, cell in kinds if cell in _KNOWN_TYPES or cell.endswith(f" {_MARKER}")), None)
         if at is None or at + 1 >= len(header) - 1:
             what = "The file has no row of types ('Marker', 'Rigid Body', ...) above its columns."
             raise FileDamaged(what, where=str(path), hint="Export it again with its header.")
         width = len(header[-1])
-        rows = ([*row, *[""] * width][:width] for row in (header[at], header[at + 1], header[-2], header[-1]))
-        types, names, quantities, axes = rows
-        return cls(_lower(types), names, _lower(quantities), _lower(axes))
+        return cls(*([*row, *[""] * width][:width] for row in (lower[at], header[at + 1], lower[-2], lower[-1])))
 
     def starts(self, quantity: str) -> list[int]:
         """Return the first columns of x, y and z of a quantity."""
         every = range(len(self.axes) - 2)
         return [i for i in every if self.axes[i : i + 3] == ["x", "y", "z"] and self.quantities[i] == quantity]
-
-
-def _lower(row: Sequence[str]) -> list[str]:
-    return [cell.lower() for cell in row]
-
-
-def _is_type(cell: str) -> bool:
-    return cell.lower() in _KNOWN_TYPES or cell.lower().endswith(f" {_MARKER}")
 
 
 def begins_as_motive(head: str) -> bool:
@@ -91,11 +76,11 @@ def begins_as_motive(head: str) -> bool:
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of Motive's CSV, and the poses of rigid bodies without markers in it. Bones are left out.
+    """Read the markers of Motive's CSV, and the poses of rigid bodies without markers in it, but no bones.
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or has no header.
-        NoDetections: it holds no markers.
+        NoDetections: it has no markers.
     """
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
@@ -140,7 +125,7 @@ def read_motive_csv(path: Path) -> MarkerSource:
 
 
 def _motive_markers(columns: _Columns, path: Path) -> tuple[list[int], list[Diagnostic]]:
-    """Return the first columns of the markers, and notes on columns that are left out."""
+    """Return the first columns of the markers, and notes on columns that are not read."""
     starts = columns.starts(_PLACE)
     measured = [i for i in starts if columns.types[i] == _MARKER]
     expected = [i for i in starts if columns.types[i] != _MARKER and columns.types[i].endswith(_MARKER)]
@@ -202,14 +187,11 @@ _SECTION_LINES = 6  # Lines of a section within which the row of axes must come.
 class _Trajectories(NamedTuple):
     """One section of trajectories."""
 
-    numbers: np.ndarray
-    """(F,) numbers of the frames."""
-    positions: np.ndarray
-    """(F, M, 3) in the file's unit."""
+    numbers: np.ndarray  # (F,) numbers of the frames.
+    positions: np.ndarray  # (F, M, 3) in the file's unit.
     labels: tuple[str, ...]
     unit: str
-    outputs: int
-    """Points that are no positions."""
+    outputs: int  # Points that are no positions.
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
@@ -217,7 +199,7 @@ def read_nexus_csv(path: Path) -> MarkerSource:
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not from Nexus.
-        NoDetections: it holds no trajectories.
+        NoDetections: it has no trajectories.
     """
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
@@ -317,7 +299,7 @@ def read_qualisys_tsv(path: Path) -> MarkerSource:
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or not from QTM.
-        CaptureNotRecognised: it holds 2D or 6D data.
+        CaptureNotRecognised: it is 2D or 6D data.
     """
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):

@@ -26,11 +26,9 @@ from solver_backend.io.markers.source import MarkerSource
 
 SUFFIX = ".recording"  # Added to the name of the final recording.
 MARK = b"MMLIVE1\n"
-MOST_POINTS = 400
-"""Points of a frame at most. More are no marker cloud of a person."""
+MOST_POINTS = 400  # Points of a frame at most. More are no marker cloud of a person.
 _HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
-_SEARCHED = 64, 1 << 20
-"""Bytes searched for the next mark at first and at most, doubled each time."""
+_SEARCHED = 64, 1 << 20  # Bytes searched for the next mark at first and at most, doubled each time.
 MOST_NUMBERS = 400_000_000  # Coordinates of a take at most: 1.6 GB, more than six hours of 60 points at 100 Hz.
 DEFAULT_RATE = 120.0  # Frames per second of a recording without times, chosen by hand.
 
@@ -68,7 +66,7 @@ def pack_block(block: LiveBlock) -> bytes:
 
 
 def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
-    """Yield the whole blocks of a stream from its position, and the number of bytes wherever some are damaged."""
+    """Yield the whole blocks of a stream from its position, and the number of damaged bytes between them."""
     damaged, at = 0, stream.tell()
     while head := stream.read(_HEAD.size):
         block, size = _block(head, stream)
@@ -115,7 +113,7 @@ def _next_mark(stream: BinaryIO, at: int) -> int:
 
 
 def measure_recording(stream: BinaryIO) -> LiveExtent:
-    """Return the content of a recording. Memory use is that of its times."""
+    """Return the content of a recording. Memory is needed for its times."""
     times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
     for block in read_blocks(stream):
         if isinstance(block, int):
@@ -152,7 +150,7 @@ def read_live_recording(path: Path) -> MarkerSource:
     """Read a live recording that was not finished.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it is too large or holds no whole frame.
+        FileMissing, FileDamaged: there is no such file, or it is too large or has no whole frame.
         NoDetections: no frame has points.
     """
     path = require_file(path)

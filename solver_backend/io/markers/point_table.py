@@ -44,11 +44,7 @@ def begins_as_points(head: str) -> bool:
 
 
 def read_point_table(path: Path) -> MarkerSource:
-    """Read the points of a table.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, it is no such table, or a cell is no number.
-    """
+    """Read the points of a table. Raise FileMissing, or FileDamaged if it is no such table or a cell is no number."""
     lines = [line for line in read_text(path).splitlines() if line.strip()]
     found = _layout(lines[:_HEADING_LINES])
     if found is None:
@@ -111,14 +107,14 @@ def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
 
 
 def _numbers(rows: list[list[str]], headings: Sequence[str], points: set[int], first: int, path: Path) -> np.ndarray:
-    """Return the numbers of the points' columns and those of frames and times, NaN elsewhere."""
+    """Return the numbers in the columns of points, frames and times, NaN elsewhere."""
     kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     plain = [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
     return read_numbers(plain, first + 1, path)
 
 
 def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
-    """Return the column under one of the headings, None if there is none or it holds no numbers."""
+    """Return the column under one of the headings, None if there is none or it has no numbers."""
     at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
     return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
 
@@ -166,8 +162,8 @@ def is_point_array(path: Path) -> bool:
 def read_point_array(path: Path) -> MarkerSource:
     """Read (F, N, 3) points, NaN where missing, and their N names.
 
-    Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` beside the array ``NAME.npy``: one per
-    line, or a list of texts. Without such a file they are those of the only joint set with N points.
+    Names are in ``NAME.txt``, ``NAME.json``, ``names.txt`` or ``names.json`` in the folder of ``NAME.npy``: one per
+    line, or a list of texts. Without such a file, the only joint set with N points gives the names.
 
     Raises:
         FileDamaged: it is no array of numbers, or has another number of names.
@@ -191,7 +187,7 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], Diagnostic]:
             note = diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value)
             return sets[0].keypoints, note
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
-        hint = f"Write them into {path.stem}.txt beside it, one a line."
+        hint = f"Write them into {path.stem}.txt beside it, one per line."
         raise FileMissing(f"The names of the array's {count} points are missing.{several}", where=str(path), hint=hint)
     if found.suffix == ".json":
         names = read_json(found)

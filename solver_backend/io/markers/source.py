@@ -16,22 +16,15 @@ from solver_backend.types import MarkerCloud
 class MarkerReport:
     """Facts about a file of markers."""
 
-    format: str
-    """The file's format, with its kind."""
+    format: str  # The file's format, with its kind.
     frames: int
-    first_frame: int
-    """The file's own number of the first frame."""
+    first_frame: int  # The file's own number of the first frame.
     fps: float
-    unit: str
-    """The file's length unit."""
-    up_axis: str
-    """The file's axis that points up."""
-    subjects: tuple[str, ...] = ()
-    """Prefixes of the labels in the order of the file."""
-    unlabelled: tuple[str, ...] = ()
-    """Labels that a program gave to unnamed points."""
-    analog_channels: tuple[str, ...] = ()
-    """Analog channels (forces, muscles) in the file, which are not read."""
+    unit: str  # The file's length unit.
+    up_axis: str  # The file's axis that points up.
+    subjects: tuple[str, ...] = ()  # Prefixes of the labels in the order of the file.
+    unlabelled: tuple[str, ...] = ()  # Labels that a program gave to unnamed points.
+    analog_channels: tuple[str, ...] = ()  # Analog channels (forces, muscles) in the file, which are not read.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
 
@@ -40,11 +33,9 @@ class MarkerReport:
 class MarkerTake:
     """Markers of one file, Z up, in metres."""
 
-    cloud: MarkerCloud
-    """The markers, without labels if nobody named any."""
+    cloud: MarkerCloud  # The markers, without labels if nobody named any.
     report: MarkerReport
-    others: MarkerCloud | None = None
-    """Markers under prefixes of their own that name no person: props, perhaps."""
+    others: MarkerCloud | None = None  # Markers under prefixes of their own that name no person: props, perhaps.
 
 
 ARM_M = 0.1  # Distance of the points on a body's axes from its origin, about that of markers on hand-held things.
@@ -79,36 +70,22 @@ class MarkerSource:
     """Content of a marker file in its own unit and axes."""
 
     path: Path
-    format: str
-    """Name of the format, with its kind."""
-    positions: np.ndarray
-    """(F, M, 3) in the file's unit and axes, NaN where missing."""
-    labels: tuple[str, ...]
-    """M labels, empty where there is none."""
-    rate: float | None
-    """Frames per second, None if the file states none."""
-    default_unit: str
-    """Unit of most files of the format."""
-    default_up_axis: str
-    """Axis that points up in most files of the format."""
-    unit: str = ""
-    """Stated unit."""
-    up_axis: str = ""
-    """Stated axis that points up."""
-    residual: np.ndarray | None = None
-    """(F, M) the recording program's residual, in the file's unit."""
-    first_frame: int = 1
-    """The file's number of the first frame."""
-    bodies: RigidBodies | None = None
-    """Rigid bodies with poses in the file."""
-    analog_channels: tuple[str, ...] = ()
-    """Analog channels, which are not read."""
+    format: str  # Name of the format, with its kind.
+    positions: np.ndarray  # (F, M, 3) in the file's unit and axes, NaN where missing.
+    labels: tuple[str, ...]  # M labels, empty where there is none.
+    rate: float | None  # Frames per second, None if the file states none.
+    default_unit: str  # Unit of most files of the format.
+    default_up_axis: str  # Axis that points up in most files of the format.
+    unit: str = ""  # Stated unit.
+    up_axis: str = ""  # Stated axis that points up.
+    residual: np.ndarray | None = None  # (F, M) the recording program's residual, in the file's unit.
+    first_frame: int = 1  # The file's number of the first frame.
+    bodies: RigidBodies | None = None  # Rigid bodies with poses in the file.
+    analog_channels: tuple[str, ...] = ()  # Analog channels, which are not read.
     notes: tuple[Diagnostic, ...] = ()
     problems: tuple[Diagnostic, ...] = ()
-    rate_doubts: tuple[Diagnostic, ...] = ()
-    """Contradictions about the rate, which a given rate settles."""
-    to_metres: np.ndarray | None = None
-    """(3, 3) transform of the positions to metres, Z up, if the file knows it."""
+    rate_doubts: tuple[Diagnostic, ...] = ()  # Contradictions about the rate, which a given rate settles.
+    to_metres: np.ndarray | None = None  # (3, 3) transform of the positions to metres, Z up, if the file knows it.
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:

@@ -33,21 +33,14 @@ JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray
 class AmassClip:
     """An AMASS sequence in SMPL's parameters, metres, radians, Z up."""
 
-    betas: np.ndarray
-    """(B,) shape coefficients of the body of ``gender`` and ``model``, often 10 or 16."""
-    global_orient: np.ndarray
-    """(F, 3) axis-angle, body frame to world."""
-    body_pose: np.ndarray
-    """(F, 69) axis-angle of joints 1..23. Joints 22 and 23 are zero unless the file is SMPL's."""
-    transl: np.ndarray
-    """(F, 3) metres."""
+    betas: np.ndarray  # (B,) shape coefficients of the body of ``gender`` and ``model``, often 10 or 16.
+    global_orient: np.ndarray  # (F, 3) axis-angle, body frame to world.
+    body_pose: np.ndarray  # (F, 69) axis-angle of joints 1..23. Joints 22 and 23 are zero unless the file is SMPL's.
+    transl: np.ndarray  # (F, 3) metres.
     fps: float
-    gender: str
-    """'male', 'female', 'neutral' or 'unknown'."""
-    model: str
-    """'smpl', 'smplh' or 'smplx'."""
-    hand_pose: np.ndarray | None = None
-    """(F, 90) axis-angle of the fingers, left then right, if the file has them."""
+    gender: str  # 'male', 'female', 'neutral' or 'unknown'.
+    model: str  # 'smpl', 'smplh' or 'smplx'.
+    hand_pose: np.ndarray | None = None  # (F, 90) axis-angle of the fingers, left then right, if the file has them.
 
 
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:

@@ -33,21 +33,15 @@ class BvhClip:
     Offsets stay in the skeleton's own rest axes (usually Y up). The root's rotation includes the rotation to Z up.
     """
 
-    names: tuple[str, ...]
-    """J joints, parents before children."""
-    parents: np.ndarray
-    """(J,) index of each joint's parent, -1 at the root."""
-    offsets: np.ndarray
-    """(J, 3) metres from the parent in the rest pose."""
-    rotations: np.ndarray
-    """(F, J, 3, 3) from the joint's to its parent's axes, and from the root's to the world's."""
-    root_positions: np.ndarray
-    """(F, 3) metres in the world."""
+    names: tuple[str, ...]  # J joints, parents before children.
+    parents: np.ndarray  # (J,) index of each joint's parent, -1 at the root.
+    offsets: np.ndarray  # (J, 3) metres from the parent in the rest pose.
+    rotations: np.ndarray  # (F, J, 3, 3) from the joint's to its parent's axes, and from the root's to the world's.
+    root_positions: np.ndarray  # (F, 3) metres in the world.
     fps: float
     translations: np.ndarray | None = None
     """(F, J, 3) metres from the parent, if joints other than the root have position channels."""
-    end_offsets: dict[str, np.ndarray] = field(default_factory=dict)
-    """(3,) metres from a joint to its End Site."""
+    end_offsets: dict[str, np.ndarray] = field(default_factory=dict)  # (3,) metres from a joint to its End Site.
 
     def positions(self) -> np.ndarray:
         """Return the (F, J, 3) joints in world metres."""
@@ -264,8 +258,8 @@ def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
     return Skeleton(places, parents)
 
 
-def bvh_motion(clip: BvhClip, skeleton: Skeleton, metres: float, name: str) -> SkeletonMotion:
-    """Return the motion called ``name`` of a clip with its ``bvh_skeleton`` and the metres of its unit."""
+def bvh_motion(clip: BvhClip, skeleton: Skeleton, name: str) -> SkeletonMotion:
+    """Return the motion called ``name`` of a clip with its ``bvh_skeleton``, in the clip's unit and axes."""
     joints, turns = clip.posed()
     ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
     if ends:
@@ -273,6 +267,4 @@ def bvh_motion(clip: BvhClip, skeleton: Skeleton, metres: float, name: str) -> S
         offsets = np.array([clip.end_offsets[clip.names[bone]] for bone in bones])
         tips = joints[:, bones] + (turns[:, bones] @ offsets[..., None])[..., 0]
         joints, turns = np.concatenate([joints, tips], axis=1), np.concatenate([turns, turns[:, bones]], axis=1)
-    return SkeletonMotion(
-        name, skeleton.names, tuple(skeleton.parents), metres * skeleton.heads, metres * joints, turns, clip.fps
-    )
+    return SkeletonMotion(name, skeleton.names, tuple(skeleton.parents), skeleton.heads, joints, turns, clip.fps)

@@ -19,7 +19,7 @@ from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_xml
 from solver_backend.io.markers.c3d import read_segments
-from solver_backend.io.motions.bvh import BvhClip, bvh_motion, bvh_skeleton, read_bvh
+from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
 from solver_backend.io.recognition.marker_unit import METRES, metres_in
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
@@ -215,8 +215,7 @@ _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
 """Roles that a person's clip needs."""
 _READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
-_POINTS = (".csv", ".tsv", ".trc", ".npy")
-"""Files of points without rotations, such as FreeMoCap's tables."""
+_POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations, such as FreeMoCap's tables.
 _LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Metres from the origin at most.
 _APART_DEG, _TIMES = 25.0, 3.0
@@ -225,63 +224,26 @@ first frame is separate. CMU's conversions to BVH have 60° and more, other clip
 _FOLLOWING = 12  # Frames that are compared with the first step.
 
 
-def read_foreign_bvh(
+def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = ""
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a BVH clip of any unit and axes.
+    """Read a clip of a person in any unit and axes. Formats are those of ``read_stated``.
 
     Args:
         path: of the file.
         unit: of length, "" to estimate it from the length of the legs.
-        up_axis: ``x``, ``y`` or ``z``, "" to detect it from the direction of the trunk.
+        up_axis: ``x``, ``y`` or ``z``. If "", that of the trunk in BVH, Z in other formats.
 
     Returns:
-        The motion, its joint by role, and diagnostics.
+        The motion in metres, Z up, its joint by role, and diagnostics.
 
     Raises:
-        FileMissing, FileDamaged, NonFiniteData: see ``read_bvh``.
+        MocapError: see ``read_stated``.
         MotionInvalid: it is no person's skeleton, or has a person's size in no unit.
         JobInvalid: unit or axis are unknown.
     """
-    clip = read_bvh(path, metres_per_unit=1.0, up_axis=up_axis or "y")
-    skeleton = bvh_skeleton(clip, str(path))
-    roles, found = _roles(skeleton, str(path))
-    metres, units = _metres(skeleton, roles, unit, str(path))
-    found += units
-    if not up_axis and (up := _up_axis(clip, roles)) != "y":
-        found.append(diagnostic("up_axis_read", source="trunk", axis=up.upper()))
-        clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
-    motion = _checked(bvh_motion(clip, skeleton, metres, path.stem), str(path))
-    return motion, roles, [*found, *first_frame_apart(motion)]
-
-
-def read_foreign_clip(
-    path: Path, unit: str = "", up_axis: str = ""
-) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of BVH, MVNX, segments of C3D, or a skeleton file from Blender, see ``read_foreign_bvh``.
-
-    Raises:
-        MocapError: the reader's own errors, or the format is not read here.
-    """
-    suffix, where = path.suffix.lower(), str(path)
-    if suffix in _THROUGH_BLENDER:
-        hint = f"python -m blender_addon motion {path.name} reads it with Blender's importer."
-        raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    if suffix == ".bvh":
-        return read_foreign_bvh(path, unit, up_axis)
-    found: list[Diagnostic] = []
-    if suffix == ".mvnx":
-        motion, roles = read_mvnx(path)
-    elif suffix == ".c3d":
-        motion, roles, found = read_c3d_segments(path)
-    elif suffix == ".npz":
-        motion = read_skeleton(path)
-        roles = motion.roles
-    else:
-        hint = f"{', '.join(_READ)} are read; export the clip as one of them."
-        if suffix in _POINTS:
-            hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
-        raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
+    where = str(path)
+    motion, roles, found = read_stated(path)
     above = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), above)
     if set(_NEEDED) <= roles.keys():
@@ -290,18 +252,47 @@ def read_foreign_clip(
         roles, doubts = _roles(skeleton, where)
         found += doubts
     metres, units = _metres(skeleton, roles, unit, where)
-    if up_axis and up_axis != "z":
-        R = rotation_to_z_up(up_axis)
-        motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
-    motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
-    return _checked(motion, where), roles, [*found, *units, *first_frame_apart(motion)]
-
-
-def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
-    if (far := np.abs(motion.joints).max()) > _MOST_M:
+    axis, usual = up_axis or "z", "z"
+    if not up_axis and path.suffix.lower() == ".bvh":
+        axis, usual = _up_axis(motion, roles), "y"
+    if not up_axis and axis != usual:
+        units.append(diagnostic("up_axis_read", source="trunk", axis=axis.upper()))
+    R = rotation_to_z_up(axis)
+    joints = metres * (motion.joints @ R.T)
+    if (far := np.abs(joints).max()) > _MOST_M:
         hint = "Offsets and positions are in different units; export it again."
         raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
-    return motion
+    motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=R @ motion.turns)
+    return motion, roles, [*found, *units, *first_frame_apart(motion)]
+
+
+def read_stated(path: Path, through_blender: str = "motion") -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
+    """Read BVH, MVNX, segments of C3D, or a skeleton file from Blender, in the file's unit and axes.
+
+    ``through_blender`` are the verb and arguments of the add-on's command line that reads other files. The joints of
+    roles are empty if the format does not state them.
+
+    Raises:
+        MocapError: the reader's own errors, or the format is not read here.
+    """
+    suffix, where = path.suffix.lower(), str(path)
+    if suffix == ".bvh":
+        clip = read_bvh(path, metres_per_unit=1.0, up_axis="z")
+        return bvh_motion(clip, bvh_skeleton(clip, where), path.stem), {}, []
+    if suffix == ".mvnx":
+        return (*read_mvnx(path), [])
+    if suffix == ".c3d":
+        return read_c3d_segments(path)
+    if suffix == ".npz":
+        motion = read_skeleton(path)
+        return motion, motion.roles, []
+    if suffix in _THROUGH_BLENDER:
+        hint = f"python -m blender_addon {through_blender} {path.name} reads it with Blender's importer."
+        raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
+    hint = f"{', '.join(_READ)} are read; export the clip as one of them."
+    if suffix in _POINTS:
+        hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
+    raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
 
 
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
@@ -344,16 +335,14 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 
 
-def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
-    """Return the file's axis along the mean direction of the trunk, ``y`` unless another is clear."""
+def _up_axis(motion: SkeletonMotion, roles: dict[str, str]) -> str:
+    """Return the axis along the mean direction of the trunk, ``y`` unless another is clear."""
     top = next((role for role in ("head", "neck_1", "left_upper_arm") if role in roles), "pelvis")
-    a, b = clip.names.index(roles["pelvis"]), clip.names.index(roles[top])
-    points = clip.positions()[:, [a, b]]
-    trunk = points[:, 1] - points[:, 0]
-    world = (trunk / np.maximum(np.linalg.norm(trunk, axis=1, keepdims=True), 1e-9)).mean(0)
-    own = np.array([world[0], world[2], -world[1]])  # the reader turned Y up to Z up
-    axis = int(np.abs(own).argmax())
-    return "xyz"[axis] if own[axis] > 0.8 and axis != 1 else "y"
+    a, b = (motion.names.index(roles[role]) for role in ("pelvis", top))
+    trunk = motion.joints[:, b] - motion.joints[:, a]
+    mean = (trunk / np.maximum(np.linalg.norm(trunk, axis=1, keepdims=True), 1e-9)).mean(0)
+    axis = int(np.abs(mean).argmax())
+    return "xyz"[axis] if mean[axis] > 0.8 and axis != 1 else "y"
 
 
 def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:

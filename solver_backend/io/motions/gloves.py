@@ -16,9 +16,8 @@ from solver_backend.exchange.outputs import require_file
 from solver_backend.exchange.rigs.names import side_of_name
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
-from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.files import LONGEST_HEADING
-from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
+from solver_backend.io.motions.foreign_skeleton import read_stated
 from solver_backend.io.text_table import ROWS_LOOKED_AT, decimal_comma, heading_of, number_table, read_rows
 from solver_backend.types import SkeletonMotion
 from solver_backend.types.motion import GloveTake
@@ -87,11 +86,6 @@ _MANUS_FLEXIONS = {"thumb_mcp_flexion": "Thumb_PIP_Flex", "thumb_ip_flexion": "T
 """Ergonomics angles in degrees with our definition. Spreads and the thumb's root have other zeros."""
 
 
-def _is_manus(names: list[str]) -> bool:
-    known = set(_MANUS_POINTS) <= set(names) or set(_MANUS_FLEXIONS.values()) <= set(names)
-    return known and _MANUS_TIME in names
-
-
 def _read_manus(path: Path, side: str) -> GloveTake:
     """Read a hand from positions if the table has them, else from angles."""
     side = side or side_of_name(path.stem)
@@ -121,10 +115,6 @@ _SEGMENTS = ("ProximalPhalan", "IntermediatePhalan", "DistalPhalan")
 _OF_THUMB = ("MetaCarpal", "ProximalPhalan", "DistalPhalan")
 """Segments, which begin at the joint nearer to the body. Versions end the words differently, such as Phalangx."""
 _COLUMN = re.compile(r"(Left|Right)(Hand|Digit[1-5]\w{0,40}?)_(position_[xyz]|flexion)", re.IGNORECASE)
-
-
-def _is_rokoko(names: list[str]) -> bool:
-    return _ROKOKO_TIME in names and any("Digit2" in name and _COLUMN.fullmatch(name) for name in names)
 
 
 def _read_rokoko(path: Path) -> GloveTake:
@@ -164,39 +154,28 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
     return points * _MIRROR
 
 
-_THROUGH_BLENDER = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
-
-
 def read_gloves(path: Path, side: str = "") -> GloveTake:
     """Read the hands of a recording, of a whole person or of hands alone.
 
     Args:
-        path: CSV of MANUS or Rokoko, BVH, or a skeleton file from Blender.
+        path: CSV of MANUS or Rokoko, or a moving skeleton, see ``read_stated``.
         side: ``left`` or ``right`` of a single hand whose names do not show it.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: the file is not there, or is damaged.
         MotionInvalid: it holds no fingers, or their side is unknown.
     """
-    suffix, where = path.suffix.lower(), str(path)
-    if suffix == ".csv":
-        names = heading_of(require_file(path))
-        if _is_manus(names):
-            return _read_manus(path, side)
-        if _is_rokoko([name[:LONGEST_HEADING] for name in names]):
-            return _read_rokoko(path)
-        hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read; or export BVH or FBX."
-        raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
-    if suffix == ".bvh":
-        clip = read_bvh(path, metres_per_unit=1.0)
-        return _gloves_of_skeleton(bvh_motion(clip, bvh_skeleton(clip, where), 1.0, path.stem), side, where)
-    if suffix == ".npz":
-        return _gloves_of_skeleton(read_skeleton(path), side, where)
-    if suffix in _THROUGH_BLENDER:
-        hint = f"python -m blender_addon add-hands MOTION.npz {path.name} reads it with Blender's importer."
-        raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    hint = "CSV, BVH and FBX are read."
-    raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
+    where = str(path)
+    if path.suffix.lower() != ".csv":
+        return _gloves_of_skeleton(read_stated(path, "add-hands MOTION.npz")[0], side, where)
+    names = heading_of(require_file(path))
+    if _MANUS_TIME in names and any(set(known) <= set(names) for known in (_MANUS_POINTS, _MANUS_FLEXIONS.values())):
+        return _read_manus(path, side)
+    names = [name[:LONGEST_HEADING] for name in names]
+    if _ROKOKO_TIME in names and any("Digit2" in name and _COLUMN.fullmatch(name) for name in names):
+        return _read_rokoko(path)
+    hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read; or export BVH or FBX."
+    raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
 
 
 def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTake:

@@ -19,8 +19,7 @@ class SkeletonMap:
     """Correspondence of a recorded skeleton's joints to SMPL's 22 (pelvis and 21 body joints)."""
 
     family: str
-    joints: tuple[str, ...]
-    """Recorded joint with the global rotation of each of SMPL's joints 0..21."""
+    joints: tuple[str, ...]  # Recorded joint with the global rotation of each of SMPL's joints 0..21.
     tpose_overrides: tuple[tuple[str, tuple[float, float, float]], ...] = ()
     """Rotation vectors (rad) of the T-pose that replace or complete the recorded one."""
     halfway: tuple[tuple[int, int, int], ...] = ()
@@ -105,12 +104,9 @@ class RecordedClip:
 
     name: str
     joint_names: list[str]
-    parents: np.ndarray
-    """(J,) index of each joint's parent, -1 at the root."""
-    rotvec: np.ndarray
-    """(F, J, 3) local rotations, rad."""
-    tpose_rotvec: np.ndarray
-    """(J, 3) local rotations of the T-pose, rad."""
+    parents: np.ndarray  # (J,) index of each joint's parent, -1 at the root.
+    rotvec: np.ndarray  # (F, J, 3) local rotations, rad.
+    tpose_rotvec: np.ndarray  # (J, 3) local rotations of the T-pose, rad.
     fps: float
 
 

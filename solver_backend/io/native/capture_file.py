@@ -6,11 +6,12 @@ import json
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
-from solver_backend.exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
+from solver_backend.exchange.diagnostics import notes_in, read_diagnostics, warnings_in
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.lens import DEFAULT_MODEL
@@ -30,19 +31,18 @@ from solver_backend.types import (
 )
 
 _TRUTH = "truth_"
-_EVERYBODYS = ("xy", "confidence", "own")
-"""Fields of keypoints that are stored for every person."""
+_CAMERA_SHAPES = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}
+_EVERYBODYS = ("xy", "confidence", "own")  # Fields of keypoints that are stored for every person.
 ROUNDING = 1e-5  # Negative part of a covariance in single precision at most, relative to its largest variance.
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _OF_DETECTOR = ("detector", "noise_map")
 _FIELDS = """
-    format version name diagnostics sources footage footage_first
-    camera_names K distortion distortion_model R t image_size
+    format version name diagnostics sources footage footage_first camera_names distortion_model
     fps xy confidence joint_set hands own own_names own_bones
     people person people_xy people_confidence people_hands people_own
     marker_positions marker_fps marker_labels marker_residual marker_covariance other_positions other_labels
 """
-_STORED = (*_FIELDS.split(), *_OF_ONE_CAMERA, *_OF_DETECTOR)
+_STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_ONE_CAMERA, *_OF_DETECTOR)
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
@@ -55,11 +55,10 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
-    if capture.cameras is not None:
-        cameras = capture.cameras
-        arrays |= {"camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion}
-        arrays["distortion_model"] = _models(cameras)
-        arrays |= {key: getattr(cameras, key) for key in ("R", "t", "image_size")}
+    if (cameras := capture.cameras) is not None:
+        arrays |= {"camera_names": _strings(cameras.names), **{key: getattr(cameras, key) for key in _CAMERA_SHAPES}}
+        models = tuple(dict.fromkeys(cameras.models))
+        arrays["distortion_model"] = np.array(models[0]) if len(models) == 1 else np.array(cameras.models, np.str_)
     if capture.footage:
         arrays["footage"] = _strings(tuple(portable_path(item, Path(path).parent) for item in capture.footage))
     if capture.footage_first:
@@ -77,12 +76,15 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
     arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
     arrays |= {name: np.array(value) for name in _OF_DETECTOR if (value := getattr(capture, name))}
     if capture.markers is not None:
-        arrays |= _marker_arrays(capture.markers)
+        arrays |= {**_cloud_arrays(capture.markers, "marker"), "marker_fps": np.array(float(capture.markers.fps))}
     if capture.others is not None:
-        arrays["other_positions"] = np.asarray(capture.others.positions, np.float32)
-        arrays["other_labels"] = _strings(capture.others.labels or ())
+        arrays |= _cloud_arrays(capture.others, "other")
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
     return write_npz(path, arrays, overwrite=overwrite)
+
+
+def _strings(items: tuple[str, ...]) -> np.ndarray:
+    return np.array(items, dtype=np.str_) if items else np.zeros(0, dtype="U1")
 
 
 def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
@@ -98,6 +100,13 @@ def _keypoint_arrays(keypoints: Keypoints2D) -> dict[str, np.ndarray]:
         arrays["own_names"] = np.array([point.name for point in keypoints.own])
         arrays["own_bones"] = np.array([point.bone for point in keypoints.own])
     return arrays
+
+
+def _cloud_arrays(cloud: MarkerCloud, prefix: str) -> dict[str, np.ndarray]:
+    covariance = None if cloud.covariance is None else packed(cloud.covariance)
+    numbers = {"positions": cloud.positions, "residual": cloud.residual, "covariance": covariance}
+    arrays = {f"{prefix}_{key}": np.asarray(v, np.float32) for key, v in numbers.items() if v is not None}
+    return arrays if cloud.labels is None else {**arrays, f"{prefix}_labels": _strings(tuple(cloud.labels))}
 
 
 def read_capture(path: Path | str) -> Capture:
@@ -118,153 +127,104 @@ def read_capture(path: Path | str) -> Capture:
         raise type(error)(error.message, where=where, hint=error.hint) from error
 
 
-def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
-    values: list[object] = []
+def _capture(fields: Fields, path: Path) -> Capture:
+    texts: list[object] = []
     for text in fields.texts("diagnostics"):
         with suppress(ValueError, RecursionError):
-            values.append(json.loads(text))
-    return read_diagnostics(values)
-
-
-def _truth(fields: Fields, path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of the truth, NaN where unknown."""
-    found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
-    for name, value in found.items():
-        if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
-            raise CaptureInvalid(f"The truth's {name} hold a number that cannot be.", where=str(path))
-    return found
-
-
-def _capture(fields: Fields, path: Path) -> Capture:
-    found = _diagnostics(fields)
-    cameras = _cameras(fields) if "K" in fields else None
-    keypoints = _keypoints(fields) if "xy" in fields else None
-    if keypoints is not None and not (keypoints.num_views and keypoints.num_frames):
-        what = "frames" if keypoints.num_views else "views"
-        raise CaptureInvalid(f"The capture has no {what}.", where=str(path))
-    people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
-    if keypoints is not None and "own" in fields:
-        points = _own_points(fields)
-        shape = (*keypoints.xy.shape[:2], len(points), 3)
-        keypoints = _with_own(keypoints, points, fields.numbers("own", shape))
-        of_people = fields.numbers("people_own", (len(people), *shape)) if people else ()
-        people = tuple(
-            replace(person, keypoints=_with_own(person.keypoints, points, values))
-            for person, values in zip(people, of_people, strict=True)
-        )
+            texts.append(json.loads(text))
+    found = read_diagnostics(texts)
+    keypoints, people = _keypoints(fields) if "xy" in fields else (None, ())
+    of_one = {name: fields.number(name) if name in fields else 0.0 for name in _OF_ONE_CAMERA}
+    known: dict[str, Any] = {**of_one, "floor_from_person": bool(of_one["floor_from_person"])}
     return Capture(
         name=fields.text("name", path.stem),
-        cameras=cameras,
+        cameras=_cameras(fields) if "K" in fields else None,
         keypoints=keypoints,
-        markers=_markers(fields) if "marker_positions" in fields else None,
-        others=_others(fields) if "other_positions" in fields else None,
+        markers=_cloud(fields, "marker") if "marker_positions" in fields else None,
+        others=_cloud(fields, "other") if "other_positions" in fields else None,
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
-        footage_first=_footage_first(fields),
+        footage_first=_footage_first(fields) if "footage_first" in fields else (),
         sources=fields.texts("sources"),
         notes=notes_in(found),
         problems=warnings_in(found),
         people=people,
         person=fields.text("person", "") if people else "",
-        stature_m=_number(fields, "stature_m"),
-        floor_from_person=bool(_number(fields, "floor_from_person")),
-        focal_sigma=_number(fields, "focal_sigma"),
         detector=fields.text("detector", ""),
         noise_map=fields.text("noise_map", ""),
-        truth=_truth(fields, path),
+        truth=_truth(fields),
+        **known,
     )
-
-
-def _own_points(fields: Fields) -> tuple[OwnPoint, ...]:
-    names, bones = fields.texts("own_names"), fields.texts("own_bones")
-    if len(names) != len(bones) or not set(bones) <= set(BONES):
-        raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
-    return tuple(map(OwnPoint, names, bones))
-
-
-def _with_own(keypoints: Keypoints2D, points: tuple[OwnPoint, ...], values: np.ndarray) -> Keypoints2D:
-    """Return keypoints followed by N own points, from (C, F, N, 3) x, y in pixels and confidence."""
-    xy = np.concatenate([keypoints.xy, values[..., :2]], axis=2)
-    confidence = np.concatenate([keypoints.confidence, values[..., 2]], axis=2)
-    return replace(keypoints, xy=xy, confidence=confidence, own=points)
-
-
-def _number(fields: Fields, name: str) -> float:
-    return float(fields.numbers(name, ())) if name in fields else 0.0
-
-
-def _footage_first(fields: Fields) -> tuple[int, ...]:
-    if "footage_first" not in fields:
-        return ()
-    first = fields.numbers("footage_first", (len(fields.texts("footage")),))
-    require_within("footage_first", first, FARTHEST_IN_UNITS, CaptureInvalid, str(fields.path))
-    return tuple(int(n) for n in first)
-
-
-def _strings(items: tuple[str, ...]) -> np.ndarray:
-    return np.array(items, dtype=np.str_) if items else np.zeros(0, dtype="U1")
-
-
-def _marker_arrays(markers: MarkerCloud) -> dict[str, np.ndarray]:
-    arrays = {"marker_positions": np.asarray(markers.positions, np.float32), "marker_fps": np.array(float(markers.fps))}
-    if markers.labels is not None:
-        arrays["marker_labels"] = _strings(tuple(markers.labels))
-    if markers.residual is not None:
-        arrays["marker_residual"] = np.asarray(markers.residual, np.float32)
-    if markers.covariance is not None:
-        arrays["marker_covariance"] = packed(markers.covariance).astype(np.float32)
-    return arrays
 
 
 def _cameras(fields: Fields) -> Cameras:
     names = fields.texts("camera_names")
-    count = len(names)
-    shapes = {"K": (3, 3), "distortion": (None,), "R": (3, 3), "t": (3,), "image_size": (2,)}
-    arrays = {name: fields.numbers(name, (count, *shape)) for name, shape in shapes.items()}
+    arrays = {name: fields.numbers(name, (len(names), *shape)) for name, shape in _CAMERA_SHAPES.items()}
     return Cameras(names=names, models=fields.texts("distortion_model") or (DEFAULT_MODEL,), **arrays)
 
 
-def _models(cameras: Cameras) -> np.ndarray:
-    names = dict.fromkeys(cameras.models)
-    return np.array(next(iter(names))) if len(names) == 1 else np.array(cameras.models, np.str_)
-
-
-def _keypoints(fields: Fields) -> Keypoints2D:
-    xy = fields.numbers("xy", (None, None, None, 2))
-    return Keypoints2D(
-        xy=xy,
-        confidence=fields.numbers("confidence", xy.shape[:3]),
-        joint_set=fields.joint_set(),
-        fps=fields.number("fps"),
-        hands=fields.numbers("hands", (*xy.shape[:2], 2, NUM_HAND_POINTS, 3)) if "hands" in fields else None,
-    )
-
-
-def _people(fields: Fields, chosen: Keypoints2D) -> tuple[PersonInViews, ...]:
-    names = fields.texts("people")
-    xy = fields.numbers("people_xy", (len(names), *chosen.xy.shape))
-    confidence = fields.numbers("people_confidence", xy.shape[:-1])
-    shape = (len(names), *chosen.xy.shape[:2], 2, NUM_HAND_POINTS, 3)
-    hands = fields.numbers("people_hands", shape) if "people_hands" in fields else [None] * len(names)
-    return tuple(
+def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
+    """Return the chosen person's keypoints, and those of all people."""
+    own: tuple[OwnPoint, ...] = ()
+    if "own" in fields:
+        names, bones = fields.texts("own_names"), fields.texts("own_bones")
+        if len(names) != len(bones) or not set(bones) <= set(BONES):
+            raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
+        own = tuple(map(OwnPoint, names, bones))
+    xy, confidence, hands = _seen(fields, "", (None, None, None, 2), len(own))
+    chosen = Keypoints2D(xy, confidence, fields.joint_set(), fields.number("fps"), hands, own)
+    if not (chosen.num_views and chosen.num_frames):
+        what = "frames" if chosen.num_views else "views"
+        raise CaptureInvalid(f"The capture has no {what}.", where=str(fields.path))
+    if "people" not in fields:
+        return chosen, ()
+    names, (*shape, count, _) = fields.texts("people"), xy.shape
+    seen = _seen(fields, "people_", (len(names), *shape, count - len(own), 2), len(own))
+    xy, confidence, hands = seen[0], seen[1], seen[2] if seen[2] is not None else [None] * len(names)
+    return chosen, tuple(
         PersonInViews(name, replace(chosen, xy=xy[n], confidence=confidence[n], hands=hands[n]))
         for n, name in enumerate(names)
     )
 
 
-def _markers(fields: Fields) -> MarkerCloud:
-    positions = fields.numbers("marker_positions", (None, None, 3))
+def _seen(
+    fields: Fields, prefix: str, shape: tuple[int | None, ...], own: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
+    """Return xy, confidence and hands, with ``own`` points of x, y and confidence after the keypoints."""
+    xy = fields.numbers(f"{prefix}xy", shape)
+    confidence = fields.numbers(f"{prefix}confidence", xy.shape[:-1])
+    views, hands = xy.shape[:-2], f"{prefix}hands"
+    if own:
+        values = fields.numbers(f"{prefix}own", (*views, own, 3))
+        xy = np.concatenate([xy, values[..., :2]], axis=-2)
+        confidence = np.concatenate([confidence, values[..., 2]], axis=-1)
+    return xy, confidence, fields.numbers(hands, (*views, 2, NUM_HAND_POINTS, 3)) if hands in fields else None
+
+
+def _footage_first(fields: Fields) -> tuple[int, ...]:
+    first = fields.numbers("footage_first", (len(fields.texts("footage")),))
+    require_within("footage_first", first, FARTHEST_IN_UNITS, CaptureInvalid, str(fields.path))
+    return tuple(int(n) for n in first)
+
+
+def _truth(fields: Fields) -> dict[str, np.ndarray]:
+    """Return the arrays of the truth, NaN where unknown."""
+    found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
+    for name, value in found.items():
+        if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
+            raise CaptureInvalid(f"The truth's {name} hold a number that cannot be.", where=str(fields.path))
+    return found
+
+
+def _cloud(fields: Fields, prefix: str) -> MarkerCloud:
+    positions = fields.numbers(f"{prefix}_positions", (None, None, 3))
+    labels, residual = f"{prefix}_labels", f"{prefix}_residual"
     return MarkerCloud(
         positions=positions,
         fps=fields.number("marker_fps"),
-        labels=fields.texts("marker_labels") if "marker_labels" in fields else None,
-        residual=fields.numbers("marker_residual", positions.shape[:2]) if "marker_residual" in fields else None,
-        covariance=_covariance(fields, positions) if "marker_covariance" in fields else None,
+        labels=fields.texts(labels) if labels in fields or prefix == "other" else None,
+        residual=fields.numbers(residual, positions.shape[:2]) if residual in fields else None,
+        covariance=_covariance(fields, positions) if f"{prefix}_covariance" in fields else None,
     )
-
-
-def _others(fields: Fields) -> MarkerCloud:
-    positions = fields.numbers("other_positions", (None, None, 3))
-    return MarkerCloud(positions, fields.number("marker_fps"), fields.texts("other_labels"))
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:

@@ -46,8 +46,7 @@ _SHARED = """
     betas transl fps body body_layout joints keypoints3d joint_sigma joint_covariance keyframes contacts flags resting
     reprojection_px markers marker_residual_mm marker_flags marker_sigma cleaned_markers offsets props
 """
-_SAME = tuple(_SHARED.split())
-"""Fields with the same name in a motion and its file."""
+_SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its file.
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
@@ -104,20 +103,18 @@ def _require_arrays(fields: Fields) -> None:
 
 
 SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
-_FIELDS = "format version body betas marker_labels marker_places offsets marker_sigma skin_distance provenance"
-_STORED = tuple(_FIELDS.split())
+_TEXTS = {"labels": "marker_labels", "places": "marker_places"}
+_NUMBERS = {"betas": "betas", "offsets": "offsets", "sigma_m": "marker_sigma", "skin_m": "skin_distance"}
+"""Stored names of a subject's fields."""
 
 
 def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
     """Write a subject, see ``atomic_output`` for errors."""
     texts = {"format": SUBJECT_FORMAT, "version": SUBJECT_VERSION, "body": subject.body}
     texts["provenance"] = json.dumps(subject.provenance, sort_keys=True)
-    lists = {"marker_labels": subject.labels, "marker_places": subject.places}
-    numbers = {"betas": subject.betas, "offsets": subject.offsets}
-    numbers |= {"marker_sigma": subject.sigma_m, "skin_distance": subject.skin_m}
     arrays = {name: np.array(value) for name, value in texts.items()}
-    arrays |= {name: np.array(value, np.str_) for name, value in lists.items()}
-    arrays |= {name: np.asarray(value, np.float64) for name, value in numbers.items()}
+    arrays |= {stored: np.array(getattr(subject, name), np.str_) for name, stored in _TEXTS.items()}
+    arrays |= {stored: np.asarray(getattr(subject, name), np.float64) for name, stored in _NUMBERS.items()}
     return write_npz(path, arrays, overwrite=overwrite)
 
 
@@ -128,16 +125,10 @@ def read_subject(path: Path | str) -> MarkerSubject:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
         SubjectInvalid: its values are impossible.
     """
-    fields = read_fields(path, _STORED)
+    fields = read_fields(path, ("format", "version", "body", "provenance", *_TEXTS.values(), *_NUMBERS.values()))
     fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
-    labels = fields.texts("marker_labels")
-    return MarkerSubject(
-        body=fields.text("body"),
-        betas=fields.numbers("betas", (NUM_BETAS,)),
-        labels=labels,
-        places=fields.texts("marker_places"),
-        offsets=fields.numbers("offsets", (len(labels), 3)),
-        sigma_m=fields.numbers("marker_sigma", (len(labels),)),
-        skin_m=fields.numbers("skin_distance", (len(labels),)),
-        provenance=read_provenance(fields),
-    )
+    texts = {name: fields.texts(stored) for name, stored in _TEXTS.items()}
+    count = len(texts["labels"])
+    shapes = {"betas": (NUM_BETAS,), "offsets": (count, 3)}
+    numbers = {name: fields.numbers(stored, shapes.get(name, (count,))) for name, stored in _NUMBERS.items()}
+    return MarkerSubject(body=fields.text("body"), provenance=read_provenance(fields), **texts, **numbers)

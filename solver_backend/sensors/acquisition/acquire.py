@@ -44,18 +44,8 @@ class RingDepths:
     spread: np.ndarray  # (N,) standard deviation of them in metres, by their median absolute deviation.
     rough: np.ndarray  # (N,) metres, the ring's median. It gives a blob's size, even where the depths do not agree.
 
-    def take_over(self, other: RingDepths, rows: np.ndarray) -> None:
-        """Copy the depths of the blobs with indices ``rows`` from another result."""
-        for name in ("depth", "count", "spread", "rough"):
-            getattr(self, name)[rows] = getattr(other, name)[rows]
 
-
-def ring_of(
-    blobs: Blobs,
-    depth_mm: np.ndarray,
-    saturated: np.ndarray,
-    scratch: np.ndarray,
-) -> Ring:
+def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
     """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
 
     Args:
@@ -95,15 +85,6 @@ def _far_first(reach: int) -> tuple[np.ndarray, np.ndarray]:
     dy, dx = (g.ravel() for g in np.meshgrid(steps, steps, indexing="ij"))
     order = np.argsort(dx * dx + dy * dy, kind="stable")[::-1]
     return dy[order, None], dx[order, None]
-
-
-def slivers_of(blobs: Blobs, saturated: np.ndarray) -> np.ndarray:
-    """Return the (N,) mask of blobs without saturated pixels where most have them: slivers with a foreign ring.
-
-    If most markers do not saturate, their depths are in the blobs themselves. ``saturated`` is (P,).
-    """
-    blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
-    return ~blind & (2 * blind.sum() > blobs.count)
 
 
 def ring_depths(ring: Ring, count: int) -> RingDepths:
@@ -175,7 +156,7 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 class SensorLens:
-    """One camera of a calibration, with the undistorted coordinates of every pixel."""
+    """One camera of a calibration, with a table of undistorted pixels."""
 
     def __init__(self, cameras: Cameras, index: int) -> None:
         one = cameras.subset([index])
@@ -225,10 +206,7 @@ class SensorLens:
 
 @lru_cache(maxsize=8)
 def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
-    """Return the read-only (h + 2, w + 2, 2) table of a lens, which costs a second for four sensors.
-
-    A margin of one pixel puts every point of the picture between four entries.
-    """
+    """Return the read-only (h + 2, w + 2, 2) table of a lens, with a margin of one pixel. Four take a second."""
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
     lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
@@ -285,8 +263,12 @@ def _round_parts(blob: Blobs, middle: np.ndarray, fits: int, limit: float) -> tu
 
 def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
     """Return (number, 2) centres of a blob's parts, and the (P,) part of each pixel."""
-    centres = _far_apart(xy, middle, number)
-    nearest = np.zeros(len(xy), np.int64)
+    chosen = [int(((xy - middle) ** 2).sum(1).argmax())]
+    apart = np.full(len(xy), np.inf)
+    while len(chosen) < number:
+        apart = np.minimum(apart, ((xy - xy[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(apart.argmax()))
+    centres, nearest = xy[chosen], np.zeros(len(xy), np.int64)
     for step in range(_STEPS):
         before, nearest = nearest, _nearest(xy, centres)
         if step and np.array_equal(before, nearest):
@@ -295,16 +277,6 @@ def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray
         sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
         centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
     return centres, nearest
-
-
-def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
-    far = ((xy - middle) ** 2).sum(1)
-    chosen = [int(far.argmax())]
-    apart = np.full(len(xy), np.inf)
-    while len(chosen) < number:
-        apart = np.minimum(apart, ((xy - xy[chosen[-1]]) ** 2).sum(1))
-        chosen.append(int(apart.argmax()))
-    return xy[chosen]
 
 
 def _xy(pixel: np.ndarray, width: int) -> np.ndarray:
@@ -322,22 +294,14 @@ class SensorSightings:
 
     sensor: int
     time: float
-    px: np.ndarray
-    """(N, 2) pixels of the centres."""
-    depth: np.ndarray
-    """(N,) metres along the axis to the centres, NaN where unknown."""
-    points: np.ndarray
-    """(N, 3) world metres, NaN without depth."""
-    covariance: np.ndarray
-    """(N, 3, 3) m², NaN without depth."""
-    origin: np.ndarray
-    """(3,) place of the sensor."""
-    direction: np.ndarray
-    """(N, 3) unit directions of the rays in the world."""
-    sigma_ray: np.ndarray
-    """(N,) standard deviation across the rays in radians."""
-    finding: str = ""
-    """Code of a problem of the frame, or an empty text."""
+    px: np.ndarray  # (N, 2) pixels of the centres.
+    depth: np.ndarray  # (N,) metres along the axis to the centres, NaN where unknown.
+    points: np.ndarray  # (N, 3) world metres, NaN without depth.
+    covariance: np.ndarray  # (N, 3, 3) m², NaN without depth.
+    origin: np.ndarray  # (3,) place of the sensor.
+    direction: np.ndarray  # (N, 3) unit directions of the rays in the world.
+    sigma_ray: np.ndarray  # (N,) standard deviation across the rays in radians.
+    finding: str = ""  # Code of a problem of the frame, or an empty text.
     number: int = 0
     host_s: float = field(default=0.0, compare=False)
 
@@ -417,10 +381,13 @@ class Acquisition:
             changed = parts[ring.owner]
             of_parts = Ring(ring.pixel[changed], ring.owner[changed], ring.depth[changed])
             shapes, whole = shapes_of(blobs), rings
-            rings = ring_depths(of_parts, blobs.count)
-            rings.take_over(whole, np.flatnonzero(~parts[: len(whole.depth)]))
-        depth = np.where(slivers_of(blobs, saturated), np.nan, rings.depth)
-        return shapes, replace(rings, depth=depth), parts
+            rings, rest = ring_depths(of_parts, blobs.count), np.flatnonzero(~parts[: len(whole.depth)])
+            for name in ("depth", "count", "spread", "rough"):
+                getattr(rings, name)[rest] = getattr(whole, name)[rest]
+        # A blob without saturated pixels where most have them is a sliver with a foreign ring.
+        blind = np.bincount(blobs.owner, saturated, minlength=blobs.count) > 0
+        sliver = ~blind & (2 * blind.sum() > blobs.count)
+        return shapes, replace(rings, depth=np.where(sliver, np.nan, rings.depth)), parts
 
     def _learn_halo(self, shapes: Shapes, depth: np.ndarray) -> None:
         disc = np.sqrt(shapes.area / np.pi)

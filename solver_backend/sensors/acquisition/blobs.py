@@ -6,92 +6,68 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 
 
 @dataclass(frozen=True)
 class AcquisitionSettings:
     """Settings for sensors like an Azure Kinect at 1 to 4 m and markers of 14 mm."""
 
-    marker_radius_m: float = 0.007
-    """Radius of a marker."""
+    marker_radius_m: float = 0.007  # Radius of a marker.
     background_quantile: float = 0.99
     """Quantile of the picture that is its background, because markers cover less than the rest."""
-    contrast: float = 3.0
-    """A marker is this many times brighter than the background."""
+    contrast: float = 3.0  # A marker is this many times brighter than the background.
     least_threshold: float = 0.03
     """Lower limit of the threshold as a share of the full counts, so that noise in the dark is no marker."""
-    most_threshold: float = 0.6
-    """Upper limit, because retro-reflections saturate."""
-    sample_step: int = 8
-    """Step of rows and columns to estimate the background."""
+    most_threshold: float = 0.6  # Upper limit, because retro-reflections saturate.
+    sample_step: int = 8  # Step of rows and columns to estimate the background.
     mask_contrast: float = 0.5
     """In an empty scene, pixels above this share of the threshold are a lamp or another sensor."""
-    mask_grow_px: int = 3
-    """Lamps are masked this much larger."""
+    mask_grow_px: int = 3  # Lamps are masked this much larger.
 
     most_bright: float = 0.04
     """Largest share of bright pixels. Above it the scene is sunlit and no markers are detected."""
-    most_blobs: int = 400
-    """Largest number of blobs of a scene without sunlight."""
-    least_pixels: int = 2
-    """Pixels of the smallest blob."""
+    most_blobs: int = 400  # Largest number of blobs of a scene without sunlight.
+    least_pixels: int = 2  # Pixels of the smallest blob.
     saturated: float = 0.98
     """Share of the full counts above which a pixel is saturated. Such pixels have no depth of their own."""
 
-    ring_px: int = 2
-    """Width of the ring around the blind patch."""
-    least_ring: int = 4
-    """Fewest depths in a ring that give a marker's depth."""
+    ring_px: int = 2  # Width of the ring around the blind patch.
+    least_ring: int = 4  # Fewest depths in a ring that give a marker's depth.
     mad_limit: float = 3.0
     """Depths beyond this multiple of their spread from the ring's median are skipped (Leys et al. 2013)."""
-    mad_floor_m: float = 0.003
-    """Least spread of a ring, so that quantised depths are not outliers."""
+    mad_floor_m: float = 0.003  # Least spread of a ring, so that quantised depths are not outliers.
     two_depths_m: float = 0.010
     """A ring with a larger spread is on two surfaces. The closest half of its depths replaces their median."""
-    most_spread_m: float = 0.020
-    """Largest spread of a ring with a depth. Otherwise the marker is a ray."""
+    most_spread_m: float = 0.020  # Largest spread of a ring with a depth. Otherwise the marker is a ray.
     behind_m: float = 0.030
     """Depths with a larger distance behind the rest belong to another surface: three deviations of a pixel at 3 m."""
-    most_behind: float = 0.1
-    """With a larger share behind it, the depth is an occluder's and the marker is a ray."""
+    most_behind: float = 0.1  # With a larger share behind it, the depth is an occluder's and the marker is a ray.
     surface_radii: float = 2.0 / 3.0
     """Distance of the reflected light from a sphere's centre in radii. 2/3 is the mean over its disc."""
-    range_m: tuple[float, float] = (0.3, 8.0)
-    """Plausible depths of a marker."""
+    range_m: tuple[float, float] = (0.3, 8.0)  # Plausible depths of a marker.
 
     halo_px: float = 1.5
     """Excess radius of a blob from blur and saturation in pixels, until it is measured on round blobs."""
     round: float = 1.35
     """A blob is round if its variance along its axis exceeds a disc of its area by less than this factor."""
-    round_kept: int = 256
-    """Number of recent round blobs of known depth that give the halo."""
-    merged: float = 1.6
-    """A blob is several markers if its variance along its axis exceeds a disc's by this factor ..."""
-    merged_px2: float = 0.3
-    """... and this addition, because a few pixels make no smooth disc."""
-    most_in_blob: int = 4
-    """Most markers that one blob is split into."""
-    too_large: float = 3.5
-    """Largest area of a part in areas of a marker."""
-    too_small: float = 0.12
-    """Smallest area of a part in areas of a marker."""
+    round_kept: int = 256  # Number of recent round blobs of known depth that give the halo.
+    merged: float = 1.6  # A blob is several markers if its variance along its axis exceeds a disc's by this factor ...
+    merged_px2: float = 0.3  # ... and this addition, because a few pixels make no smooth disc.
+    most_in_blob: int = 4  # Most markers that one blob is split into.
+    too_large: float = 3.5  # Largest area of a part in areas of a marker.
+    too_small: float = 0.12  # Smallest area of a part in areas of a marker.
     least_share: float = 0.45
     """Smallest share of the area of a marker with a depth. Otherwise the ring is an occluder's and the marker a ray."""
 
-    sigma_px: float = 0.08
-    """Standard deviation of a centroid."""
-    split_sigma_px: float = 0.5
-    """Added for parts of a split blob."""
-    hidden_sigma: float = 0.45
-    """Added for a partly hidden disc: this times its radius times the missing share."""
+    sigma_px: float = 0.08  # Standard deviation of a centroid.
+    split_sigma_px: float = 0.5  # Added for parts of a split blob.
+    hidden_sigma: float = 0.45  # Added for a partly hidden disc: this times its radius times the missing share.
     depth_constant_m: float = 0.8e-3
     """Standard deviation of a depth at no distance, as of Azure Kinects (Tölgyessy et al. 2021)."""
-    depth_quadratic: float = 0.55e-3
-    """Added standard deviation at 1 m, growing with the square of the distance."""
-    ring_noise: float = 1.5
-    """Depths in a ring are noisier by this factor."""
-    depth_floor_m: float = 0.6e-3
-    """Common error of a ring's pixels."""
+    depth_quadratic: float = 0.55e-3  # Added standard deviation at 1 m, growing with the square of the distance.
+    ring_noise: float = 1.5  # Depths in a ring are noisier by this factor.
+    depth_floor_m: float = 0.6e-3  # Common error of a ring's pixels.
 
     def depth_sigma(self, depth: np.ndarray) -> np.ndarray:
         """Return the standard deviation of one pixel at depths, in metres."""
@@ -165,7 +141,6 @@ class Shapes:
     area: np.ndarray  # (N,) pixels.
     middle: np.ndarray  # (N, 2) px, unweighted.
     long: np.ndarray  # (N,) px², variance along the longer axis.
-    axis: np.ndarray  # (N, 2) unit vector of that axis.
 
 
 def find_blobs(infrared: np.ndarray, threshold: float, mask: np.ndarray | None) -> Blobs | None:
@@ -203,8 +178,7 @@ def shapes_of(blobs: Blobs) -> Shapes:
     # A pixel is a square of variance 1/12.
     xx, yy, xy = total(dx * dx) / some + 1 / 12, total(dy * dy) / some + 1 / 12, total(dx * dy) / some
     half, apart = 0.5 * (xx + yy), np.hypot(0.5 * (xx - yy), xy)
-    angle = 0.5 * np.arctan2(2.0 * xy, xx - yy)
-    return Shapes(centre, area, middle, half + apart, np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    return Shapes(centre, area, middle, half + apart)
 
 
 def full_counts(infrared: np.ndarray) -> float:
@@ -233,12 +207,7 @@ def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
     if brightest is None:
         raise ValueError("The empty scene has no picture.")
     bright = brightest > SETTINGS.mask_contrast * threshold_of(brightest)
-    for _ in range(SETTINGS.mask_grow_px):
-        grown = bright.copy()
-        grown[1:] |= bright[:-1]
-        grown[:-1] |= bright[1:]
-        wide = grown.copy()
-        wide[:, 1:] |= grown[:, :-1]
-        wide[:, :-1] |= grown[:, 1:]
-        bright = wide
+    for axis in (0, 1):
+        margin = [(SETTINGS.mask_grow_px,) * 2 if k == axis else (0, 0) for k in (0, 1)]
+        bright = sliding_window_view(np.pad(bright, margin), 2 * SETTINGS.mask_grow_px + 1, axis).any(-1)
     return bright

@@ -16,16 +16,12 @@ class SensorFrame:
     """Pictures of one sensor at one moment. Infrared and depth are pixel-aligned."""
 
     sensor: str
-    infrared: np.ndarray
-    """(h, w) uint8 or uint16 counts."""
+    infrared: np.ndarray  # (h, w) uint8 or uint16 counts.
     depth: np.ndarray | None
     """(h, w) uint16 millimetres along the optical axis, 0 where unknown. None for a sensor without depth."""
-    device_s: float
-    """Middle of the exposure in seconds on the device's clock. Sensors on one trigger share it."""
-    host_s: float
-    """Arrival in seconds on the host's monotonic clock (``time.perf_counter``)."""
-    number: int = 0
-    """The device's own frame count. Gaps are lost frames."""
+    device_s: float  # Middle of the exposure in seconds on the device's clock. Sensors on one trigger share it.
+    host_s: float  # Arrival in seconds on the host's monotonic clock (``time.perf_counter``).
+    number: int = 0  # The device's own frame count. Gaps are lost frames.
 
 
 class Device(Protocol):
@@ -69,8 +65,6 @@ class OpenedDevice:
 
     def open(self) -> None:
         """Do nothing by default."""
-
-    def close(self) -> None:
         """Do nothing by default."""
 
     def starting(self, start: float) -> Self:

@@ -68,8 +68,7 @@ class OakPipeline(OpenedDevice, ABC):
     """One OAK with a pipeline that runs from ``open`` to ``close``. Subclasses build it."""
 
     name: str
-    identifier: str
-    """Device identifier, IP address or USB port."""
+    identifier: str  # Device identifier, IP address or USB port.
     _pipeline: Any = field(default=None, init=False, repr=False)
     _queue: Any = field(default=None, init=False, repr=False)
 
@@ -122,8 +121,7 @@ class OakPipeline(OpenedDevice, ABC):
 
 
 INFRARED, DEPTH = "infrared", "depth"
-WAIT_S = 0.0005
-"""Time between looks at an empty queue, in seconds."""
+WAIT_S = 0.0005  # Time between looks at an empty queue, in seconds.
 LARGEST_JUMP_S = 10.0  # A device clock was reset if it goes back, or forward by more than this, in seconds.
 
 
@@ -154,10 +152,8 @@ class PairStream:
     dai: Any
     name: str
     queue: Any
-    running: Callable[[], bool]
-    """Returns True while more may come."""
-    silent_s: float
-    """The device counts as lost after this time without a frame, in seconds."""
+    running: Callable[[], bool]  # Returns True while more may come.
+    silent_s: float  # The device counts as lost after this time without a frame, in seconds.
     by_ptp: bool = False
 
     def frames(self) -> Iterator[SensorFrame]:
@@ -229,22 +225,14 @@ SIZES = ((640, 400), (1280, 800))  # Picture sizes of the mono cameras in pixels
 class OakSettings:
     """Settings of one OAK with two mono cameras and an infrared flood light."""
 
-    fps: float = 60.0
-    """Frames per second. 640 x 400 with depth reaches 60, 1280 x 800 about 30."""
-    size: tuple[int, int] = (640, 400)
-    """Width and height of infrared and depth in pixels."""
-    exposure_us: int = 800
-    """Exposure in microseconds. A hand at 5 m/s moves 4 mm in 800."""
-    iso: int = 200
-    """Low, so that only reflectors are bright."""
-    flood: float = 1.0
-    """Infrared flood light, 0 to 1. Retro-reflective markers need it."""
-    sync: str = "none"
-    """One of ``SYNCS``."""
-    silent_s: float = 5.0
-    """The device counts as lost after this time without a frame, in seconds."""
-    queue: int = 4
-    """Number of frames that wait for the host. Older ones are dropped."""
+    fps: float = 60.0  # Frames per second. 640 x 400 with depth reaches 60, 1280 x 800 about 30.
+    size: tuple[int, int] = (640, 400)  # Width and height of infrared and depth in pixels.
+    exposure_us: int = 800  # Exposure in microseconds. A hand at 5 m/s moves 4 mm in 800.
+    iso: int = 200  # Low, so that only reflectors are bright.
+    flood: float = 1.0  # Infrared flood light, 0 to 1. Retro-reflective markers need it.
+    sync: str = "none"  # One of ``SYNCS``.
+    silent_s: float = 5.0  # The device counts as lost after this time without a frame, in seconds.
+    queue: int = 4  # Number of frames that wait for the host. Older ones are dropped.
 
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:

@@ -31,8 +31,7 @@ class ColourPicture:
     """One compressed picture."""
 
     jpeg: bytes
-    time_s: float
-    """Middle of the exposure in seconds, on a clock that all cameras share."""
+    time_s: float  # Middle of the exposure in seconds, on a clock that all cameras share.
 
 
 class ColourSource(Protocol):

@@ -7,11 +7,12 @@ import queue
 import shutil
 import threading
 import time
+from abc import ABC, abstractmethod
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from io import FileIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -40,8 +41,7 @@ from solver_backend.types import Cameras
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
 ABOUT, CALIBRATION, INDEX, FRAMES = SENSOR_RECORDING, "calibration.toml", "index.csv", "frames.bin"
-KINDS = ("raw", "png")
-"""Picture formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller."""
+KINDS = ("raw", "png")  # Picture formats: 'raw' is fast and large, 'png' slow and about 2.5 times smaller.
 HEADER = "number,device_s,host_s\n"
 
 
@@ -52,8 +52,7 @@ class SensorFiles:
     name: str
     width: int
     height: int
-    infrared: str
-    """'uint8' or 'uint16'."""
+    infrared: str  # 'uint8' or 'uint16'.
     depth: bool
 
     @property
@@ -302,58 +301,66 @@ def due_frames(
 
 
 @dataclass
-class RecordedSensor(OpenedDevice):
-    """One sensor of a recording."""
+class ReplayedSensor(OpenedDevice, ABC):
+    """One sensor of a folder."""
 
+    name: str
     folder: Path
-    sensor: SensorFiles
-    kind: str
-    start: float | None = None
-    """Host time of the recording's time 0. None to yield frames without waiting."""
-    repeat: bool = False
-    zero: float = 0.0
-    """Device time that counts as 0."""
+    start: float | None = field(default=None, kw_only=True)
+    """Host time of time 0. None to yield frames without waiting."""
+    repeat: bool = field(default=False, kw_only=True)
+    zero: float = field(default=0.0, kw_only=True)  # Device time that counts as 0.
 
-    @property
-    def name(self) -> str:
-        """Name of the sensor."""
-        return self.sensor.name
-
-    def starting(self, start: float) -> RecordedSensor:
+    def starting(self, start: float) -> Self:
         """Return the sensor at its recorded rate, with time 0 at the host time ``start``."""
         return replace(self, start=start)
 
+    @abstractmethod
     def index(self) -> np.ndarray:
-        """Return (F, 3) number, device time and host time of complete frames. Raise ``RecordingInvalid``."""
-        rows = read_index(self.folder / INDEX)
-        if self.kind == "raw":
-            path = self.folder / FRAMES
-            whole = path.stat().st_size // self.sensor.frame_bytes if path.is_file() else 0
-            rows = rows[:whole]
-        return rows
+        """Return (F, 3) number, device time and host time (or NaN) of whole frames. Raise ``RecordingInvalid``."""
+
+    @abstractmethod
+    def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return infrared and depth of a frame. Raise ``SensorFailed`` if one is missing or damaged."""
 
     def count(self) -> int:
-        """Return the number of frames. Raise ``RecordingInvalid`` if the index cannot be read."""
+        """Return the number of frames. Raises what ``index`` raises."""
         return len(self.index())
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames.
-
-        Raises:
-            RecordingInvalid: the index cannot be read.
-            SensorFailed: a picture is missing or damaged, or the picture file is not a file.
-        """
-        if self.kind == "raw" and not (self.folder / FRAMES).is_file():
-            message = f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place."
-            raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
+        """Yield the frames. Raises what ``index`` and ``pictures`` raise."""
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
-            infrared, depth = self._pictures(at)
-            arrived = float(rows[at, 2]) if self.start is None else host
+            infrared, depth = self.pictures(at)
+            arrived = host if self.start is not None or np.isnan(rows[at, 2]) else float(rows[at, 2])
             yield SensorFrame(self.name, infrared, depth, device, arrived, int(rows[at, 0]) + lap * count)
 
-    def _pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
+
+@dataclass
+class RecordedSensor(ReplayedSensor):
+    """One sensor of a recording."""
+
+    sensor: SensorFiles
+    kind: str
+
+    def index(self) -> np.ndarray:
+        """Return the rows of whole frames, see ``ReplayedSensor``."""
+        rows = read_index(self.folder / INDEX)
+        if self.kind == "raw":
+            path = self.folder / FRAMES
+            rows = rows[: path.stat().st_size // self.sensor.frame_bytes if path.is_file() else 0]
+        return rows
+
+    def frames(self) -> Iterator[SensorFrame]:
+        """Yield the frames. Raise ``SensorFailed`` if the file of pictures is missing, see also ``ReplayedSensor``."""
+        if self.kind == "raw" and not (self.folder / FRAMES).is_file():
+            message = f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place."
+            raise SensorFailed(message, where=str(self.folder), hint="Copy the file from the recording again.")
+        yield from super().frames()
+
+    def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return infrared and depth of a frame, see ``ReplayedSensor``."""
         if self.kind == "png":
             return _png_pair(self.folder / "infrared", self.folder / "depth", at, has_depth=self.sensor.depth)
         shape, pixels = (self.sensor.height, self.sensor.width), self.sensor.height * self.sensor.width
@@ -366,39 +373,23 @@ class RecordedSensor(OpenedDevice):
 
 
 @dataclass
-class StudioSensor(OpenedDevice):
+class StudioSensor(ReplayedSensor):
     """One camera of a studio shot."""
 
-    shot: Path
-    name: str
     fps: float
-    start: float | None = None
-    repeat: bool = False
 
-    def starting(self, start: float) -> StudioSensor:
-        """Return the sensor at its recorded rate, with time 0 at the host time ``start``."""
-        return replace(self, start=start)
-
-    def count(self) -> int:
-        """Return the number of frames. Raise ``RecordingInvalid`` if there are none."""
-        found = len(list((self.shot / "infrared" / self.name).glob("*.png")))
-        if not found:
+    def index(self) -> np.ndarray:
+        """Return the rows, see ``ReplayedSensor``."""
+        number = np.arange(len(list((self.folder / "infrared" / self.name).glob("*.png"))))
+        if not len(number):
             hint = 'Film it with "film": ["infrared", "depth"].'
-            raise RecordingInvalid(f"The shot has no infrared of {self.name}.", where=str(self.shot), hint=hint)
-        return found
+            raise RecordingInvalid(f"The shot has no infrared of {self.name}.", where=str(self.folder), hint=hint)
+        return np.stack([number, number / self.fps, np.full(len(number), np.nan)], axis=1)
 
-    def frames(self) -> Iterator[SensorFrame]:
-        """Yield the frames.
-
-        Raises:
-            RecordingInvalid: there are none.
-            SensorFailed: a picture is missing or damaged.
-        """
-        depth = (self.shot / "depth" / self.name).is_dir()
-        times = np.arange(self.count()) / self.fps
-        for at, lap, device, host in due_frames(times, self.start, repeat=self.repeat):
-            pair = _png_pair(self.shot / "infrared" / self.name, self.shot / "depth" / self.name, at, has_depth=depth)
-            yield SensorFrame(self.name, *pair, device, host, at + lap * len(times))
+    def pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
+        """Return infrared and depth of a frame, see ``ReplayedSensor``."""
+        infrared, depth = (self.folder / what / self.name for what in ("infrared", "depth"))
+        return _png_pair(infrared, depth, at, has_depth=depth.is_dir())
 
 
 def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -421,10 +412,9 @@ class SensorFolder:
 
     path: Path
     cameras: Cameras
-    devices: tuple[RecordedSensor | StudioSensor, ...]
+    devices: tuple[ReplayedSensor, ...]
     fps: float
-    missing: tuple[str, ...] = ()
-    """Sensors of the calibration that are not in the folder."""
+    missing: tuple[str, ...] = ()  # Sensors of the calibration that are not in the folder.
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
@@ -459,7 +449,7 @@ def _recording(path: Path, calibration: Path | None) -> SensorFolder:
     cameras = read_calibration(file).cameras
     found = {sensor.name: sensor for sensor in about.sensors}
     names, missing = _named(cameras, set(found), path)
-    devices = [RecordedSensor(path / name, found[name], about.kind) for name in names]
+    devices = [RecordedSensor(name, path / name, found[name], about.kind) for name in names]
     zeros = _zeros([device.index() for device in devices])
     devices = tuple(replace(device, zero=zero) for device, zero in zip(devices, zeros, strict=True))
     return SensorFolder(path, cameras, devices, about.fps, missing)
@@ -484,7 +474,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
         raise CalibrationMissing("The shot has no cameras.", where=str(path), hint="Make it again.")
     found = {p.name for p in (path / "infrared").iterdir() if p.is_dir()}
     names, missing = _named(cameras, found, path)
-    devices = tuple(StudioSensor(path, name, clean.fps) for name in names)
+    devices = tuple(StudioSensor(name, path, clean.fps) for name in names)
     return SensorFolder(path, cameras, devices, clean.fps, missing)
 
 

@@ -23,46 +23,31 @@ from solver_backend.videos.detect.detect_videos import least_cost_assignment
 class FusionSettings:
     """Constants of fusion."""
 
-    radius_m: float = 0.01
-    """Radius of the published clusters (paper, appendix K)."""
+    radius_m: float = 0.01  # Radius of the published clusters (paper, appendix K).
     calibration_m: float = 0.0012
     """Standard deviation per axis of a sensor's calibration. It counts in tests, not in results."""
-    joined: float = 16.27
-    """Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom."""
-    joined_ray: float = 13.82
-    """Largest χ² of a point and a ray: 0.999 with two degrees of freedom."""
+    joined: float = 16.27  # Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom.
+    joined_ray: float = 13.82  # Largest χ² of a point and a ray: 0.999 with two degrees of freedom.
     joined_rays: float = 6.63
     """Largest χ² of two rays: 0.99 with one degree of freedom, because rays often meet by chance."""
-    reach_m: float = 0.05
-    """Largest distance of two sightings of one marker, however uncertain they are."""
+    reach_m: float = 0.05  # Largest distance of two sightings of one marker, however uncertain they are.
     closest_m: float = 0.028
     """Smallest distance of two markers. Of two closer points, only the more certain one remains."""
     ray_range_m: tuple[float, float] = (0.3, 6.0)
     """Range of the intersection of two rays from either sensor, in metres."""
-    least_angle: float = 0.17
-    """Smallest angle between two rays that give a point, in radians."""
+    least_angle: float = 0.17  # Smallest angle between two rays that give a point, in radians.
 
-    acceleration_m_s2: float = 40.0
-    """Standard deviation of a marker's acceleration from frame to frame."""
-    start_speed_m_s: float = 2.0
-    """Standard deviation of a new marker's speed."""
-    follow: float = 16.27
-    """Largest χ² of a point and its track."""
-    lost_s: float = 0.12
-    """A track ends after this time without a point, in seconds."""
+    acceleration_m_s2: float = 40.0  # Standard deviation of a marker's acceleration from frame to frame.
+    start_speed_m_s: float = 2.0  # Standard deviation of a new marker's speed.
+    follow: float = 16.27  # Largest χ² of a point and its track.
+    lost_s: float = 0.12  # A track ends after this time without a point, in seconds.
 
-    hit_alone: float = 0.8
-    """Gain of a track's log-odds of being a marker if one sensor sees it."""
-    hit_together: float = 3.0
-    """Gain if two or more sensors see it."""
-    hit_rays: float = 1.0
-    """Gain if only two rays meet."""
-    miss: float = 1.0
-    """Loss if no sensor sees it."""
-    start: float = -2.0
-    """Log-odds of a new point."""
-    most: float = 6.0
-    """Largest log-odds."""
+    hit_alone: float = 0.8  # Gain of a track's log-odds of being a marker if one sensor sees it.
+    hit_together: float = 3.0  # Gain if two or more sensors see it.
+    hit_rays: float = 1.0  # Gain if only two rays meet.
+    miss: float = 1.0  # Loss if no sensor sees it.
+    start: float = -2.0  # Log-odds of a new point.
+    most: float = 6.0  # Largest log-odds.
 
 
 SETTINGS = FusionSettings()
@@ -163,14 +148,10 @@ class FusedPoints:
     """N points of one moment."""
 
     time: float
-    points: np.ndarray
-    """(N, 3) world metres."""
-    covariance: np.ndarray
-    """(N, 3, 3) m²."""
-    depths: np.ndarray
-    """(N,) number of sensors that saw each with depth."""
-    rays: np.ndarray
-    """(N,) number of sensors that saw each without depth."""
+    points: np.ndarray  # (N, 3) world metres.
+    covariance: np.ndarray  # (N, 3, 3) m².
+    depths: np.ndarray  # (N,) number of sensors that saw each with depth.
+    rays: np.ndarray  # (N,) number of sensors that saw each without depth.
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
@@ -423,14 +404,10 @@ class TrackedPoints:
     """N points of one moment and their tracks."""
 
     time: float
-    points: np.ndarray
-    """(N, 3) world metres, measured in this frame."""
-    covariance: np.ndarray
-    """(N, 3, 3) m²."""
-    track: np.ndarray
-    """(N,) track number, constant while a marker is visible."""
-    score: np.ndarray
-    """(N,) log-odds that the track is a marker. Ghosts are below 0."""
+    points: np.ndarray  # (N, 3) world metres, measured in this frame.
+    covariance: np.ndarray  # (N, 3, 3) m².
+    track: np.ndarray  # (N,) track number, constant while a marker is visible.
+    score: np.ndarray  # (N,) log-odds that the track is a marker. Ghosts are below 0.
 
 
 class MarkerTracks:

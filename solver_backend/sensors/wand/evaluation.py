@@ -34,15 +34,12 @@ class WandCalibration:
 
     array: CalibratedCameras
     clocks: Clocks
-    together: np.ndarray
-    """(C, C) number of common moments of two sensors."""
+    together: np.ndarray  # (C, C) number of common moments of two sensors.
     moments: int
-    held_out_px: float
-    """Root mean squared reprojection error of held-out time ranges."""
+    held_out_px: float  # Root mean squared reprojection error of held-out time ranges.
     length_rmse_m: np.ndarray
     """(3,) root mean squared error of the lights' distances in those ranges. NaN without lights."""
-    depth_rmse_m: float
-    """Scatter of the measured depths about the marker. NaN without depth."""
+    depth_rmse_m: float  # Scatter of the measured depths about the marker. NaN without depth.
     coverage: Coverage
 
     def sensor_line(self, c: int) -> str:

@@ -40,11 +40,9 @@ class GammaInvalid(MocapError):
 class Gamma:
     """The three markers."""
 
-    long_m: float = 0.6
-    """Length of the long edge between marker centres."""
+    long_m: float = 0.6  # Length of the long edge between marker centres.
     short_m: float = 0.4
-    height_m: float = 0.007
-    """Height of the marker centres above the floor. It is their radius if they lie on it."""
+    height_m: float = 0.007  # Height of the marker centres above the floor. It is their radius if they lie on it.
 
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
@@ -65,10 +63,8 @@ class Ground:
     """
 
     R: Float[np.ndarray, "3 3"]
-    t: Float[np.ndarray, " 3"]
-    """(3,) metres."""
-    tilt_sigma: float
-    """Standard deviation of up in radians, in its worse direction."""
+    t: Float[np.ndarray, " 3"]  # (3,) metres.
+    tilt_sigma: float  # Standard deviation of up in radians, in its worse direction.
     markers: Float[np.ndarray, "3 3"]
     """(3, 3) metres in the old world: corner, end of the long edge, end of the short edge."""
     frames: int
@@ -80,12 +76,8 @@ def ground_from_gamma(
 ) -> Ground:
     """Return up, floor and origin from the robust mean of the three points in each cloud that fit the Γ best.
 
-    Up is ``u × v / |u × v|`` with the long edge u and the short edge v. The sensors are above the floor, which shows
-    if the Γ was laid down mirrored.
-
-    Args:
-        clouds: points of each moment in metres, of one sensor or of all. Other points may be among them.
-        sensors: (C, 3) places of the sensors in the same world.
+    Clouds are the (N, 3) points of one moment in metres, other points among them. Up is ``u × v / |u × v|`` with the
+    long edge u and the short edge v. The (C, 3) sensors are above the floor, which shows if the Γ lies mirrored.
 
     Raises:
         GammaNotFound: too few clouds have it.
@@ -185,8 +177,7 @@ def gamma_clouds(folder: Path, cameras: Cameras) -> list[np.ndarray]:
     are false, and the Γ's edges select the true ones.
 
     Raises:
-        FileMissing: there is no table.
-        CalibrationMismatch: the calibration has no such sensor.
+        FileMissing, CalibrationMismatch: there is no table, or the calibration has no such sensor.
     """
     files = points_files(folder)
     if not files:
@@ -213,10 +204,8 @@ def depth_clouds(
 ) -> list[np.ndarray]:
     """Return the (N, 3) points in metres of each moment of one sensor.
 
-    Args:
-        times: (rows,) time of each marker. Rows with equal times are one moment.
-        px: (rows, 2) pixels.
-        depth_m: (rows,) metres along the axis. Only positive depths are used.
+    Rows are times, pixels and depths along the axis in metres. Rows with equal times are one moment. Rows without a
+    positive depth are skipped.
     """
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]

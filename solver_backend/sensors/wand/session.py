@@ -57,21 +57,17 @@ from solver_backend.videos.sync.synchronise import ROLLING_SHUTTER, in_step
 
 SIGMA_PX = 0.3  # Standard deviation of a light's or a marker's pixel position. It sets the robust scales.
 STEPS, TOLERANCE = 60, 1e-6
-HELD_OUT_BLOCKS = 10
-"""Number of time ranges of a recording. Every fifth one is not fitted."""
+HELD_OUT_BLOCKS = 10  # Number of time ranges of a recording. Every fifth one is not fitted.
 
 
 @dataclass(frozen=True)
 class WandTask:
     """The problem that the bundle adjustment solves."""
 
-    cameras: Cameras
-    """C cameras with lenses and initial poses."""
-    lights: np.ndarray
-    """(K, 3) metres about the wand's centre, zero for a single marker."""
+    cameras: Cameras  # C cameras with lenses and initial poses.
+    lights: np.ndarray  # (K, 3) metres about the wand's centre, zero for a single marker.
     find_delays: bool
-    delays: np.ndarray
-    """(C,) seconds, known or initial."""
+    delays: np.ndarray  # (C,) seconds, known or initial.
 
 
 def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.ndarray]]) -> Cameras:
@@ -137,14 +133,10 @@ START_SIGMA_PX = 2.0  # Distance from an epipolar line at which a point loses it
 def robust_umeyama(
     source: np.ndarray, target: np.ndarray, sigma: np.ndarray, rng: np.random.Generator
 ) -> tuple[Pose, np.ndarray]:
-    """Return the rigid motion from source to target points, and the (n,) mask of inliers.
+    """Return the rigid motion from source to target points (n, 3), and the (n,) mask of inliers.
 
     Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and reweights it.
-
-    Args:
-        source: (n, 3) metres, n at least 3.
-        target: (n, 3) metres.
-        sigma: (n,) metres, standard deviation of a pair's distance.
+    ``sigma`` (n,) are the standard deviations of the pairs' distances. Lengths are metres.
 
     Reference: Umeyama 1991; Fischler and Bolles 1981 (the samples).
     """
@@ -163,9 +155,7 @@ def robust_umeyama(
 def poses_by_depth(names: Sequence[str], points: np.ndarray, sigma: np.ndarray, rng: np.random.Generator) -> list[Pose]:
     """Return each sensor's pose, from the first one's axes to its own, by one marker.
 
-    Args:
-        points: (C, M, 3) metres in each sensor's axes, NaN where not seen.
-        sigma: (C, M) metres.
+    ``points`` are (C, M, 3) metres in each sensor's axes, NaN where not seen, with deviations (C, M).
 
     Raises:
         WandNotSeen: a sensor has no common moments with another one.
@@ -184,8 +174,7 @@ def poses_by_lights(
 ) -> list[Pose]:
     """Return each camera's pose, from the first one's axes to its own, in metres by the wand's lengths.
 
-    Args:
-        flat: (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
+    ``flat`` are (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
 
     Raises:
         WandNotSeen: a camera has no common moments with another one.
@@ -232,9 +221,7 @@ ROUNDS = 20  # Rounds of reweighting. Chosen by hand.
 def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> tuple[float, float, float]:
     """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))``, its deviation, and the scatter of depths (m).
 
-    Args:
-        at: (M, 3) metres, the marker in the pictures' world.
-        depth_m: (C, M) measured metres along each sensor's axis, NaN where there is none.
+    ``at`` (M, 3) is the marker in the pictures' world, ``depth_m`` (C, M) its measured depths along the axes.
 
     Reference: Beaton and Tukey 1974 (iterative reweighting, here with Cauchy's weights).
     """
@@ -314,9 +301,7 @@ def flat_of(view: WandView) -> np.ndarray:
 def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
     """Synchronise C sensors to about a frame by the wand's speed, which is the same in all axes.
 
-    Args:
-        views: lights in the wand's order.
-        wand: its lengths, which give distances where there is no depth. None for a marker with depth.
+    Views have their lights in the wand's order. ``wand`` gives distances where there is no depth.
 
     Raises:
         SyncUnknown: a sensor's speeds agree with no other one.

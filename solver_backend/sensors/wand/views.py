@@ -51,14 +51,12 @@ class WandView:
 
     name: str
     lens: Lens
-    times_s: Float[np.ndarray, " frames"]
-    """(F,) increasing seconds on its own clock."""
+    times_s: Float[np.ndarray, " frames"]  # (F,) increasing seconds on its own clock.
     px: Float[np.ndarray, "frames lights 2"]
     """(F, K, 2) pixels, NaN where a light is not seen and in frames with other lights."""
     depth_m: Float[np.ndarray, "frames lights"] | None = None
     """(F, K) metres along the optical axis, NaN where unknown. None for a sensor without depth."""
-    crowded: int = 0
-    """Number of frames with other lights."""
+    crowded: int = 0  # Number of frames with other lights.
     findings: tuple[Diagnostic, ...] = ()
 
     def __post_init__(self) -> None:
@@ -174,11 +172,8 @@ def identified(wand: Wand, flat: Float[np.ndarray, "frames 3 2"], sigma: float) 
     """Assign three spots to the wand's lights. Return (F, 3) indices and the (F,) mask of sure frames.
 
     The middle light is between the others. The end of the shorter part is nearer to it, unless perspective reverses
-    this where the wand points at the camera.
-
-    Args:
-        flat: (F, 3, 2) undistorted normalised coordinates in any order, NaN where there are fewer.
-        sigma: standard deviation of a coordinate, normalised units.
+    this where the wand points at the camera. ``flat`` are undistorted normalised coordinates in any order, NaN where
+    there are fewer, with the standard deviation ``sigma``.
     """
     rows = np.arange(len(flat))
     known = np.isfinite(flat).all((-1, -2))
@@ -210,10 +205,8 @@ def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Flo
     """Return the (F, 3) place of the middle light in a camera's axes in metres, from single pictures of the wand.
 
     The lights are on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``. The null vector of the three
-    rays gives the proportions of the depths, and the wand's length gives the scale. Depths are rough.
-
-    Args:
-        flat: (F, 3, 2) undistorted normalised coordinates in the wand's order, NaN where not seen.
+    rays gives the proportions of the depths, and the wand's length gives the scale. Depths are rough. ``flat`` are
+    undistorted normalised coordinates in the wand's order, NaN where not seen.
     """
     known = np.isfinite(flat).all((-1, -2))
     spots = np.where(known[:, None, None], flat, np.array([[-0.1, 0.0], [0.0, 0.0], [0.2, 0.0]]))
@@ -236,15 +229,8 @@ def values_and_velocities(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the values of a track at other times, and the rates of change at the nearest frames.
 
-    Values are interpolated by Hermite's cubic with central differences as slopes, unless a frame is at that time.
-    Results are NaN where a frame that is needed is missing.
-
-    Args:
-        values: (F, ...), NaN where missing.
-        times_s: (F,) increasing seconds.
-        wanted_s: (M,) seconds.
-
-    Reference: Catmull and Rom 1974.
+    Values (F, ...) at increasing seconds are interpolated by Hermite's cubic with central differences as slopes,
+    unless a frame is at that time (Catmull and Rom 1974). Results are NaN where a frame that is needed is missing.
     """
     count = len(times_s)
     shape = (len(wanted_s), *values.shape[1:])
@@ -295,10 +281,8 @@ class Coverage:
     """Sightings of a wand in each picture and in space. They grow with each call of ``add``."""
 
     names: tuple[str, ...]
-    size_px: Int[np.ndarray, "views 2"]
-    """(C, 2) width and height."""
-    pictures: np.ndarray = field(init=False)
-    """(C, ROWS, COLUMNS) sightings."""
+    size_px: Int[np.ndarray, "views 2"]  # (C, 2) width and height.
+    pictures: np.ndarray = field(init=False)  # (C, ROWS, COLUMNS) sightings.
     volume: dict[tuple[int, int, int], int] = field(init=False, default_factory=dict)
     """Number of located moments of the wand per cell."""
 
@@ -306,12 +290,7 @@ class Coverage:
         self.pictures = np.zeros((len(self.names), ROWS, COLUMNS), dtype=np.int64)
 
     def add(self, px: Float[np.ndarray, "views moments 2"], at: Float[np.ndarray, "moments 3"] | None = None) -> None:
-        """Count moments.
-
-        Args:
-            px: (C, M, 2) places of the wand, NaN where a sensor does not see it.
-            at: (M, 3) metres, NaN where it is not located. None if the sensors' poses are unknown.
-        """
+        """Count the (C, M, 2) px of the wand, NaN where a sensor does not see it, and (M, 3) metres if known."""
         view, moment = np.nonzero(np.isfinite(px).all(-1))
         share = px[view, moment] / self.size_px[view]
         cell = np.clip((share * [COLUMNS, ROWS]).astype(int), 0, [COLUMNS - 1, ROWS - 1])
@@ -362,11 +341,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker. Frames with several markers are crowded.
-
-    Args:
-        folder: recording with the sensors' lenses. Their poses are not used.
-        masks: (h, w) bool per sensor, True for constant lights, see ``masks_of``.
+    """Return the views of one marker. Frames with several markers are crowded. ``masks`` are those of ``masks_of``.
 
     Raises:
         PicturesDiffer: infrared, depth and calibration have different sizes.
@@ -424,10 +399,7 @@ def points_files(folder: Path) -> list[Path]:
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder's tables, ``NAME.csv`` per sensor.
-
-    Args:
-        lenses: lens of each sensor. If None, they are read from ``NAME.yaml`` or ``NAME.toml``.
+    """Return the views of a folder's tables, ``NAME.csv`` per sensor. Missing lenses are read from files beside them.
 
     Raises:
         FileMissing: there is no table.
@@ -485,31 +457,24 @@ def read_table(path: Path) -> tuple[np.ndarray, bool]:
 
 
 def _view(path: Path, lens: Lens) -> WandView:
+    """Return the view of a table. Times with several rows of a marker are crowded."""
     table, with_depth = read_table(path)
-    if with_depth:
-        return _with_depth(path.stem, lens, table)
-    px = table[:, 1:].reshape(-1, 3, 2)
-    return WandView(path.stem, lens, 1e-9 * table[:, 0], np.where((px < 0).any(-1, keepdims=True), np.nan, px))
-
-
-def _with_depth(name: str, lens: Lens, table: np.ndarray) -> WandView:
-    """Return the view of a marker. Times with several rows are crowded."""
+    if not with_depth:
+        px = table[:, 1:].reshape(-1, 3, 2)
+        return WandView(path.stem, lens, 1e-9 * table[:, 0], np.where((px < 0).any(-1, keepdims=True), np.nan, px))
     starts = np.flatnonzero(np.r_[True, table[1:, 0] != table[:-1, 0]])
     alone = np.diff(np.r_[starts, len(table)]) == 1
     rows = table[starts]
     seen = alone & np.isfinite(rows[:, 1:3]).all(1) & (rows[:, 1:3] >= 0).all(1)
     px = np.where(seen[:, None], rows[:, 1:3], np.nan)[:, None]
     depth = np.where(seen & (rows[:, 3] > 0), 1e-3 * rows[:, 3], np.nan)[:, None]
-    return WandView(name, lens, 1e-9 * rows[:, 0], px, depth, crowded=int((~alone).sum()))
+    return WandView(path.stem, lens, 1e-9 * rows[:, 0], px, depth, crowded=int((~alone).sum()))
 
 
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand.
-
-    Args:
-        lenses: a calibration or a lens library. If None, lenses are read from files next to the tables.
+    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files beside the tables have them.
 
     Raises:
         FileMissing: there is no recording.

@@ -45,9 +45,9 @@ def write_clip(folder: Path) -> None:
 def _skeleton(folder: Path) -> None:
     """Write what Blender hands over of a clip."""
     write_clip(folder)
-    clip = read_bvh(folder / "clip.bvh", metres_per_unit=1.0, up_axis="y")
+    clip = read_bvh(folder / "clip.bvh", metres_per_unit=0.01, up_axis="y")
     (folder / "clip.bvh").unlink()
-    motion = bvh_motion(clip, bvh_skeleton(clip), 0.01, "clip")
+    motion = bvh_motion(clip, bvh_skeleton(clip), "clip")
     file = SkeletonFile("clip", motion.names, motion.parents, motion.rest, motion.joints, motion.turns, motion.fps, {})
     write_skeleton(folder / "clip.npz", file)
 
