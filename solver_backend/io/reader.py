@@ -17,7 +17,6 @@ Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
-@dataclass(frozen=True)
 class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
     """Statements of the caller. They replace what the file states."""
 

@@ -36,27 +36,18 @@ _FILES = (
     (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
 )
 """Endings of marker files, their kind, and the way out."""
-_PICKLES = "Python pickles, which run code when they are read"
-_MATRICES = ("OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER.")
+_JSON = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."
+_CSV = "Write one CSV per camera as DeepLabCut does (scorer, bodyparts, coords, frames), or OpenPose's JSON files."
+_MATRICES = "*_pose.yml *_pose.yaml *_pose.xml"
 _DETECTIONS = (
-    (
-        "*.pkl",
-        _PICKLES,
-        "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir.",
-    ),
-    ("*.pickle", _PICKLES, "Export JSON or CSV from their program."),
-    ("*.mat", "MATLAB files", "Write one CSV a camera as DeepLabCut does, or OpenPose's JSON, one file a frame."),
-    ("*_pose.yml", *_MATRICES),
-    ("*_pose.yaml", *_MATRICES),
-    ("*_pose.xml", *_MATRICES),
-    ("*.parquet", "Parquet tables", "Write one CSV a camera as DeepLabCut does: scorer, bodyparts, coords, frames."),
+    ("*.pkl *.pickle", "Python pickles, which run code when they are read", _JSON),
+    ("*.mat", "MATLAB files", _CSV),
+    (_MATRICES, "OpenPose's matrices of --write_keypoint", "Run OpenPose with --write_json FOLDER."),
+    ("*.parquet", "Parquet tables", _CSV),
 )
 """Patterns of the names of detections, their kind, and the way out."""
-_PACKED = tuple(
-    (f"*.{ending}", "packed files", "Unpack them, one folder a camera.")
-    for ending in ("zip", "gz", "7z", "rar", "tar", "tgz", "xz", "bz2")
-)
-"""The same of archives, which may be beside anything."""
+_PACKED = (("*.zip *.gz *.7z *.rar *.tar *.tgz *.xz *.bz2", "packed files", "Unpack them, one folder per camera."),)
+"""The same of archives, which any folder may have."""
 
 
 def no_capture(path: Path, readers: Iterable[Reader[Capture]]) -> CaptureNotRecognised:
@@ -109,10 +100,10 @@ def _matching(folders: Iterable[Path], formats: Iterable[tuple[str, str, str]]) 
     there = [folder for folder in folders if folder.is_dir()]
     below = [path for folder in there for path in sorted(folder.iterdir()) if path.is_dir()]
     names = [(folder, name.lower()) for folder in (*there, *below) for name in _few_names(folder)]
-    for pattern, what, how in formats:
-        found = next((f"{folder.name}/{name}" for folder, name in names if fnmatch.fnmatchcase(name, pattern)), None)
-        if found is not None:
-            return f"The detections are not supported: {what} ({found}).", how
+    for patterns, what, how in formats:
+        for folder, name in names:
+            if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns.split()):
+                return f"The detections are not supported: {what} ({folder.name}/{name}).", how
     return None
 
 

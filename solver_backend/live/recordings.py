@@ -29,7 +29,7 @@ from solver_backend.fitters.motion_import.import_motion import standing_feet
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.files import open_appended
-from solver_backend.io.markers.c3d_writer import C3dSize, unnamed_labels, write_c3d_parts
+from solver_backend.io.markers.c3d import C3dSize, unnamed_labels, write_c3d_parts
 from solver_backend.io.markers.live_recording import SUFFIX, LiveBlock, measure_recording, pack_block, read_parts
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.frames import PointFrame

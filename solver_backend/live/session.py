@@ -14,9 +14,9 @@ from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up
-from solver_backend.labelling.exclusive_labels import labels_of_frame
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
+from solver_backend.labelling.tracklets import labels_of_frame
 from solver_backend.live.frames import PointFrame
 from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, pose_of
 

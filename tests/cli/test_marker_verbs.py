@@ -10,7 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.main import main
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.native.motion_file import read_motion, read_subject
 from solver_backend.io.png import read_png
 from solver_backend.types import MarkerCloud

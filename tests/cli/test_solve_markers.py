@@ -12,7 +12,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.cli.main import main
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.motion_file import read_motion as read_shown
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.native.motion_file import read_motion
 from tests.support.worn_markers import WornMarkers, worn_markers
 

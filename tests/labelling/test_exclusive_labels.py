@@ -6,8 +6,8 @@ from itertools import permutations
 
 import numpy as np
 
-from solver_backend.labelling.exclusive_labels import labels_of_frame, labels_of_stretches
 from solver_backend.labelling.outputs import GHOST
+from solver_backend.labelling.tracklets import labels_of_frame, labels_of_stretches
 
 
 def evidence(count: int, seed: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.label_after import labelled_like, worn
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.labelling.label_like import label_like, reference_of, triple_products
 from solver_backend.types import Capture, MarkerCloud

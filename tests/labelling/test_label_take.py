@@ -13,7 +13,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, named_points, needs_labels
 from solver_backend.fitters.recipes.live import fit_average_person
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.user_labels_file import read_user_labels

@@ -10,8 +10,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised
 from solver_backend.exchange.outputs import require_file
 from solver_backend.io.files import as_text, first_bytes
 from solver_backend.io.interpretation import MARKER_OPTIONS, interpret_markers
-from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import read_c3d, write_c3d
 from solver_backend.io.markers.camera_systems import (
     FIRST_LINE,
     begins_as_motive,

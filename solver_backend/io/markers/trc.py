@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
 from solver_backend.exchange.outputs import write_text
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.c3d_writer import unnamed_labels
+from solver_backend.io.markers.c3d import unnamed_labels
 from solver_backend.io.markers.source import MarkerSource
 from solver_backend.io.recognition.marker_unit import metres_in
 from solver_backend.io.recognition.marker_up_axis import rotation_to_z_up

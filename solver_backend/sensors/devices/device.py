@@ -65,6 +65,8 @@ class OpenedDevice:
 
     def open(self) -> None:
         """Do nothing by default."""
+
+    def close(self) -> None:
         """Do nothing by default."""
 
     def starting(self, start: float) -> Self:

@@ -14,7 +14,7 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.faults import (
     DEMO_DETECTOR,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture, record_markers
 from solver_backend.types import Cameras, JointSet, MarkerCloud

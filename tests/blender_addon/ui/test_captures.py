@@ -9,7 +9,7 @@ import pytest
 
 from blender_addon.ui.operators.base import SolverOperator
 from blender_addon.ui.operators.import_results import take_capture, take_motion
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.synthesis.embedded.demo import record_markers
 from tests.support.kept_scenes import KeptScene, registered
 

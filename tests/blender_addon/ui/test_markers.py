@@ -17,7 +17,7 @@ from blender_addon.ui.operators.imports import SUFFIXES
 from blender_addon.ui.panels.capture import summarise
 from blender_addon.ui.viewport import name_places
 from solver_backend.body.label_places import read_label_places
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.trc import write_trc
 from solver_backend.job import Job

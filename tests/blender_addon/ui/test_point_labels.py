@@ -13,7 +13,7 @@ from blender_addon._exchange.motion_file import read_motion
 from blender_addon.conventions.naming import MARKERS
 from blender_addon.scene.overlay import labels_of
 from blender_addon.ui.operators.capture import choose_nearest
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.job import Job
 from solver_backend.labelling import outputs
 from solver_backend.synthesis.embedded.demo import record_markers

@@ -18,7 +18,7 @@ from solver_backend.exchange.errors import (
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.load import load_capture
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.recordings import recordings_folder
 from tests.support.worn_markers import worn_markers

@@ -18,7 +18,7 @@ from solver_backend.fitters.label_after import labelled_as_person
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.fitters.marker_calibration.extra_names import named_extras, with_extras
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.motion_file import write_subject
 from solver_backend.labelling.outputs import MARKERS

@@ -11,8 +11,7 @@ import pytest
 
 from solver_backend.exchange.errors import NonFiniteData, OutputExists, ShapeMismatch
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
-from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.c3d import read_c3d, write_c3d
 from solver_backend.io.markers.read import MARKERS, WRITERS, read_markers, write_markers
 from solver_backend.io.markers.trc import read_trc, write_trc
 from solver_backend.types import MarkerCloud
