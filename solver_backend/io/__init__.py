@@ -1,1 +1,1 @@
-"""Files in and out: captures, calibrations, motions; converts to metres, seconds and Z up here and nowhere else."""
+"""Files in and out: captures, calibrations and motions. The only place that converts to metres, seconds and Z up."""

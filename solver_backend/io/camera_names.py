@@ -1,4 +1,4 @@
-"""Match the names of recorded cameras with those of a calibration."""
+"""Match the names of recorded cameras with the names in a calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 def name_key(name: str) -> tuple[str, ...]:
     """Return the distinctive words and numbers of a camera's name, without fillers and leading zeros.
 
-    ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` all give ``('1',)``; ``left_json`` ``('left',)``.
+    ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` give ``('1',)``, ``left_json`` gives ``('left',)``.
     """
     parts = _words(name)
     return tuple(_plain(part) for part in parts if part not in _FILLERS) or tuple(parts)
@@ -123,7 +123,7 @@ def _shared_start(names: Sequence[str]) -> int:
 
 
 def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
-    """Return the index of the one calibrated name whose words are side by side in each recorded name."""
+    """Return the index of the one calibrated name with its words side by side in each recorded name."""
     keys = _name_keys(calibrated)
     found = []
     for name in recorded:

@@ -150,11 +150,7 @@ class AppendedFile:
 
 
 def open_appended(path: Path, *, fresh: bool) -> AppendedFile:
-    """Open a file to append to. ``fresh`` refuses an existing file, which is emptied otherwise.
-
-    Raises:
-        OutputNotWritable: it cannot be opened.
-    """
+    """Open a file to append to. ``fresh`` refuses an existing file, else it is emptied. Raise OutputNotWritable."""
     flags = os.O_WRONLY | os.O_CREAT | (os.O_EXCL if fresh else os.O_TRUNC) | getattr(os, "O_BINARY", 0)
     try:
         return AppendedFile(os.open(path, flags, 0o666), str(path))

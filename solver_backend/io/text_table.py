@@ -165,7 +165,7 @@ def with_whole_decimals(
 ) -> list[list[str]]:
     """Join decimals that were split at their commas, ``12`` and ``50`` to ``12.50``.
 
-    Rows have ``width`` cells, of which the ``leading`` ones are no decimal numbers. If rows may have more cells (not
+    Rows have ``width`` cells, the ``leading`` ones no decimal numbers. If rows may have more cells (not
     ``sure``), rows that cannot be joined stay unchanged.
 
     Raises:

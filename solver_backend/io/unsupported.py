@@ -33,7 +33,7 @@ _FILES = (
     (".fbx .bvh .glb .asf .amc", "a motion of a skeleton", "BVH is read by the verb `motion`."),
     (".mot .sto .osim", "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
     (".xmove .xml", "an XML file", "Export C3D or TRC from the program that wrote it."),
-    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
+    (".xlsx .xls .ods", "a spreadsheet", "Save the sheet as CSV or text. TRC and CSV of tracks are read."),
 )
 """Endings of marker files, their kind, and the way out."""
 _JSON = "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir."

@@ -2,7 +2,7 @@
 
 Pairs of markers on one bone keep their distance, others stay near theirs. At the moment that shows most points, a beam
 search places the labels, those first that are most rigid with what is placed. Triple products exclude mirror images.
-From there names spread over time: a tracklet gets the label whose distances to the named points fit, if no other fits.
+From there names spread over time: a tracklet gets the only label that fits its distances to the named points.
 """
 
 from __future__ import annotations

@@ -33,7 +33,7 @@ DISTANCE_SHARE = 1.5  # Weight of the distances.
 BODY_SHARE, BODY_MOST = 0.3, 2.5
 """Weight of the body's evidence against one reading, and the most readings it counts as."""
 PASSING, PASSING_S = 5.0, 0.4
-"""Log likelihood by which a point seen for a moment is no marker, and the seconds in which that fades."""
+"""Additional log likelihood that a point seen for a moment is no marker, and the time for it to fade."""
 SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
 SELDOM_COST = 1.5  # Markers that common layouts lack, and the prior log likelihood that they lose.
 SURE, TRUSTED = 0.8, 0.6  # Least probability of a label that is given, and of one whose chain helps to name others.
@@ -101,7 +101,7 @@ AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))
 _PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
 SIDEWAYS = np.radians(70.0)
 """Least mean turn of a head against shoulders and waist that shows wrong names. In 158 takes of UI-PRMD it is 43
-degrees at most, in 28 other files 56; names a quarter turn off add 90."""
+degrees at most, in 28 other files 56. Names a quarter turn off add 90."""
 LEAST_FRAMES = 10  # Least frames that show the four.
 
 
@@ -142,7 +142,7 @@ def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, mark
 def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
     """Return the mean angle from the head's left to the body's in the head's plane, rad, 0 where nothing shows it.
 
-    The (F, 4, 3) markers are in the order of ``AROUND``; ``left`` are (F, 3) vectors from the body's right to its left.
+    The (F, 4, 3) markers are in the order of ``AROUND``. ``left`` are (F, 3) vectors from the body's right to its left.
     """
     lf, rf, rb, lb = np.moveaxis(head, 1, 0)
     own_left, front = unit(lf + lb - rf - rb), unit(lf + rf - lb - rb)
@@ -182,7 +182,7 @@ class FittedBody(Protocol):
 
 
 class BodyFit(Protocol):
-    """Whatever lays a body over one frame after the other: ``fitters/recipes/live.py``, which may import this."""
+    """A fit of a body to one frame after the other, such as ``fitters/recipes/live.py``, which may import this."""
 
     def restart(self) -> None:
         """Forget the pose."""
@@ -191,7 +191,7 @@ class BodyFit(Protocol):
     def step(
         self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
     ) -> FittedBody:
-        """Fit a frame's (53, 3) points, NaN where unseen; guesses with (53,) deviations stand in for those."""
+        """Fit a frame's (53, 3) points, NaN where unseen. Guesses with (53,) deviations replace unseen ones."""
         ...
 
 
@@ -242,7 +242,7 @@ def body_evidence(
 
 
 def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
-    """Return (53, 53) bool: the second marker is on the first one's joint, or farther out on the limb."""
+    """Return (53, 53) bool: the second marker is on the first one's joint, or further out on the limb."""
     within = np.eye(len(parents), dtype=bool)
     for joint, parent in enumerate(parents):
         if parent >= 0:
@@ -314,7 +314,7 @@ def label_take(
 ) -> LabelledTake:
     """Label the points of a take.
 
-    Columns of the cloud (metres, Z up) are tracks, which may break, jump, and continue elsewhere.
+    Columns of the cloud (metres, Z up) are tracks, which may break, jump, and continue in another column.
 
     Args:
         start_fit: makes the fit of a body that is laid over the named points.

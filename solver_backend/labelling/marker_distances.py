@@ -53,11 +53,7 @@ class ChainDistances:
 
 @lru_cache(maxsize=1)
 def load_distances(path: Path | None = None) -> DistanceTable:
-    """Return the table that ships, or that of a file.
-
-    Raises:
-        FileMissing, WeightsInvalid: there is no such file, or it is of other places.
-    """
+    """Return the bundled table, or the one in a file. Raise FileMissing or WeightsInvalid."""
     arrays = read_weights(path or ASSETS / f"{NAME}.npz", NAME).arrays
     places = len(MARKERS) + len(OTHER_PLACES)
     pairs = places * (places - 1) // 2
@@ -144,7 +140,7 @@ def _evidence_of(
 ) -> np.ndarray:
     """Return the rows of ``distance_evidence`` for (R,) chains, with the numbers of the trusted chains as partners.
 
-    ``mirrored`` is that of ``_of_the_other_side`` for a person of middle size, ``size`` the person's over the table's.
+    ``mirrored`` is from ``_of_the_other_side`` for a person of middle size, ``size`` the person's over the table's.
     """
     theirs, pairs = labels[partners], np.ix_(which, partners)
     mean, change = found.mean[pairs] / size, found.change[pairs] / size

@@ -85,7 +85,7 @@ def _misfit(one: TakeShape, other: TakeShape, x: np.ndarray, y: np.ndarray | int
 
 
 def _by_side(one: TakeShape, other: TakeShape, pair: np.ndarray, rigid: np.ndarray) -> float:
-    """Return the gain of an exchange by the side on which the most rigid other markers are."""
+    """Return the gain of an exchange by the side of the most rigid other markers."""
     gain = 0.0
     around = [int(c) for c in np.argsort(-rigid, kind="stable")[:OTHERS] if rigid[c] > 0.1]
     for c, d in combinations(around, 2):
@@ -113,7 +113,7 @@ single one; C7 and T10 exchanged gain at least 23, LUPA and LFRM 5, knee and sha
 CLEAR_BY_LAYOUT = 3.0  # Least gain against the layout's places, where as many takes are for an exchange as against it.
 ROUNDS = 12  # Most exchanges in one take: takes are compared again after each.
 MOST_TOGETHER, BESIDE = 12, 3
-"""Most takes that are compared in pairs, and those of them with which each further one is compared."""
+"""Most takes that are compared in pairs, and the number of them that each further one is compared with."""
 _PLACED_M = 0.03  # Standard deviation of the distance between two markers at known places of a layout.
 
 
@@ -136,7 +136,7 @@ class NamesOverTakes:
 
 
 def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
-    """Return takes of one person in which the same marker has the same name.
+    """Return takes of one person with equal names of equal markers.
 
     Two takes contradict each other about a pair of labels where exchanging it makes their distances and sides agree.
     A take that all others contradict, while they agree among themselves, is corrected. Where as many takes are for one
@@ -238,7 +238,7 @@ def _replacements(
     places: TakeShape,
     kept: Collection[str],
 ) -> list[tuple[float, NameChange]]:
-    """Return names that another point of a take should have, one whose label no other take has."""
+    """Return names that another point of a take should have, with a label of its own."""
     count, found = len(takes), list[tuple[float, NameChange]]()
     points = [[label for label in cloud.names if label not in labels] for cloud in takes]
     whole = [shape_of(_points_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]

@@ -20,7 +20,7 @@ from solver_backend.types.shapes import Float
 FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
 """Angular frequencies of the coordinates' sines and cosines, 1/m: wavelengths from 2 m to 0.125 m."""
 NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
-"""Roots of the distances whose bumps make the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
+"""Roots of the distances of the bumps in the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
 NEARNESS_WIDTH = 0.13  # Width of a bump, in roots of metres.
 FREEDOM = 4.0  # Degrees of freedom of Student's distribution of the positions' errors, as trained.
 _DM = 0.1  # Metres in a decimetre, the unit that the network's positions and spreads have.
@@ -28,7 +28,7 @@ _DM = 0.1  # Metres in a decimetre, the unit that the network's positions and sp
 
 @dataclass(frozen=True)
 class CloudReading:
-    """B clouds of N points; 53 markers and a ghost, 77 landmarks."""
+    """B clouds of N points with 53 markers, a ghost and 77 landmarks."""
 
     scores: Float[np.ndarray, "clouds points labels"]  # (B, N, 54) of each label, ghost last.
     missing: Float[np.ndarray, " markers"]  # (53,) score of a marker without a point.
@@ -69,7 +69,7 @@ class PointNetwork:
     sha256: str = ""
 
     def __call__(self, points: np.ndarray, seen: np.ndarray | None = None) -> CloudReading:
-        """Read (B, N, 3) clouds of points, Z up, in metres; (B, N) ``seen`` says which points exist, all if None."""
+        """Read (B, N, 3) clouds of points, Z up, in metres. (B, N) ``seen`` says which points exist, all if None."""
         points = np.asarray(points)
         seen = np.ones(points.shape[:2], bool) if seen is None else seen
         centre = lower_median(points, seen)
@@ -141,11 +141,7 @@ def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
 
 @lru_cache(maxsize=2)
 def load_network(path: Path | None = None) -> PointNetwork:
-    """Return the network that ships, or that of a file.
-
-    Raises:
-        FileMissing, WeightsInvalid: there is no such file, or it is not this network's.
-    """
+    """Return the bundled network, or the one in a file. Raise FileMissing or WeightsInvalid."""
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)
 
@@ -168,12 +164,7 @@ class FramesRead:
 def read_frames(
     positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: PointNetwork
 ) -> Iterator[FramesRead]:
-    """Read frames of a take, some at a time.
-
-    Args:
-        seen: (F, N) bool: there is a point.
-        frames: numbers of the frames to read.
-    """
+    """Read some frames of a take at a time. ``seen`` (F, N) are the existing points."""
     size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
     for start in range(0, len(frames), size):
         part = frames[start : start + size]
@@ -208,10 +199,7 @@ def require_at_most(most: int, found: int, what: str) -> None:
 
 
 def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Progress = silent) -> np.ndarray:
-    """Return (F, 77, 3) metres: the network's markers and joints; NaN in frames with too few points.
-
-    Args:
-        positions: (F, N, 3) metres, Z up, in any order, NaN where there is no point.
+    """Return (F, 77, 3) metres of markers and joints from (F, N, 3) points (Z up), NaN in frames with too few points.
 
     Raises:
         NoDetections, CaptureInvalid: see ``require_points``.

@@ -40,7 +40,7 @@ class Tracklets:
 def tracklets_of(positions: np.ndarray, fps: float, *, persistent: bool = False) -> Tracklets:
     """Return the tracklets of (F, N, 3) points in metres, NaN where missing.
 
-    ``persistent``: each column is one marker throughout, as somebody named it, and its tracklets are one chain.
+    ``persistent``: each column is one marker throughout, with a given name, and its tracklets are one chain.
     """
     seen = np.isfinite(positions).all(-1)
     number = np.full(seen.shape, -1)
@@ -81,7 +81,7 @@ def _off(points: np.ndarray, run: tuple[int, int], frame: int) -> float:
 
 
 def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: np.ndarray, fps: float) -> np.ndarray:
-    """Return the chain of each tracklet: ends meet beginnings that are near, soon and nobody else's."""
+    """Return the chain of each tracklet: ends meet near and soon beginnings of no other tracklet."""
     count = len(column)
     chain = np.arange(count)
     if count < 2:

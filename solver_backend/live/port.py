@@ -149,7 +149,7 @@ class OneSender:
         self.counts[kind] += 1
 
     def is_other(self, sender: Any, arrived: float) -> bool:
-        """Return whether a packet comes from a second sender while the first one still sends."""
+        """Return whether a packet is of a second sender while the first one still sends."""
         return sender != self._sender and arrived - self._heard < SENDER_GONE_S
 
     def is_next(self, packet: bytes, clock: float | None) -> bool:

@@ -94,7 +94,7 @@ class Recorder(Generic[Item]):
         self.finished = True
         self._file.close()
         self._form.finish(self.unfinished, self.path, overwrite=self._overwrite, lost=self._file.lost)
-        hint = f"The other {self._form.pieces} are in {self.path.name}; make room on the disk before recording."
+        hint = f"The other {self._form.pieces} are in {self.path.name}. Make room on the disk before recording."
         self._file.require_whole(hint)
 
     def __enter__(self) -> Self:
@@ -265,11 +265,9 @@ class PosesRecording(RecordingFormat[[float, np.ndarray, np.ndarray]]):
 
 
 def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
-    """Return a motion at (F,) even times, interpolated along great arcs. The ends hold the nearest pose.
+    """Return a motion at (F,) even times, interpolated along great arcs. The ends keep the nearest pose.
 
-    Args:
-        times: seconds.
-        rows: (N, 4 + 3 J) ascending time, transl and axis-angles of the recorded poses.
+    Rows (N, 4 + 3 J) are ascending seconds, transl and axis-angles of the recorded poses.
     """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)

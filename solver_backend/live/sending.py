@@ -35,11 +35,7 @@ class PoseSender:
         self._packets = PacketSender(address)
 
     def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
-        """Yield the same lines after their poses were sent, and events about the receiver.
-
-        Raises:
-            MotionInvalid: the body is not a humanoid.
-        """
+        """Yield the lines after their poses were sent, and events. Raise MotionInvalid if this is no humanoid."""
         for line in lines:
             if "event" in line:
                 if line["event"] in ("shape", "fingers"):

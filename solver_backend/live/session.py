@@ -230,11 +230,7 @@ def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a calibrated person, or of a person with unknown shape if None.
-
-    Raises:
-        FileMissing, SubjectInvalid: the subject cannot be read.
-    """
+    """Return the network and a fit of a person, of unknown shape if None. Raise FileMissing or SubjectInvalid."""
     network = load_network()
     if subject is None:
         return network, fit_average_person()

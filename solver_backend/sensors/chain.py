@@ -89,7 +89,7 @@ class SensorEnd:
 def run_sensor(task: SensorTask, out: Connection) -> None:
     """Send the sightings of a sensor until it ends or the reader is gone.
 
-    The first message is ``("ready",)``, and the answer is the host time at which a replay starts. Then come ``("like",
+    The first message is ``("ready",)``, and the answer is the host time of a replay's start. Then come ``("like",
     SensorFiles)`` once if it is recorded, ``("seen", SensorSightings)`` per frame, ``("trouble", code, sentence)``, and
     ``("end", SensorEnd)``.
     """
@@ -192,10 +192,6 @@ class MarkerChain:
     """Run devices, acquisition and fusion. A context manager that ends its processes.
 
     A chain that cannot keep up skips moments. If no sensor is live, all sensors wait and every frame is used.
-
-    Args:
-        fps: frames per second of the sensors.
-        recording: recording of the sensors' frames, or None.
     """
 
     def __init__(
@@ -328,7 +324,7 @@ class MarkerChain:
         if (index := self._index(name)) >= 0:
             self._gatherer.ended(index)
         if name not in self.ends:
-            self._report("sensor_failed", name, "its process ended without a message; the others go on")
+            self._report("sensor_failed", name, "its process ended without a message, and the others continue")
 
     def _report(self, kind: str, name: str, message: str) -> None:
         found = diagnostic("sensor_failed", cameras=[name], reason=message)

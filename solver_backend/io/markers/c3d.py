@@ -273,11 +273,7 @@ class _Layout:
 
 
 def read_c3d(path: Path) -> MarkerSource:
-    """Read the markers of a C3D file, or the origins of its segments if it has no markers.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or no C3D.
-    """
+    """Read the markers of a C3D file, or its segments' origins if it has none. Raise FileMissing or FileDamaged."""
     data = np.frombuffer(read_bytes(path), np.uint8)
     parameters = _read_parameters(data, path)
     header = _read_header(data, parameters.processor)
@@ -436,11 +432,7 @@ def unnamed_labels(markers: int) -> tuple[str, ...]:
 
 
 def write_c3d(path: Path | str, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers to a C3D file. A missing marker is 0 0 0 with the residual -1.
-
-    Raises:
-        OutputExists, OutputNotWritable, NonFiniteData, ShapeMismatch: see ``write_c3d_parts``.
-    """
+    """Write markers to a C3D file, see ``write_c3d_parts``. A missing marker is 0 0 0 with the residual -1."""
     positions = np.asarray(cloud.positions, dtype=np.float64)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
     size = C3dSize(len(positions), cloud.labels or unnamed_labels(positions.shape[1]), cloud.fps, largest)

@@ -76,12 +76,7 @@ def begins_as_motive(head: str) -> bool:
 
 
 def read_motive_csv(path: Path) -> MarkerSource:
-    """Read the markers of Motive's CSV, and the poses of rigid bodies without markers in it, but no bones.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or has no header.
-        NoDetections: it has no markers.
-    """
+    """Read the markers of Motive's CSV, and bodies without any. Raise FileMissing, FileDamaged or NoDetections."""
     lines = read_text(path).splitlines()
     at = next((i for i, line in enumerate(lines[:_MOTIVE_LINES]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:_MOTIVE_LINES])):
@@ -195,12 +190,7 @@ class _Trajectories(NamedTuple):
 
 
 def read_nexus_csv(path: Path) -> MarkerSource:
-    """Read the trajectories of a CSV or text file of Nexus.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or not from Nexus.
-        NoDetections: it has no trajectories.
-    """
+    """Read the trajectories of a CSV or text file of Nexus. Raise FileMissing, FileDamaged or NoDetections."""
     lines = read_text(path).splitlines()
     sections = sections_of(lines)
     if not sections:
@@ -295,12 +285,7 @@ _KINDS = ("Labeled", "Unidentified")  # Groups of trajectories in MATLAB files t
 
 
 def read_qualisys_tsv(path: Path) -> MarkerSource:
-    """Read the markers of a TSV file of QTM.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or not from QTM.
-        CaptureNotRecognised: it is 2D or 6D data.
-    """
+    """Read the markers of QTM's TSV. Raise FileMissing, FileDamaged, or CaptureNotRecognised for 2D or 6D data."""
     lines, first, header = _tsv(path)
     if not (lines and lines[0].strip().upper().startswith(FIRST_LINE)):
         raise FileDamaged(f"The file is not one of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))

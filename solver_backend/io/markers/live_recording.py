@@ -147,12 +147,7 @@ def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]
 
 
 def read_live_recording(path: Path) -> MarkerSource:
-    """Read a live recording that was not finished.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is too large or has no whole frame.
-        NoDetections: no frame has points.
-    """
+    """Read a live recording that was not finished. Raise FileMissing, FileDamaged, or NoDetections without points."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -66,16 +66,13 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
 
 
 def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MARKERS, **options: Any) -> MarkerTake:
-    """Read a file of markers.
+    """Read a file of markers with the first of ``readers`` that recognises it.
 
-    Args:
-        path: of the file.
-        readers: asked in this order.
-        options: fps, unit and up_axis of ``ReadOptions``.
+    Options are fps, unit and up_axis of ``ReadOptions``.
 
     Raises:
         FileMissing, CaptureNotRecognised: there is no such file, or no reader knows it.
-        JobInvalid: the frame rate, unit or axis is impossible, or another option is given.
+        JobInvalid: the frame rate, unit or axis is impossible, or there is another option.
         MocapError: the reader's own errors.
     """
     path, chosen = require_file(path), ReadOptions(**options)
@@ -91,5 +88,5 @@ WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}  
 
 
 def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
-    """Write markers (Z up, metres) in the format of the path's ending, one of ``WRITERS``; see there for errors."""
+    """Write markers (Z up, metres) in the format of the path's ending, one of ``WRITERS``, see there for errors."""
     return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

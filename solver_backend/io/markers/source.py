@@ -50,12 +50,9 @@ class RigidBodies:
     rotations: np.ndarray  # (F, B, 3, 3) from each body's axes to the file's.
 
     def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
-        """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.
+        """Return each body's origin and a point on each axis, labelled ``NAME:origin``, ``NAME:x`` and so on.
 
-        Args:
-            metres: in a unit of the file.
-            to_world: (3, 3) from the file's axes to the world's.
-            fps: frames per second.
+        ``to_world`` (3, 3) turns the file's axes to the world's. Its unit has ``metres``.
         """
         origins = metres * self.positions @ to_world.T
         arms = ARM_M * np.swapaxes(to_world @ self.rotations, -1, -2)

@@ -36,11 +36,7 @@ _HEADER_LINES = 20  # Lines within which the labels must come.
 
 
 def read_trc(path: Path) -> MarkerSource:
-    """Read the markers of a TRC file.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or it is truncated or no TRC.
-    """
+    """Read the markers of a TRC file. Raise FileMissing or FileDamaged."""
     lines = read_text(path).splitlines()
     heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
     lines = between_tabs(lines, heading)
@@ -103,14 +99,7 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
 def write_trc(
     path: Path | str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y", overwrite: bool = False
 ) -> Path:
-    """Write markers to a TRC file, missing ones as NaN.
-
-    Args:
-        path: of the file.
-        cloud: markers, Z up, in metres.
-        unit: length unit of the file, a key of ``METRES``.
-        up_axis: axis of the file that points up. OpenSim's is Y.
-        overwrite: an existing file.
+    """Write markers (Z up, metres) to a TRC file in a unit of ``METRES`` and with an axis up, missing ones as NaN.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.

@@ -46,9 +46,7 @@ class AmassClip:
 def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     """Read an AMASS file: ``trans``, and ``poses`` (F, 72, 156 or 165) or ``root_orient`` and ``pose_body``.
 
-    Args:
-        path: of the file.
-        fps: frames per second, None for the file's.
+    ``fps`` replaces the file's frame rate.
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.

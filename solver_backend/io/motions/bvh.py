@@ -71,16 +71,11 @@ class _Skeleton:
 
 
 def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_axis: str = "y") -> BvhClip:
-    """Read a BVH file with any order of channels.
+    """Read a BVH file with any order of channels, a unit of some metres and an axis that points up.
 
     ``R_j = R_first R_second R_third`` in the order of the channels. The root's position channels replace its offset.
-    Those of other joints replace it too in files of most programs, and are added to it in files of some. The reading
-    with bones closer to their rest lengths is used.
-
-    Args:
-        path: of the file.
-        metres_per_unit: length of the file's unit.
-        up_axis: the file's axis that points up.
+    Position channels of other joints replace it too in files of most programs, and are added to it in some files. The
+    reading with bones closer to their rest lengths is used.
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is truncated or is not BVH.
@@ -240,11 +235,7 @@ READER = Reader("BVH .bvh", lambda path: path.suffix.lower() == ".bvh", _read, f
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
-    """Return the clip's skeleton at rest in the clip's unit, with ends of chains as joints.
-
-    Raises:
-        MotionInvalid: two joints have the same name.
-    """
+    """Return the clip's skeleton at rest with ends of chains as joints. Raise MotionInvalid if two names are equal."""
     ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
     require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}

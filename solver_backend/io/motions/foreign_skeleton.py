@@ -28,11 +28,9 @@ _LARGEST = 2_000_000_000  # Bytes of an MVNX file at most. An hour of a take has
 
 
 def _segment_table(text: str, *sides: str) -> dict[str, tuple[str, str]]:
-    """Return parent and role by segment: middle ones, then those of each side.
+    """Return parent and role by segment: the middle ones, then each side's.
 
-    Args:
-        text: rows of segment, parent and role, parents first, with * for the side.
-        sides: the file's words for the sides, in its order.
+    Rows are segment, parent and role, parents first. An * is replaced by the file's words for the sides.
     """
     rows = [line.split() for line in text.strip().splitlines()]
     found = {segment: (parent, role) for segment, parent, role in rows if "*" not in segment}
@@ -82,7 +80,7 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     if subject is None or len(segments) < 2:
         raise FileDamaged("The file names no segments: this is not MVNX.", where=where)
     if unknown := sorted(set(segments) - _XSENS.keys()):
-        hint = "Segments are those of MVN's body: Pelvis, L5, … LeftToe; leave props out of the export."
+        hint = "Segments of MVN's body are Pelvis, L5, … LeftToe. Export no props."
         raise FileDamaged(f"Unknown segments: {', '.join(unknown)}.", where=where, hint=hint)
     frames = subject.findall("frames/frame")
     kinds = [node.get("type", "normal") for node in frames]
@@ -159,11 +157,11 @@ _LEAST_SEEN = 0.5  # Share of the frames that show a segment at least.
 def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read the segments of a C3D file, the segment of each role, and notes.
 
-    The files keep no rest pose. Segments' axes are parallel when a person stands with hanging arms (Z from the far
+    The files keep no rest pose. Segments' axes are parallel for a standing person with hanging arms (Z from the far
     joint to the near one), so zero rotations are that pose. A joint's place in its parent's axes is the median.
 
     Raises:
-        FileMissing, FileDamaged: see ``read_segments``, or it holds no rotations of segments.
+        FileMissing, FileDamaged: see ``read_segments``, or it has no rotations of segments.
         MotionInvalid: it has no pelvis or legs.
     """
     segments = read_segments(path)
@@ -219,23 +217,17 @@ _POINTS = (".csv", ".tsv", ".trc", ".npy")  # Files of points without rotations,
 _LEAST_SIZE = 1e-6  # Size of a skeleton at rest in any unit at least. A person is 0.0017 km tall.
 _MOST_M = 1e4  # Metres from the origin at most.
 _APART_DEG, _TIMES = 25.0, 3.0
-"""Turn of a joint after the first frame, and its multiple of the largest turn in the frames that follow, from which the
-first frame is separate. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
+"""The first frame is separate if a joint turns more after it, and by this multiple of the largest turn in the frames
+that follow. CMU's conversions to BVH have 60° and more, other clips of the benchmark have none."""
 _FOLLOWING = 12  # Frames that are compared with the first step.
 
 
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = ""
 ) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
-    """Read a clip of a person in any unit and axes. Formats are those of ``read_stated``.
+    """Read a clip of a person, see ``read_stated``. Return it in metres, Z up, with its joint by role, and diagnostics.
 
-    Args:
-        path: of the file.
-        unit: of length, "" to estimate it from the length of the legs.
-        up_axis: ``x``, ``y`` or ``z``. If "", that of the trunk in BVH, Z in other formats.
-
-    Returns:
-        The motion in metres, Z up, its joint by role, and diagnostics.
+    Without a unit, the length of the legs gives it. Without an axis, the trunk shows it in BVH, and it is Z elsewhere.
 
     Raises:
         MocapError: see ``read_stated``.
@@ -260,7 +252,7 @@ def read_foreign_clip(
     R = rotation_to_z_up(axis)
     joints = metres * (motion.joints @ R.T)
     if (far := np.abs(joints).max()) > _MOST_M:
-        hint = "Offsets and positions are in different units; export it again."
+        hint = "Offsets and positions are in different units. Export it again."
         raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
     motion = replace(motion, rest=metres * motion.rest, joints=joints, turns=R @ motion.turns)
     return motion, roles, [*found, *units, *first_frame_apart(motion)]
@@ -289,7 +281,7 @@ def read_stated(path: Path, through_blender: str = "motion") -> tuple[SkeletonMo
     if suffix in _THROUGH_BLENDER:
         hint = f"python -m blender_addon {through_blender} {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
-    hint = f"{', '.join(_READ)} are read; export the clip as one of them."
+    hint = f"{', '.join(_READ)} are read. Export the clip in one of these formats."
     if suffix in _POINTS:
         hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
     raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
@@ -330,7 +322,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
         return metres_in(unit), []
     name, metres = min(_UNITS.items(), key=lambda entry: abs(np.log(max(leg, 1e-12) * entry[1] / _LEG_M)))
     if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
-        hint = f"Known units are {', '.join(METRES)}; name one with --unit."
+        hint = f"Known units are {', '.join(METRES)}. Give one with --unit."
         raise MotionInvalid(f"Legs of {leg:.4g} units are a person's in no known unit.", where=where, hint=hint)
     return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 

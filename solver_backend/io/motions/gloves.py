@@ -72,7 +72,7 @@ def _angles_of_points(points: np.ndarray, side: int, where: str) -> tuple[np.nda
 
 _MANUS_TIME = "Elapsed_Time_In_Milliseconds"
 _MANUS_JOINTS = dict.fromkeys(FINGERS, ("MCP", "PIP", "DIP", "TIP")) | {"thumb": ("CMC", "MCP", "DIP", "TIP")}
-"""The file's joints at the points of each finger. Its thumb's DIP is called IP elsewhere."""
+"""The file's joints at the points of each finger. Its thumb's DIP is the usual IP."""
 _MANUS_POINTS = tuple(
     f"{point}_{axis}"
     for point in ("Hand", *(f"{finger.title()}_{joint}" for finger in FINGERS for joint in _MANUS_JOINTS[finger]))
@@ -155,15 +155,13 @@ def _rokoko_points(columns: dict[str, np.ndarray], side: str, frames: int) -> np
 
 
 def read_gloves(path: Path, side: str = "") -> GloveTake:
-    """Read the hands of a recording, of a whole person or of hands alone.
+    """Read hands from a CSV of MANUS or Rokoko, or from a moving skeleton, see ``read_stated``.
 
-    Args:
-        path: CSV of MANUS or Rokoko, or a moving skeleton, see ``read_stated``.
-        side: ``left`` or ``right`` of a single hand whose names do not show it.
+    ``side`` is ``left`` or ``right`` for a single hand without a side in its names.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: the file is not there, or is damaged.
-        MotionInvalid: it holds no fingers, or their side is unknown.
+        MotionInvalid: it has no fingers, or their side is unknown.
     """
     where = str(path)
     if path.suffix.lower() != ".csv":
@@ -174,7 +172,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
     names = [name[:LONGEST_HEADING] for name in names]
     if _ROKOKO_TIME in names and any("Digit2" in name and _COLUMN.fullmatch(name) for name in names):
         return _read_rokoko(path)
-    hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read; or export BVH or FBX."
+    hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read. Otherwise export BVH or FBX."
     raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
 
 
@@ -189,6 +187,6 @@ def _gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveT
             if points is not None:
                 angles[:, number], palms[:, number] = finger_angles(points, number)
     if not np.isfinite(angles).any():
-        hint = "Thumb, index, middle and little finger of three bones each are needed; --side names a single hand."
+        hint = "Thumb, index, middle and little finger of three bones each are needed. --side names a single hand."
         raise MotionInvalid("The skeleton has no hand whose fingers and side are known.", where=where, hint=hint)
     return GloveTake(motion.name, np.arange(motion.num_frames) / motion.fps, angles, palms)

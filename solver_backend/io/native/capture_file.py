@@ -46,11 +46,7 @@ _STORED = (*_FIELDS.split(), *_CAMERA_SHAPES, *_OF_ONE_CAMERA, *_OF_DETECTOR)
 
 
 def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
-    """Write a capture. Footage below the file's folder is stored relative to it, so that the folder can be moved.
-
-    Raises:
-        OutputExists, OutputNotWritable: see ``atomic_output``.
-    """
+    """Write a capture. Footage below the file's folder is stored relative to it. See ``atomic_output`` for errors."""
     arrays: dict[str, np.ndarray] = {"format": np.array(FORMAT), "version": np.array(VERSION)}
     arrays |= {"name": np.array(capture.name), "sources": _strings(capture.sources)}
     if found := (*capture.notes, *capture.problems):
@@ -110,12 +106,7 @@ def _cloud_arrays(cloud: MarkerCloud, prefix: str) -> dict[str, np.ndarray]:
 
 
 def read_capture(path: Path | str) -> Capture:
-    """Read a capture file.
-
-    Raises:
-        FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        MocapError: its values are impossible, or it has no frames or views.
-    """
+    """Read a capture file. Raise FileMissing, FileDamaged, or MocapError if its values are impossible."""
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
     try:
@@ -163,7 +154,7 @@ def _cameras(fields: Fields) -> Cameras:
 
 
 def _keypoints(fields: Fields) -> tuple[Keypoints2D, tuple[PersonInViews, ...]]:
-    """Return the chosen person's keypoints, and those of all people."""
+    """Return the keypoints of the chosen person, and of all people."""
     own: tuple[OwnPoint, ...] = ()
     if "own" in fields:
         names, bones = fields.texts("own_names"), fields.texts("own_bones")
@@ -236,7 +227,7 @@ def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
     wrong = np.argwhere(given & ~(finite & (least >= -ROUNDING * most)))
     if len(wrong):
         frame, marker = wrong[0]
-        hint = "Six numbers in m² are expected, xx, xy, xz, yy, yz, zz; NaN where it is not known."
+        hint = "Six numbers in m² are expected, xx, xy, xz, yy, yz, zz, or NaN where it is not known."
         what = "A marker's covariance is not valid: it is not finite, or negative in some direction."
         raise NonFiniteData(what, where=f"{fields.path}, frame {frame}, marker {marker}", hint=hint)
     return covariance

@@ -50,7 +50,7 @@ _SAME = tuple(_SHARED.split())  # Fields with the same name in a motion and its 
 
 
 def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name: str | None = None) -> Path:
-    """Write a motion, under another name than the file's if given; see ``atomic_output`` for errors."""
+    """Write a motion, under another name than the file's if given, see ``atomic_output`` for errors."""
     rotvec = np.concatenate([motion.global_orient, motion.body_pose], axis=1)
     record = MotionFile(
         name=Path(path).stem if name is None else name,
@@ -65,12 +65,7 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name
 
 
 def read_motion(path: Path | str) -> Motion:
-    """Read a motion file.
-
-    Raises:
-        FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        MotionInvalid: its values are not finite, or its layout is invalid.
-    """
+    """Read a motion file. Raise FileMissing, FileDamaged, or MotionInvalid if its values are impossible."""
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
         what = "The file is AMASS, not a motion file of this program: it has no joint positions."
@@ -119,12 +114,7 @@ def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool =
 
 
 def read_subject(path: Path | str) -> MarkerSubject:
-    """Read a subject file.
-
-    Raises:
-        FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        SubjectInvalid: its values are impossible.
-    """
+    """Read a subject file. Raise FileMissing, FileDamaged, or SubjectInvalid if its values are impossible."""
     fields = read_fields(path, ("format", "version", "body", "provenance", *_TEXTS.values(), *_NUMBERS.values()))
     fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
     texts = {name: fields.texts(stored) for name, stored in _TEXTS.items()}

@@ -17,7 +17,7 @@ FORMAT, VERSION = "manifold_mocap_user_labels", 1
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
     """Return the marker's name by (column, frame) of a file's ``points``, empty for no marker.
 
-    Each item holds ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
+    Each item has ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
 
     Raises:
         FileMissing, FileDamaged: it cannot be read, is no such file, or has an unknown point.
@@ -36,7 +36,7 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
             raise FileDamaged("An item must hold 'point', 'frame' and 'marker'.", where=where)
         marker = item.get("marker")
         if marker != "" and marker not in MARKERS:
-            hint = f"Known: {', '.join(MARKERS)}; empty for none."
+            hint = f"Known: {', '.join(MARKERS)}, or empty for none."
             raise MarkersUnknown(f"There is no marker {marker!r}.", where=where, hint=hint)
         column, frame = item["point"], item["frame"]
         frames, points = cloud.positions.shape[:2]

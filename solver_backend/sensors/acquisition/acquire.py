@@ -48,10 +48,8 @@ class RingDepths:
 def ring_of(blobs: Blobs, depth_mm: np.ndarray, saturated: np.ndarray, scratch: np.ndarray) -> Ring:
     """Return the pixels with a depth within ``ring_px`` of each blob's blind patch. The nearer of two blobs takes them.
 
-    Args:
-        depth_mm: (h, w) uint16, 0 where unknown.
-        saturated: (P,) mask of the blobs' saturated pixels. They are blind, or those without depth if none is.
-        scratch: (h * w,) int32 with any content, to avoid a new array for each frame.
+    Depths are (h, w) uint16, 0 where unknown. ``saturated`` (P,) pixels of a blob are blind, or the ones without depth
+    if none is. ``scratch`` (h * w,) int32 has any content and avoids a new array for each frame.
     """
     flat, (height, width) = depth_mm.reshape(-1), depth_mm.shape
     core = saturated
@@ -315,10 +313,7 @@ MEDIAN_LOSS = 1.25
 
 
 class Acquisition:
-    """Find markers in the frames of one sensor.
-
-    Args:
-        mask: (h, w) bool of constant lights, see ``learned_mask``.
+    """Find markers in the frames of one sensor. ``mask`` (h, w) are constant lights, see ``learned_mask``.
 
     Raises:
         SensorUnknown: the calibration has no such sensor.

@@ -78,12 +78,9 @@ SETTINGS = AcquisitionSettings()
 
 
 def connected(pixels: np.ndarray, width: int) -> tuple[np.ndarray, int]:
-    """Return the patch of each bright pixel, numbered from 0, and their number. Corners connect.
+    """Return the patch of each bright pixel (P,) increasing flat indices, numbered from 0, and their number.
 
-    Runs of pixels that touch a run of the next row are one patch.
-
-    Args:
-        pixels: (P,) increasing flat indices.
+    Runs of pixels that touch a run of the next row, also at corners, are one patch.
     """
     if not len(pixels):
         return np.zeros(0, np.int64), 0
@@ -196,11 +193,7 @@ def threshold_of(infrared: np.ndarray) -> float:
 
 
 def learned_mask(pictures: Iterable[np.ndarray]) -> np.ndarray:
-    """Return the (h, w) mask of lamps and other sensors in pictures of the empty scene, grown a little.
-
-    Raises:
-        ValueError: there is no picture.
-    """
+    """Return the (h, w) mask of lamps in pictures of the empty scene, grown a little. Raise ValueError for none."""
     brightest: np.ndarray | None = None
     for picture in pictures:
         brightest = picture.copy() if brightest is None else np.maximum(brightest, picture)

@@ -24,11 +24,7 @@ QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
 
 
 def depthai() -> Any:
-    """Import ``depthai``.
-
-    Raises:
-        BackendMissing: it is not installed, or older than version 3. It belongs to the extra ``oak``.
-    """
+    """Import ``depthai`` of the extra ``oak``. Raise BackendMissing if it is missing, or older than version 3."""
     for name, value in QUIET.items():
         os.environ.setdefault(name, value)
     try:
@@ -56,7 +52,7 @@ def open_oak(identifier: str, name: str) -> Any:
     except RuntimeError as error:
         found = ", ".join(listed_oaks()) or "none"
         message = f"The OAK '{identifier}' cannot be opened: {error}."
-        hint = f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule."
+        hint = f"Found are: {found}. Another program may use it. On Linux USB needs Luxonis' udev rule."
         raise SensorFailed(message, where=f"sensor {name}", hint=hint) from error
 
 
@@ -81,12 +77,7 @@ class OakPipeline(OpenedDevice, ABC):
         """Return the role on the sync wire. Names that are not in ``ROLES`` mean none."""
 
     def open(self) -> None:
-        """Connect and start.
-
-        Raises:
-            SensorFailed: the device is missing, in use, or refuses a setting.
-            SensorUnknown: it does not have the cameras or lights.
-        """
+        """Connect and start. Raise SensorFailed, or SensorUnknown if it does not have the cameras or lights."""
         if self._pipeline is not None:
             return
         dai, device = depthai(), open_oak(self.identifier, self.name)
@@ -106,7 +97,7 @@ class OakPipeline(OpenedDevice, ABC):
         done, why = device.setExternalFrameSyncRole(getattr(dai.ExternalFrameSyncRole, role.upper()))
         if not done:
             message = f"The device cannot be {role} of the sync wire: {why}."
-            hint = "Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks."
+            hint = "Models with an M8 plug or FSIN pins can. Otherwise use sync none: the wand synchronises the clocks."
             raise SensorFailed(message, where=f"sensor {self.name}", hint=hint)
 
     def _require_open(self) -> None:
@@ -130,9 +121,8 @@ def paired(
 ) -> Any:
     """Return a queue of infrared and depth pictures of the same exposure, paired by a ``Sync`` node on the host.
 
-    Args:
-        fps: frames per second. Pictures that differ by half a frame belong to two exposures.
-        blocking: drop nothing, for recordings. Otherwise the oldest pair is dropped.
+    Pictures that differ by half a frame belong to two exposures. ``blocking`` drops nothing, for recordings. Otherwise
+    the oldest pair is dropped.
     """
     sync = pipeline.create(dai.node.Sync)
     sync.setRunOnHost(True)
@@ -157,12 +147,7 @@ class PairStream:
     by_ptp: bool = False
 
     def frames(self) -> Iterator[SensorFrame]:
-        """Yield frames until the end.
-
-        Raises:
-            SensorFailed: the device was lost or silent, or its clock was reset.
-            PicturesDiffer: infrared and depth have different sizes.
-        """
+        """Yield frames until the end. Raise SensorFailed if the device was lost, PicturesDiffer if sizes differ."""
         last_s, heard_s = -np.inf, time.perf_counter()
         while True:
             pair = self._next()
@@ -180,7 +165,7 @@ class PairStream:
             frame = self.frame_of(pair, now_s)
             if np.isfinite(last_s) and not 0.0 < frame.device_s - last_s < LARGEST_JUMP_S:
                 message = f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s."
-                raise SensorFailed(message, where=f"sensor {self.name}", hint="The device restarted; open it again.")
+                raise SensorFailed(message, where=f"sensor {self.name}", hint="The device restarted. Open it again.")
             last_s = frame.device_s
             yield frame
 
@@ -201,7 +186,7 @@ class PairStream:
         if self.by_ptp:
             stamp = picture.getTimestampSystem(middle)
             if stamp is None:
-                hint = "Only OAK-4 over Ethernet has; use sync master and slave."
+                hint = "Only OAK-4 over Ethernet has. Use sync master and slave."
                 raise SensorFailed("The device has no clock that PTP keeps.", where=f"sensor {self.name}", hint=hint)
             return float(stamp.timestamp())
         return float(picture.getTimestamp(middle).total_seconds())
@@ -303,12 +288,8 @@ class Oak(OakPipeline):
 def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
     """Return the rectified left mono cameras with the factory calibration, all at the origin.
 
-    Args:
-        oaks: closed devices. Each is connected to for a moment.
-
     Raises:
-        SensorFailed: a device is missing.
-        CalibrationMissing: a device has no calibration.
+        SensorFailed, CalibrationMissing: a device is missing, or has no calibration.
     """
     dai = depthai()
     K = [_intrinsics(dai, oak) for oak in oaks]

@@ -78,11 +78,7 @@ class OakColour(OakPipeline):
         return encoder.out.createOutputQueue(maxSize=int(self.fps), blocking=False)
 
     def pictures(self) -> Iterator[ColourPicture | None]:
-        """Yield pictures as they come, None while there is none.
-
-        Raises:
-            SensorFailed: the device is not open, or was lost.
-        """
+        """Yield pictures as they come, None while there is none. Raise SensorFailed if the device was lost."""
         self._require_open()
         middle = depthai().CameraExposureOffset.MIDDLE
         while self._pipeline is not None and self._pipeline.isRunning():
@@ -96,9 +92,7 @@ class OakColour(OakPipeline):
 class ColourFile:
     """A fragmented MP4 that grows while it is filmed, readable up to where it was cut off.
 
-    Args:
-        fps: nominal rate. The pictures keep their own times.
-        begin_s: start of the video on the shared clock.
+    Pictures keep their own times after ``begin_s`` on the shared clock. ``fps`` is nominal.
     """
 
     def __init__(self, path: Path, size: tuple[int, int], fps: float, begin_s: float) -> None:
@@ -112,11 +106,7 @@ class ColourFile:
         self._stream, self._last = stream, -1
 
     def add(self, picture: ColourPicture) -> None:
-        """Append a picture. Pictures before the start, or not later than the last one, are skipped.
-
-        Raises:
-            OutputNotWritable: the disk is full. The written part stays readable.
-        """
+        """Append a picture, unless it is before the start or not later than the last one. Raise OutputNotWritable."""
         at = round((picture.time_s - self.begin_s) * TICKS)
         if at <= self._last or at < 0:
             return

@@ -95,11 +95,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read the description of a recording.
-
-    Raises:
-        RecordingInvalid: it is not a recording, has a newer version, or impossible values.
-    """
+    """Read the description of a recording. Raise RecordingInvalid if it is another file or has impossible values."""
     path = folder / ABOUT
     if not path.is_file():
         hint = "Name a folder that sensors-record wrote, or the folder of one shot of the studio."
@@ -129,11 +125,7 @@ def _sensor(item: Any) -> SensorFiles:
 
 
 def read_index(path: Path) -> np.ndarray:
-    """Return (F, 3) number, device time and host time of each frame. A last line that was cut off is skipped.
-
-    Raises:
-        RecordingInvalid: it is missing, or not an index.
-    """
+    """Return (F, 3) number, device and host time of each whole line. Raise RecordingInvalid if it is not an index."""
     try:
         lines = read_text(path).splitlines(keepends=True)
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
@@ -156,11 +148,6 @@ _ASK_EVERY = 32  # Number of frames between checks of the free space. Chosen by 
 
 class Recording:
     """The folder of a recording with its description and the sensors' poses. Sensors are added when they appear.
-
-    Args:
-        kind: picture format, 'raw' or 'png'.
-        fps: requested frames per second.
-        overwrite: replace an existing recording.
 
     Raises:
         OutputExists: there is a recording already.
@@ -196,9 +183,7 @@ def _not_writable(folder: Path, error: OSError) -> OutputNotWritable:
 class SensorRecorder:
     """Write the frames of one sensor in its own thread. Frames that come too fast are dropped and counted.
 
-    Args:
-        kind: 'raw' or 'png'.
-        patient: wait for the disk, for sources that can wait.
+    ``patient`` waits for the disk instead, for sources that can wait.
     """
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
@@ -267,12 +252,10 @@ class SensorRecorder:
 def due_frames(
     times: np.ndarray, start: float | None, *, repeat: bool = False
 ) -> Iterator[tuple[int, int, float, float]]:
-    """Yield index, lap, device time and host time of frames.
+    """Yield index, lap, device time and host time of frames at (F,) seconds on the device's clock.
 
-    Args:
-        times: (F,) seconds on the device's clock.
-        start: host time (``time.perf_counter``) of time 0. None to yield all frames at once.
-        repeat: start again after the end. The device's clock goes on.
+    ``start`` is the host time (``time.perf_counter``) of time 0, None to yield all frames at once. ``repeat`` starts
+    again after the end, with continuing time.
     """
     if not len(times):
         return
@@ -418,10 +401,7 @@ class SensorFolder:
 
 
 def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
-    """Open a recording, or the folder of a studio shot.
-
-    Args:
-        calibration: replaces the folder's own.
+    """Open a recording, or the folder of a studio shot. ``calibration`` replaces its own.
 
     Raises:
         RecordingInvalid: the folder is neither, or is damaged.
@@ -479,7 +459,7 @@ def _shot(path: Path, calibration: Path | None) -> SensorFolder:
 
 
 def _named(cameras: Cameras, found: set[str], path: Path) -> tuple[list[str], tuple[str, ...]]:
-    """Return the calibrated sensors that were found, and those that are missing."""
+    """Return the found and the missing calibrated sensors."""
     names = [name for name in cameras.names if name in found]
     if not names:
         there = ", ".join(sorted(found)) or "nothing"

@@ -58,13 +58,8 @@ _NEVER = 1e6  # Cost of an impossible pair, more than any sum of possible ones.
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Select as many candidate pairs (a, b) as possible with the least ``Σ cost``, each name at most once.
 
-    Candidates fall into components that share no name. Those with several pairs are solved by the Hungarian method
-    (Kuhn 1955).
-
-    Args:
-        a: (P,) names of the first set, not negative.
-        b: (P,) names of the second.
-        cost: (P,) of each candidate, far below 1e6.
+    Names are not negative, and costs are far below 1e6. Candidates fall into components that share no name. The
+    Hungarian method solves components of several pairs (Kuhn 1955).
     """
     if not len(a):
         return a, b
@@ -155,11 +150,7 @@ class FusedPoints:
 
 
 def fuse(sightings: list[SensorSightings], clusters: str = "test") -> FusedPoints:
-    """Return the points of one moment.
-
-    Args:
-        clusters: 'test' joins sightings within their covariances, 'radius' joins all within ``radius_m``.
-    """
+    """Return the points of one moment. ``clusters``: 'test' joins within covariances, 'radius' within ``radius_m``."""
     time = float(np.mean([s.time for s in sightings])) if sightings else 0.0
     if clusters == "radius":
         return _within_radius(time, sightings)
@@ -299,11 +290,9 @@ class Finding:
 
 
 class Gatherer:
-    """Join the frames that sensors took at one moment.
+    """Join the frames that sensors took at one moment, closer than half of ``period_s``.
 
-    Args:
-        period_s: frame interval. Frames closer than half of it belong to one moment.
-        wait_s: longest wait of a moment for the last sensor on the host's clock. None for no limit.
+    A moment waits for the last sensor for at most ``wait_s`` on the host's clock. None for no limit.
     """
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
@@ -426,7 +415,7 @@ class MarkerTracks:
         self._score, self._unseen_s = np.zeros(0), np.zeros(0)
 
     def update(self, found: FusedPoints) -> TrackedPoints:
-        """Return the points of a moment with their tracks. Tracks restart if time runs back or stands still."""
+        """Return the points of a moment with their tracks. Tracks restart if time does not advance."""
         dt = 0.0 if self._time is None else found.time - self._time
         if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
             self.clear()
@@ -520,7 +509,7 @@ def build_cloud(moments: Sequence[TrackedPoints], fps: float) -> MarkerCloud:
     column = _columns(rows, of_point, len(names))
     if span_s * fps > _MOST_UNSEEN * len(moments) + _PAUSE:
         message = f"{len(moments)} moments with markers span {span_s:.0f} s at {fps:g} a second."
-        hint = "Times of an index are in seconds; record what has long pauses in parts."
+        hint = "Times of an index are in seconds. Record in parts if there are long pauses."
         raise RecordingInvalid(message, where="index.csv", hint=hint)
     shape = round(span_s * fps) + 1, int(column.max(initial=-1)) + 1
     positions, spread = np.full((*shape, 3), np.nan), np.full((*shape, 3, 3), np.nan)

@@ -154,7 +154,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
         section("What to look at", _paragraphs(words) or "<p>Nothing unusual was found.</p>"),
         section("Sensors", facts(sensors), "Places and deviations, about the whole array."),
         section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
-        section("Seen together", together, "Moments at which two sensors saw the wand."),
+        section("Seen together", together, "Moments with the wand before two sensors."),
         section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
         section("How", _paragraphs([sentence(note) for note in array.notes])),
     ]

@@ -33,7 +33,7 @@ class GammaNotFound(MocapError):
 
 
 class GammaInvalid(MocapError):
-    """The Γ's edges are too short, too long or too alike."""
+    """The Γ's edges are too short, too long or too similar."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +47,7 @@ class Gamma:
     def __post_init__(self) -> None:
         if not (self.short_m > 0.05 and self.long_m < 5.0 and -0.1 < self.height_m < 0.5):
             message = f"Edges of {self.long_m} and {self.short_m} m with markers {self.height_m} m high make no Γ."
-            hint = "Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good; lengths are metres."
+            hint = "Edges of 0.05 to 5 m are possible, 0.6 and 0.4 are good. Lengths are metres."
             raise GammaInvalid(message, hint=hint)
         if self.long_m < LEAST_RATIO * self.short_m:
             message = f"The long edge of {self.long_m} m and the short one of {self.short_m} m are too alike."
@@ -77,7 +77,7 @@ def ground_from_gamma(
     """Return up, floor and origin from the robust mean of the three points in each cloud that fit the Γ best.
 
     Clouds are the (N, 3) points of one moment in metres, other points among them. Up is ``u × v / |u × v|`` with the
-    long edge u and the short edge v. The (C, 3) sensors are above the floor, which shows if the Γ lies mirrored.
+    long edge u and the short edge v. The (C, 3) sensors are above the floor, which shows if the Γ is mirrored.
 
     Raises:
         GammaNotFound: too few clouds have it.

@@ -138,7 +138,7 @@ def robust_umeyama(
     Samples of three pairs give hypotheses. Cauchy's penalty of ``|R x + t - y| / σ`` selects one and reweights it.
     ``sigma`` (n,) are the standard deviations of the pairs' distances. Lengths are metres.
 
-    Reference: Umeyama 1991; Fischler and Bolles 1981 (the samples).
+    Reference: Umeyama 1991, Fischler and Bolles 1981 (the samples).
     """
     picks = np.stack([rng.permutation(len(source))[:3] for _ in range(HYPOTHESES)])
     _, R, t = umeyama(source[picks], target[picks])
@@ -192,14 +192,10 @@ def poses_by_lights(
 
 
 def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Compare the (3,) triangulated distances of the lights with the wand's lengths.
-
-    Raises:
-        WandInvalid: the shorter part's share differs by more than a tenth.
-    """
+    """Compare (3,) triangulated distances with the wand's. Raise WandInvalid if its short part differs by a tenth."""
     share = float(min(measured_m[:2]) / measured_m[:2].sum())
     if abs(share / wand.short_share - 1.0) > 0.1:
-        message = f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}."
+        message = f"The lights have a proportion of {share:.3f}, but the lengths give {wand.short_share:.3f}."
         hint = "Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26"
         raise WandInvalid(message, hint=hint)
 
@@ -387,7 +383,7 @@ def calibrate_by_wand(
         WandAmbiguous: most frames have other lights.
         WandInvalid: the wand differs from the given one.
 
-    Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
+    Reference: thesis 5.3.2, "Spatial Alignment", Gossard et al. 2024 (three lights without depth).
     """
     names = tuple(view.name for view in views)
     _require_seen(views)
@@ -435,7 +431,9 @@ def _require_seen(views: Sequence[WandView]) -> None:
             hint = "Check that its infrared is on, its exposure fixed, and the marker in sight."
             raise WandNotSeen(message, where=f"sensor {view.name}", hint=hint)
     if len(views) < 2:
-        raise WandNotSeen(f"{len(views)} sensors saw a wand; two are needed.", where=", ".join(v.name for v in views))
+        raise WandNotSeen(
+            f"{len(views)} sensors saw a wand, and two are needed.", where=", ".join(v.name for v in views)
+        )
 
 
 def _with_lights(view: WandView, wand: Wand) -> WandView:

@@ -94,11 +94,7 @@ class Moments:
 
 
 def with_growing_times(view: WandView) -> WandView:
-    """Return the view without rows of decreasing time.
-
-    Raises:
-        TimesInvalid: too many rows are lost, or they span more than a day.
-    """
+    """Return the view without rows of decreasing time. Raise TimesInvalid if too many are lost, or span over a day."""
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
     good = np.isfinite(times) & (times > before)
@@ -341,7 +337,7 @@ def is_sensor_folder(path: Path) -> bool:
 def sensor_views(
     folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of one marker. Frames with several markers are crowded. ``masks`` are those of ``masks_of``.
+    """Return the views of one marker. Frames with several markers are crowded. ``masks`` are from ``masks_of``.
 
     Raises:
         PicturesDiffer: infrared, depth and calibration have different sizes.
@@ -399,7 +395,7 @@ def points_files(folder: Path) -> list[Path]:
 
 
 def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
-    """Return the views of a folder's tables, ``NAME.csv`` per sensor. Missing lenses are read from files beside them.
+    """Return the views of a folder's tables, ``NAME.csv`` per sensor. Missing lenses are read from files next to them.
 
     Raises:
         FileMissing: there is no table.
@@ -417,11 +413,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return a sensor's lens: the given one, or the one in a calibration file next to the table.
-
-    Raises:
-        CalibrationMissing: there is neither.
-    """
+    """Return a sensor's lens, or the one in a file next to the table. Raise CalibrationMissing if there is neither."""
     name = path.stem
     if lenses is not None and name in lenses:
         return lenses[name]
@@ -433,11 +425,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
 
 
 def read_table(path: Path) -> tuple[np.ndarray, bool]:
-    """Return a table's rows, one per moment or marker, and whether they are markers with depth.
-
-    Raises:
-        FileMissing, FileDamaged: there is no such file, or a row has neither format.
-    """
+    """Return a table's rows (moments or markers), and whether they have depth. Raise FileMissing or FileDamaged."""
     text = read_text(path)
     first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
     with_depth = first == DEPTH_HEADER
@@ -474,7 +462,7 @@ def _view(path: Path, lens: Lens) -> WandView:
 def wand_views(
     folder: Path, lenses: Path | None, *, lights: bool, empty: Path | None = None, progress: Progress = silent
 ) -> list[WandView]:
-    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files beside the tables have them.
+    """Return the views of a wand. Without ``lenses`` (a calibration or a library), files next to the tables have them.
 
     Raises:
         FileMissing: there is no recording.
