@@ -265,11 +265,9 @@ _MOST_EXIF, _MOST_SEGMENTS = 1 << 16, 64  # Bytes of a JPEG segment, and segment
 _EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
 """Tags of Exif 2.32: of the list of the camera's own entries, and FocalLengthIn35mmFilm."""
 _QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
-_SIGNED, _UNSIGNED = {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}
-_FORMATS = {21: _SIGNED, 22: _UNSIGNED, 23: {4: ">f"}, 24: {8: ">d"}}
-"""Number formats by their type and length (QuickTime File Format, well-known types)."""
-_FORMATS |= {kind: {size: _SIGNED[size]} for kind, size in ((65, 1), (66, 2), (67, 4), (74, 8))}
-_FORMATS |= {kind: {size: _UNSIGNED[size]} for kind, size in ((75, 1), (76, 2), (77, 4), (78, 8))}
+_SIGNED, _FLOATS = (21, 65, 66, 67, 74), {(23, 4): ">f", (24, 8): ">d"}
+_UNSIGNED = (22, 75, 76, 77, 78)
+"""Types of numbers, big-endian, and floats by type and length (QuickTime File Format, well-known types)."""
 PLAUSIBLE_MM = (8.0, 1000.0)  # Range of focal lengths, from fisheye to telescope.
 
 
@@ -332,5 +330,7 @@ def _of_metadata(meta: memoryview) -> float | None:
     kind, value = struct.unpack_from(">I", data, 0)[0], bytes(data[8:])
     if kind == 1:
         return float(value.decode("ascii", "replace"))
-    layout = _FORMATS.get(kind, {}).get(len(value))
+    if kind in (*_SIGNED, *_UNSIGNED) and 0 < len(value) <= 8:
+        return float(int.from_bytes(value, "big", signed=kind in _SIGNED))
+    layout = _FLOATS.get((kind, len(value)))
     return None if layout is None else float(struct.unpack(layout, value)[0])

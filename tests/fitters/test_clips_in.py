@@ -63,6 +63,7 @@ def test_a_suits_recording_comes_back(tmp_path: Path, body: Body, known: KnownMo
         ({"<frames>": "<frames>&"}, FileDamaged, "not XML"),
         ({"<orientation>1.000000": "<orientation>nan"}, NonFiniteData, "'orientation' holds NaN"),
         ({"<orientation>1.000000": "<orientation>"}, FileDamaged, "instead of 88"),
+        ({"<orientation>1.000000": "<orientation>1e200"}, NonFiniteData, "'orientation' holds 1e\\+200"),
     ],
 )
 def test_what_is_wrong_with_a_suits_file_is_named(tmp_path, known, edits, error, text) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.exchange.rigs.names import guess_roles
 from solver_backend.exchange.rigs.skeleton import LIMBS, Skeleton, is_plausible
 from solver_backend.exchange.rigs.structure import recognise
@@ -93,8 +94,8 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     order = [segments.index(name) for name in _XSENS if name in segments]
     names = tuple(segments[s] for s in order)
     used = [frames[rest_at], *normal]
-    quats = _numbers(used, "orientation", 4 * len(segments), where).reshape(len(used), -1, 4)[:, order]
-    places = _numbers(used, "position", 3 * len(segments), where).reshape(len(used), -1, 3)[:, order]
+    quats = _numbers(used, "orientation", (len(segments), 4), 2.0, where)[:, order]
+    places = _numbers(used, "position", (len(segments), 3), FARTHEST_IN_UNITS, where)[:, order]
     size = np.linalg.norm(quats, axis=-1, keepdims=True)
     if size.min() < 0.5:
         raise NonFiniteData("Orientations hold zeros.", where=where)
@@ -115,21 +116,22 @@ def _possible(rate: float | None, where: str) -> float:
     return rate
 
 
-def _numbers(frames: list[ElementTree.Element], tag: str, count: int, where: str) -> np.ndarray:
-    """Return the (F, count) numbers of one entry of every frame."""
-    rows = np.empty((len(frames), count))
-    for row, frame in zip(rows, frames, strict=True):
+def _numbers(
+    frames: list[ElementTree.Element], tag: str, shape: tuple[int, int], most: float, where: str
+) -> np.ndarray:
+    """Return the (F, *shape) numbers of one entry of every frame, at most ``most``."""
+    rows, count = [], shape[0] * shape[1]
+    for frame in frames:
         try:
-            values = np.array((frame.findtext(tag) or "").split(), np.float64)
+            rows.append(np.array((frame.findtext(tag) or "").split(), np.float64))
         except ValueError as error:
             raise NonFiniteData(f"'{tag}' holds something that is not a number.", where=where) from error
-        if len(values) != count:
+        if len(rows[-1]) != count:
             place = f"{where}, frame {frame.get('index') or frame.get('type')}"
-            raise FileDamaged(f"'{tag}' has {len(values)} numbers instead of {count}.", where=place)
-        row[:] = values
-    if not np.isfinite(rows).all():
-        raise NonFiniteData(f"'{tag}' holds NaN or infinite values.", where=where)
-    return rows
+            raise FileDamaged(f"'{tag}' has {len(rows[-1])} numbers instead of {count}.", where=place)
+    values = np.array(rows).reshape(-1, *shape)
+    require_within(f"'{tag}'", values, most, NonFiniteData, where)
+    return values
 
 
 _THEIA = _segment_table(

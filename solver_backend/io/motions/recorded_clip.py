@@ -49,9 +49,7 @@ _JUMP_POSE = (
     ("right_shoulder", (-np.pi / 2, 0.0, 0.0)),
 )
 """T-poses of two families, rad."""
-_MAKEHUMAN_POSE = tuple(
-    (side + joint, (0.0, 0.0, 0.0)) for side in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle")
-)
+_MAKEHUMAN_POSE = tuple((s + joint, (0.0, 0.0, 0.0)) for s in ("Left", "Right") for joint in ("Hip", "Knee", "Ankle"))
 _TABLE = """
     segments: Hips LeftUpLeg RightUpLeg LowerBack LeftLeg RightLeg Spine LeftFoot RightFoot Spine1 LeftToeBase
     RightToeBase Neck LeftShoulder RightShoulder Head LeftArm RightArm LeftForeArm RightForeArm LeftFingerBase
@@ -79,19 +77,11 @@ _TABLE = """
     makehuman: Hips LeftHip RightHip Chest LeftKnee RightKnee CS_BVH LeftAnkle RightAnkle CS_BVH LeftAnkle
     RightAnkle Neck LeftCollar RightCollar Head LeftShoulder RightShoulder LeftElbow RightElbow LeftWrist RightWrist
 """
-_JOINTS = {
-    family: tuple(joints.split()) for family, _, joints in (row.strip().partition(":") for row in _TABLE.split("\n\n"))
-}
-"""Recorded joints of SMPL's joints 0..21 by family."""
-MAPS: tuple[SkeletonMap, ...] = (
-    SkeletonMap("segments", _JOINTS["segments"], _ZERO_POSE),
-    SkeletonMap("mb2", _JOINTS["mb2"]),
-    SkeletonMap("expmap", _JOINTS["expmap"]),
-    SkeletonMap("max", _JOINTS["max"], _MAX_POSE),
-    SkeletonMap("rigify", _JOINTS["rigify"]),
-    SkeletonMap("daz", _JOINTS["daz"], halfway=((3, 0, 6),)),
-    SkeletonMap("jump", _JOINTS["jump"], _JUMP_POSE, halfway=((6, 0, 9), (3, 0, 6))),
-    SkeletonMap("makehuman", _JOINTS["makehuman"], _MAKEHUMAN_POSE, halfway=((6, 3, 9),)),
+_POSES = {"segments": _ZERO_POSE, "max": _MAX_POSE, "jump": _JUMP_POSE, "makehuman": _MAKEHUMAN_POSE}
+_HALFWAY = {"daz": ((3, 0, 6),), "jump": ((6, 0, 9), (3, 0, 6)), "makehuman": ((6, 3, 9),)}
+MAPS: tuple[SkeletonMap, ...] = tuple(
+    SkeletonMap(family, tuple(joints.split()), _POSES.get(family, ()), _HALFWAY.get(family, ()))
+    for family, _, joints in (row.strip().partition(":") for row in _TABLE.split("\n\n"))
 )
 """Families of recordings, asked in this order."""
 _FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.exchange.errors import FileDamaged, FileMissing, MocapError
 from solver_backend.io.markers.read import read_markers
 
 
@@ -57,3 +57,27 @@ def test_pickled_and_truncated_arrays_are_damaged(tmp_path):
     (tmp_path / "points.npy").write_bytes(b"\x93NUMPY")
     with pytest.raises(FileDamaged):
         read_markers(tmp_path / "points.npy", fps=30)
+
+
+def test_an_archive_of_arrays_with_another_ending_is_named(tmp_path):
+    np.savez(tmp_path / "points.npz", np.zeros((3, 17, 3)))
+    (tmp_path / "points.npz").rename(tmp_path / "points.npy")
+    with pytest.raises(FileDamaged, match=r"archive of arrays \(\.npz\)"):
+        read_markers(tmp_path / "points.npy", fps=30)
+
+
+def test_every_damage_to_the_header_of_an_array_is_named(tmp_path):
+    stored(tmp_path)
+    path = tmp_path / "points.npy"
+    whole, rng, refused = path.read_bytes(), np.random.default_rng(1), 0
+    for _ in range(300):
+        damaged = bytearray(whole)
+        at = int(rng.integers(128))
+        other = rng.choice(list(b"0123456789(),'<f8TrueO"), int(rng.integers(3))).astype(np.uint8)
+        damaged[at : at + int(rng.integers(3))] = other.tobytes()
+        path.write_bytes(damaged)
+        try:
+            read_markers(path, fps=30)
+        except MocapError:
+            refused += 1
+    assert refused > 100
