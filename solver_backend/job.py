@@ -67,9 +67,11 @@ class Job(JobFile):
             raise JobInvalid(what, where="job", hint="Give both as paths of files.")
         own = {item.name: str(item.type) for item in fields(JobFile) if item.name not in READING}
         kinds = own | {name: row.kind for name, row in READING.items()}
-        types = {name: _TYPES[kind] for name, kind in kinds.items() if kind in _TYPES}
+        types: dict[str, Any] = {name: _TYPES[kind] for name, kind in kinds.items() if kind in _TYPES}
         given = {name: value for name, kind in types.items() if (value := _typed(values, name, kind)) is not None}
-        convert = {name: folder.joinpath for name, kind in own.items() if kind.startswith("Path")}
+        convert: dict[str, Callable[[Any], Any]] = {
+            name: folder.joinpath for name, kind in own.items() if kind.startswith("Path")
+        }
         convert |= {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
         plain = {name: convert.get(name, lambda value: value)(value) for name, value in given.items()}
         return cls(

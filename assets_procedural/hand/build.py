@@ -31,7 +31,7 @@ from solver_backend.body.hand_angles import ANGLES, FINGER_OF, JOINT_OF
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import COLUMNS, hand_size_directions
 from solver_backend.exchange.body_layout import SMPL_FINGERS
-from solver_backend.exchange.hand_points import FINGERS
+from solver_backend.exchange.joint_sets import FINGERS
 
 _RIDGE, _SMALLEST_M = 0.1, 5e-5  # Of the fit of correctives; the smallest that is kept.
 _COUNT = 48  # Sampled poses per joint.

@@ -14,7 +14,7 @@ from solver_backend.body.hand_angles import ANGLES
 from solver_backend.body.hands import finger_rotations, hand_points, hand_skeletons, load_body_with_hands, rest_angles
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.exchange.verb import flag, option, output, parse_script, values
 
 Degrees = Mapping[str, float]

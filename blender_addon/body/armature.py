@@ -10,7 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from .._exchange.hand_points import SIDES
+from .._exchange.joint_sets import SIDES
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS, SMPL_HANDS, BodyLayout, layout_of
 from .controls.limbs import COLLECTION as FINGER_COLLECTION

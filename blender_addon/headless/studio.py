@@ -5,12 +5,12 @@ from __future__ import annotations
 import time
 from argparse import Namespace
 from pathlib import Path
-from typing import NotRequired
+from typing import Any, NotRequired
 
 from .._exchange.cluster_address import use_certificates
 from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
-from .._exchange.verb_results import BenchmarkResult, BenchmarkRow, DataSetPlan
+from .._exchange.verb_results import BenchmarkResult, DataSetPlan
 from .batch.dispatch import dispatch
 from .batch.record import TakeRecord
 from .batch.request import Listed, Spread
@@ -26,7 +26,7 @@ class StudioResult(DataSetPlan, CommandResult):
 
     seconds: NotRequired[float]
     page: NotRequired[str]
-    rows: NotRequired[list[BenchmarkRow]]
+    rows: NotRequired[list[dict[str, Any]]]
     places: NotRequired[str]
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import FINGERS, HAND_POINTS, SIDES
 from solver_backend.types.shapes import Bool, Float
 
 FLEXION, SPREAD, TWIST = 0, 1, 2  # Into the palm, towards the thumb (of the thumb: off the palm), about the bone.

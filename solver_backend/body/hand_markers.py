@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
-from solver_backend.exchange.hand_points import FINGERS
+from solver_backend.exchange.joint_sets import FINGERS
 
 THICKNESS_M = 0.010  # From the middle of a finger's joint to a marker's middle on its back.
 PALM_THICKNESS_M = 0.016  # The same on the palm.

@@ -20,7 +20,7 @@ from solver_backend.body.hand_angles import (
     rotation_angles,
     side_sign,
 )
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.geometry.rotations import cross
 from solver_backend.types.shapes import Float, Int
 

@@ -19,7 +19,7 @@ from solver_backend.exchange.finger_joints import (
     needs_hands_file,
     with_finger_joints,
 )
-from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.exchange.joint_sets import FINGERS, SIDES
 from solver_backend.exchange.npz import read_npz
 from solver_backend.types.shapes import Float, Int
 

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3, skew
 from solver_backend.types import Cameras, Capture, Keypoints2D

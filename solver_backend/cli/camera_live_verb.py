@@ -7,7 +7,6 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from solver_backend.cli.arguments import given_world
 from solver_backend.cli.live_sources import settle_memory
@@ -20,12 +19,19 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.exchange.vmc.sender import read_address
-
-if TYPE_CHECKING:
-    from solver_backend.io.calibration.entry import Calibration
-    from solver_backend.live.recordings import Recorder
-    from solver_backend.live.views_session import ViewsSession
-    from solver_backend.videos.streaming.moments import LiveMoments, PictureSource
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.calibration.search import ordered
+from solver_backend.io.camera_names import listing, match_names
+from solver_backend.io.native.motion_file import read_subject
+from solver_backend.live.recordings import Recorder
+from solver_backend.live.session_loop import with_display
+from solver_backend.live.views_session import ViewsSession
+from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
+from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
+from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector, joint_set_of
+from solver_backend.videos.streaming.moments import LiveMoments, PictureSource, ReplayedVideo, Webcam
+from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
 
 MOST_CAMERAS = 4  # More are no help to one person, and a load, chosen by hand.
 _SWITCH_S = 5e-4  # Seconds after which one thread lets another one on, chosen by hand.
@@ -38,13 +44,6 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid(message, hint="Name a video, webcam:NUMBER or oak:ID for each.")
     if args.send is not None:
         read_address(args.send)
-    from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.recordings import Recorder
-    from solver_backend.live.views_session import ViewsSession
-    from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
-    from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector, joint_set_of
-    from solver_backend.videos.streaming.moments import LiveMoments
-    from solver_backend.videos.streaming.recording import ViewsRecording, motion_of
 
     sources = picture_sources(args.sources, repeat=args.repeat)
     calibration = _calibration(args.calibration, [source.name for source in sources])
@@ -80,9 +79,6 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
     """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened."""
-    from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
-    from solver_backend.videos.streaming.moments import ReplayedVideo, Webcam
-
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -104,10 +100,6 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 
 def _calibration(path: Path, names: list[str]) -> Calibration:
     """Return the calibration of these cameras, in their order."""
-    from solver_backend.io.calibration.read import read_calibration
-    from solver_backend.io.calibration.search import ordered
-    from solver_backend.io.camera_names import listing, match_names
-
     calibration = read_calibration(path)
     order = match_names(names, calibration.cameras.names)
     if order is None:
@@ -120,9 +112,6 @@ def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
     """Yield the lines of moments, each after it was recorded, until the time is over."""
-    from solver_backend.live.session_loop import with_display
-    from solver_backend.videos.streaming.recording import run_recorded
-
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

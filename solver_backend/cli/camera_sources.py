@@ -5,24 +5,46 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
+from solver_backend.camera_calibration.boards.board import Board, board_named
+from solver_backend.camera_calibration.boards.footage import board_footage, find_together
+from solver_backend.camera_calibration.extrinsics.board_session import (
+    BoardOptions,
+    calibrate_by_board,
+    calibrate_lenses,
+)
+from solver_backend.camera_calibration.extrinsics.person_session import (
+    calibrate_by_person,
+    main_person,
+    refine_by_person,
+)
+from solver_backend.camera_calibration.extrinsics.together import (
+    Evidence,
+    board_evidence,
+    calibrate_by_points,
+    calibrate_together,
+    clicks_evidence,
+    in_world_of,
+    person_evidence,
+    read_clicks,
+)
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.camera_calibration.intrinsics.lens_fit import CameraLens, write_coverage
 from solver_backend.cli.arguments import given_world, reading
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.reading_settings import WorldSettings
+from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.calibration.search import levels_above
+from solver_backend.io.detections.read import read_detections
+from solver_backend.io.detections.search import camera_sources, read_config
+from solver_backend.io.footage import find_footage, headers
+from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Capture, Keypoints2D
-
-if TYPE_CHECKING:
-    from solver_backend.camera_calibration.boards.board import Board
-    from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
-    from solver_backend.camera_calibration.extrinsics.together import Evidence
-    from solver_backend.camera_calibration.intrinsics.lens_fit import CameraLens
 
 _WORLD_OPTIONS = {"person": {"stature"}, "refine": {"stature", "scale", "level"}}
 """World settings that a method uses. The other methods use the scale alone."""
@@ -44,8 +66,6 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
     """Return the capture of the command line, or that at a path, read with its options."""
-    from solver_backend.io.load import load_capture
-
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
@@ -56,10 +76,6 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
     Raises:
         CalibrationInvalid: a camera has too few pictures of the board.
     """
-    from solver_backend.camera_calibration.boards.footage import board_footage
-    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses
-    from solver_backend.camera_calibration.intrinsics.lens_fit import write_coverage
-
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
@@ -70,9 +86,6 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
 
 
 def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
-    from solver_backend.camera_calibration.boards.board import board_named
-    from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
-
     folder = args.footage or args.source
     there = (folder / name for name in ("board.toml", "charuco.toml"))
     given = args.board or next((str(path) for path in there if path.is_file()), None)
@@ -87,9 +100,6 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.boards.footage import board_footage
-    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
-
     board, options = _board_options(args)
     footage = board_footage(args.source)
     known = known_lenses(args.lenses, tuple(footage.extrinsic)) if args.lenses is not None else {}
@@ -97,8 +107,6 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
 
 
 def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.person_session import calibrate_by_person
-
     length = None
     if args.length is not None:
         try:
@@ -125,12 +133,6 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
     """Return the same of detections without calibration, where the person is the largest in each view."""
-    from solver_backend.camera_calibration.extrinsics.person_session import main_person
-    from solver_backend.io.calibration.search import levels_above
-    from solver_backend.io.detections.read import read_detections
-    from solver_backend.io.detections.search import camera_sources, read_config
-    from solver_backend.io.footage import find_footage, headers
-
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)
@@ -150,8 +152,6 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
 
 
 def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.together import calibrate_by_points, read_clicks
-
     clicks = read_clicks(args.source)
     if args.lenses is None:
         raise CommandLineInvalid("Clicked points need lenses.", hint="Give them with --lenses CALIBRATION|LENSES.json.")
@@ -160,8 +160,6 @@ def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.person_session import refine_by_person
-
     cameras, keypoints = capture_of(args, progress).require_multiview()
     progress("Cameras from the person", 0, 1)
     return refine_by_person(cameras, keypoints, free_focal=args.refine_lenses)
@@ -169,15 +167,6 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
-    from solver_backend.camera_calibration.extrinsics.together import (
-        calibrate_together,
-        clicks_evidence,
-        in_world_of,
-        person_evidence,
-        read_clicks,
-    )
-    from solver_backend.io.calibration.read import read_calibration
-
     if args.footage is None and args.take is None and args.clicks is None:
         hint = "Give --footage, --take or --clicks, or several of them."
         raise CommandLineInvalid("--from together needs a source.", hint=hint)
@@ -204,9 +193,6 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
 
 
 def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
-    from solver_backend.camera_calibration.boards.footage import board_footage, find_together
-    from solver_backend.camera_calibration.extrinsics.together import board_evidence
-
     board, options = _board_options(args)
     footage = board_footage(args.footage)
     _known_cameras(tuple(footage.extrinsic), start.names, args.footage)

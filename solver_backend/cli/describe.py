@@ -2,22 +2,23 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
-from solver_backend.cli.outcome import rows, sentences
-from solver_backend.exchange.verb_results import CameraSummary, CaptureSummary, MotionSummary, PersonSummary
+from solver_backend.cli.outcome import found_data, rows
+from solver_backend.exchange.verb_results import CaptureSummary, MotionSummary, PersonSummary
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
 def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
     """Return text and JSON values: cameras, frames, keypoints, markers, people, notes and problems."""
+    duration_s = round(capture.num_frames / capture.fps, 3) if capture.fps else None
     data = CaptureSummary(
-        name=capture.name, frames=capture.num_frames, fps=capture.fps, cameras=_cameras(capture),
-        duration_s=round(capture.num_frames / capture.fps, 3) if capture.fps else None, joint_set=None, markers=None,
-        people=describe_people(capture), person=capture.person, truth=sorted(capture.truth),
-        notes=sentences(capture.notes), problems=sentences(capture.problems),
-        diagnostics=[item.as_dict() for item in (*capture.problems, *capture.notes)],
+        name=capture.name, frames=capture.num_frames, fps=capture.fps, duration_s=duration_s, joint_set=None,
+        markers=None, cameras=_cameras(capture), people=describe_people(capture), person=capture.person,
+        truth=sorted(capture.truth), **found_data((*capture.problems, *capture.notes)),
     )  # fmt: skip
     if capture.keypoints is not None:
         data["joint_set"] = capture.keypoints.joint_set.value
@@ -35,12 +36,11 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
 def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
     """Return text and JSON values: length, residual and the number of frames to check."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
+    unseen, unsure = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     data = MotionSummary(
         frames=motion.num_frames, fps=motion.fps, duration_s=round(motion.num_frames / motion.fps, 3),
-        solve_s=round(solve_s, 2), reprojection_median_px=_median(motion.reprojection_px),
-        marker_median_mm=_median(motion.marker_residual_mm),
-        unseen_frames=int(np.count_nonzero(flags & FLAG_UNSEEN)),
-        unsure_frames=int(np.count_nonzero(flags & FLAG_UNSURE)),
+        solve_s=round(solve_s, 2), reprojection_median_px=_median(motion.reprojection_px), unseen_frames=unseen,
+        marker_median_mm=_median(motion.marker_residual_mm), unsure_frames=unsure,
     )  # fmt: skip
     residual, measured = f"{data['reprojection_median_px']} px", "detections"
     if motion.markers is not None and motion.reprojection_px is None:
@@ -64,7 +64,7 @@ def _median(errors: np.ndarray | None) -> float | None:
 
 
 def describe_people(capture: Capture) -> list[PersonSummary]:
-    """Return name, agreed frames and share of frames per view of each person, if there are several."""
+    """Return each person's name, agreed frames and share of frames per view, if there are several people."""
     people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)
@@ -95,22 +95,15 @@ def frames_without_two_views(capture: Capture) -> list[list[int]]:
     return [list(run) for run in true_runs(blind)]
 
 
-def _cameras(capture: Capture) -> list[CameraSummary]:
-    """Return name, size, place, footage and the share of keypoints in percent of each camera."""
-    cameras, found = capture.cameras, list[CameraSummary]()
+def _cameras(capture: Capture) -> list[dict[str, Any]]:
+    cameras, found = capture.cameras, list[dict[str, Any]]()
     for c, name in enumerate(() if cameras is None else cameras.names):
         assert cameras is not None
         seen = None if capture.keypoints is None else float((capture.keypoints.confidence[c] > 0).mean())
         footage = capture.footage[c] if c < len(capture.footage) else None
-        found.append(
-            {
-                "name": name,
-                "image_size": cameras.image_size[c].tolist(),
-                "position_m": [round(float(v), 3) for v in cameras.centres[c]],
-                "seen_percent": None if seen is None else round(100 * seen, 1),
-                "footage": str(footage) if footage else None,
-            }
-        )
+        place = {"image_size": cameras.image_size[c].tolist(), "position_m": cameras.centres[c].round(3).tolist()}
+        share = None if seen is None else round(100 * seen, 1)
+        found.append({"name": name, **place, "seen_percent": share, "footage": str(footage) if footage else None})
     return found
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +13,6 @@ from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers, places_by_side
 from solver_backend.body.markers import ON_BONE, marker_landmarks
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary, MarkerGaps
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.partial_body.rest_parts import listed, parts_without
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
@@ -23,24 +23,18 @@ from solver_backend.types import MarkerCloud, MarkerSubject
 MOST_LISTED = 8  # Markers in a line, chosen by hand.
 
 
-def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
+def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
     """Return lines and JSON values: subjects, which labels are known, and gaps."""
     labels = cloud.labels or ()
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
     count = cloud.positions.shape[1]
     gaps, faults = _gaps(cloud), _faults(cloud)
-    groups = {
-        "known": list(names.known), "of hands": list(hands), "unknown": list(names.unknown),
-        "computed": list(names.virtual), "doubled": list(names.doubled),
-    }  # fmt: skip
-    data = LabelsSummary(
-        subjects=list(subjects_of(labels)), known=groups["known"], of_hands=groups["of hands"],
-        unknown=groups["unknown"], computed=groups["computed"], doubled=groups["doubled"],
-        unlabelled=count - len(named), gaps=gaps, jumping=faults["jumping"], frozen=faults["frozen"],
-    )  # fmt: skip
-    counts = {**{what: len(group) for what, group in groups.items()}, "unlabelled": data["unlabelled"]}
-    parts = [f"{number} {what}" for what, number in counts.items() if number]
+    groups = {"known": names.known, "of_hands": hands, "unknown": names.unknown, "computed": names.virtual}
+    groups = {what: list(group) for what, group in {**groups, "doubled": names.doubled}.items()}
+    data = {"subjects": list(subjects_of(labels)), **groups, "unlabelled": count - len(named), "gaps": gaps, **faults}
+    counts = {**{what: len(group) for what, group in groups.items()}, "unlabelled": count - len(named)}
+    parts = [f"{number} {what.replace('_', ' ')}" for what, number in counts.items() if number]
     lines = [f"  markers     {count}: {', '.join(parts)}"]
     if data["subjects"]:
         lines.append(f"  subjects    {', '.join(data['subjects'])}")
@@ -67,7 +61,6 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
 
 
 def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
-    """Return the parts of the body without a known marker, none if too few markers are known for a solve."""
     labels = [label for label in cloud.labels or () if label in known]
     if len(labels) < least_markers([known[label] for label in labels]):
         return ()
@@ -77,12 +70,12 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
     return parts_without(body, landmarks, np.isfinite(cloud.positions[:, columns]).all(-1).any(axis=0))
 
 
-def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
+def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
     """Return text and JSON values of a calibrated person: shape, places of markers and their scatter."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
     doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]
-    data: CalibratedPerson = {
+    data = {
         "body": person.body,
         "betas": [round(float(value), 3) for value in person.betas],
         "markers": {
@@ -106,13 +99,11 @@ def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
 
 
 def _is_free(place: str) -> bool:
-    """Return whether a place is a shaft, along which a marker may sit anywhere."""
     rule = load_layouts().sided.get(place[1:])
     return rule is not None and rule["kind"] == "shaft"
 
 
 def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
-    """Return the markers that jump, and the markers that are frozen for a while."""
     if cloud.labels is None or cloud.positions.shape[1] < 2 or len(cloud.positions) < 2:
         return {"jumping": [], "frozen": []}
     around = neighbours_of(cloud.positions)
@@ -123,7 +114,7 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
     return {name: [cloud.labels[i] for i in np.flatnonzero(which)] for name, which in found.items()}
 
 
-def _gaps(cloud: MarkerCloud) -> list[MarkerGaps]:
+def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
     """Return each marker with gaps, including those at the ends, and its share of frames without it."""
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))

@@ -9,20 +9,28 @@ import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from solver_backend.body.body import load_body
+from solver_backend.cli.arguments import loaded
+from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, NoDetections
 from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import FACES, IFACIALMOCAP, PORTS, is_address, read_address
-
-if TYPE_CHECKING:
-    from solver_backend.live.recordings import Recorder
-    from solver_backend.live.sending import Proportions
-    from solver_backend.live.session import LiveSession
+from solver_backend.io.native.motion_file import read_subject
+from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
+from solver_backend.live.frames import LATE_S, KeepUp, from_lines, read_ahead, replayed
+from solver_backend.live.port import listen
+from solver_backend.live.recordings import FaceRecording, PointsRecording, PosesRecording, Recorder, record_points
+from solver_backend.live.sending import Proportions, replayed_poses, rest_joints
+from solver_backend.live.session import LiveSession, person_fit
+from solver_backend.live.session_loop import with_display
+from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
 FOREIGN_CLIPS = (".bvh", ".mvnx")
 """Endings of motions of other skeletons, which are fitted by our body before they are replayed."""
@@ -54,9 +62,6 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
     _refuse(args, "points", "a motion", "record", "subject")
-    from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
-    from solver_backend.exchange.diagnostics import sentence
-    from solver_backend.live.sending import replayed_poses, rest_joints
 
     path = Path(args.source)
     if path.suffix.lower() in FOREIGN_CLIPS:
@@ -87,11 +92,6 @@ def _refuse_ending(path: Path | None, what: str, ending: str) -> None:
 def _poses(args: argparse.Namespace) -> LiveSource:
     """Return poses that other programs send to a port."""
     _refuse_ending(args.record, "Poses are recorded as a motion", ".npz")
-    from solver_backend.body.body import load_body
-    from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.port import listen
-    from solver_backend.live.recordings import FaceRecording, PosesRecording, Recorder
-    from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -111,10 +111,6 @@ def _face(args: argparse.Namespace) -> LiveSource:
     """Return the face that a phone sends."""
     _refuse(args, "poses", "a face", "send", "subject")
     _refuse_ending(args.record, "A face is recorded as a table", ".csv")
-    from solver_backend.body.body import load_body
-    from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
-    from solver_backend.live.port import listen
-    from solver_backend.live.recordings import FaceRecording, Recorder
 
     address = read_address(args.source, FACES)
     assembly, body = FaceAssembly(address.scheme), load_body()
@@ -133,11 +129,6 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return points of a take, or of lines, with a fit that makes poses of them."""
-    from solver_backend.cli.arguments import loaded
-    from solver_backend.live.frames import KeepUp, from_lines, read_ahead, replayed
-    from solver_backend.live.recordings import PointsRecording, Recorder, record_points
-    from solver_backend.live.session import LiveSession, person_fit
-
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
@@ -168,9 +159,6 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
     """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
-    from solver_backend.live.frames import LATE_S
-    from solver_backend.live.session_loop import with_display
-
     named = False
     for line in lines:
         if "frame" not in line:

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Callable, Iterable, Mapping
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
@@ -19,10 +19,9 @@ from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
 from solver_backend.io.files import AppendedFile, open_appended
-
-if TYPE_CHECKING:
-    from solver_backend.live.recordings import Recorder
-    from solver_backend.live.sending import Proportions
+from solver_backend.live.recordings import Recorder
+from solver_backend.live.sending import PoseSender, Proportions
+from solver_backend.live.session_loop import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -66,12 +65,8 @@ class LiveOutput:
     ) -> None:  # fmt: skip
         self.statistics, self._sender = None, None
         if proportions is not None:
-            from solver_backend.live.session_loop import LiveStatistics
-
             self.statistics = LiveStatistics()
             if args.send is not None:
-                from solver_backend.live.sending import PoseSender
-
                 self._sender = PoseSender(read_address(args.send), proportions)
         self._path, self._recorder, self._others = args.lines, recorder, others
         self._stack = ExitStack()

@@ -4,19 +4,25 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver_backend.body.files.choices import load_chosen_body
+from solver_backend.body.hands import flat_hands
+from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
+from solver_backend.exchange.finger_joints import from_flat
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.progress import Progress
-from solver_backend.types import Motion
-
-if TYPE_CHECKING:
-    from solver_backend.fitters.motion_import.import_motion import ImportedMotion
-    from solver_backend.types import SkeletonMotion
+from solver_backend.exchange.rigs.rest_frames import bent_at_rest
+from solver_backend.fitters.hands.wide_motion import with_finger_turns
+from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.load import load_motion
+from solver_backend.io.motions.amass import AmassClip, motion_of
+from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+from solver_backend.types import Motion, SkeletonMotion
 
 _FAR_MM = 20.0  # Least mean distance of a joint from its source that is noted, chosen by hand.
 _RAISED_M = 0.02  # Least change of a motion's height that is noted, metres, chosen by hand.
@@ -33,15 +39,6 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
         choice: name or path of the body.
         keep_shape: use the shape coefficients of an AMASS file, which belong to the body that it was fitted with.
     """
-    from solver_backend.body.hands import flat_hands
-    from solver_backend.body.kinematics import forward_kinematics
-    from solver_backend.exchange.finger_joints import from_flat
-    from solver_backend.exchange.joint_sets import NUM_JOINTS
-    from solver_backend.fitters.hands.wide_motion import with_finger_turns
-    from solver_backend.geometry.rotations import exp_so3, log_so3
-    from solver_backend.io.load import load_motion
-    from solver_backend.io.motions.amass import AmassClip, motion_of
-
     motion = load_motion(path)
     if isinstance(motion, Motion):
         return motion
@@ -94,10 +91,6 @@ def read_foreign_motion(
         up_axis: axis that points up in the clip. It is detected if empty.
         keep_height: do not put the lowest soles on the floor.
     """
-    from solver_backend.exchange.rigs.rest_frames import bent_at_rest
-    from solver_backend.fitters.motion_import.import_motion import import_motion
-    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
-
     progress("reading the clip", 0, 1)
     source, roles, found = read_foreign_clip(path, unit, up_axis)
     progress("fitting the body", 0, 1)

@@ -6,27 +6,41 @@ import argparse
 import json
 from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.files.choices import load_chosen_body
+from solver_backend.cli.arguments import load
+from solver_backend.cli.motion_reading import any_motion, read_foreign_motion
 from solver_backend.cli.outcome import Outcome, found_data, found_lines, rows
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.verb_results import ClipResult, GlovesOfMotion, GlovesResult
-
-if TYPE_CHECKING:
-    from solver_backend.types import Motion
+from solver_backend.exchange.verb_results import ClipResult, GlovesResult
+from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
+from solver_backend.fitters.pose_ndf.complete import CompleteSettings, DenoiseSettings, KeypointSettings, missing_joints
+from solver_backend.fitters.pose_ndf.edit_motion import (
+    completed_motion,
+    denoised_motion,
+    fitted_motion,
+    frames_of,
+    interpolated_motion,
+    sampled_motion,
+)
+from solver_backend.io.motions.amass import is_amass
+from solver_backend.io.motions.gloves import read_gloves
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
+from solver_backend.types import Motion
 
 PROPS_FORMAT, PROPS_VERSION = "manifold_mocap_props", 1
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
-    from solver_backend.cli.motion_reading import read_foreign_motion
-    from solver_backend.io.motions.amass import is_amass
-    from solver_backend.io.native.motion_file import write_motion
-
     if is_amass(args.clip):
         return _amass(args, progress)
     brought = read_foreign_motion(
@@ -49,9 +63,6 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write AMASS poses as a motion of our mean shape. AMASS' shape coefficients describe other bodies."""
-    from solver_backend.cli.motion_reading import any_motion
-    from solver_backend.io.native.motion_file import write_motion
-
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
     write_motion(args.out, clip, overwrite=args.overwrite, name=args.clip.stem)
@@ -65,16 +76,10 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a motion with the fingers of glove recordings, brought to its time."""
-    from solver_backend.body.files.choices import load_chosen_body
-    from solver_backend.cli.motion_reading import any_motion
-    from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
-    from solver_backend.io.motions.gloves import read_gloves
-    from solver_backend.io.native.motion_file import write_motion
-
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
     lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
-    files: list[GlovesOfMotion] = []
+    files: list[dict[str, Any]] = []
     for number, path in enumerate(args.gloves):
         progress("adding hands", number, len(args.gloves))
         gloves = read_gloves(path, args.side)
@@ -86,21 +91,13 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("adding hands", len(args.gloves), len(args.gloves))
     motion = replace(motion, provenance={**motion.provenance, "gloves": files})
     write_motion(args.out, motion, overwrite=args.overwrite)
-    result: GlovesResult = {
-        "motion": str(args.out),
-        "frames": motion.num_frames,
-        "fps": motion.fps,
-        "gloves": files,
-        **found_data(found),
-    }
+    about: ClipResult = {"motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, **found_data(found)}
+    result: GlovesResult = {**about, "gloves": files}
     return Outcome("\n".join([*lines, *found_lines(found), *rows("written", args.out)]), result)
 
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a motion smooth and its poses plausible."""
-    from solver_backend.fitters.pose_ndf.complete import DenoiseSettings
-    from solver_backend.fitters.pose_ndf.edit_motion import denoised_motion
-
     settings = DenoiseSettings(move_root=not args.keep_root)
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
     settings = replace(settings, weights=replace(settings.weights, **given))
@@ -109,9 +106,6 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the rotations of joints that are not known."""
-    from solver_backend.fitters.pose_ndf.complete import CompleteSettings, missing_joints
-    from solver_backend.fitters.pose_ndf.edit_motion import completed_motion
-
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
@@ -121,10 +115,6 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fit poses and one shape to the keypoints of calibrated views (Tiwari et al. 2022, eqs. 10 and 11)."""
-    from solver_backend.cli.arguments import load
-    from solver_backend.fitters.pose_ndf.complete import KeypointSettings
-    from solver_backend.fitters.pose_ndf.edit_motion import fitted_motion
-
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _by_pose_ndf(
@@ -134,8 +124,6 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write plausible poses drawn at random."""
-    from solver_backend.fitters.pose_ndf.edit_motion import sampled_motion
-
     progress("Sampling", 0, args.count)
     outcome = _by_pose_ndf(args, lambda body, prior: sampled_motion(body, prior, args.count, args.seed))
     progress("Sampling", args.count, args.count)
@@ -144,8 +132,6 @@ def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Fill the transition between two frames with plausible poses."""
-    from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
-
     first, last = args.frames
     return _by_pose_ndf(
         args, lambda body, prior: interpolated_motion(_read(args), body, prior, first, last, args.count, progress)
@@ -160,13 +146,6 @@ def _read(args: argparse.Namespace) -> Motion:
 
 def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outcome:
     """Write the motion that is made with a body and the prior."""
-    import numpy as np
-
-    from solver_backend.body.body import load_body
-    from solver_backend.fitters.pose_ndf.edit_motion import frames_of
-    from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
-
     body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
     motion = work(body, prior)
     write_motion(args.out, motion, overwrite=args.overwrite)

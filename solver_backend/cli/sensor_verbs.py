@@ -7,28 +7,29 @@ from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from solver_backend.cli.outcome import Outcome, findings_data, rows
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
-
-if TYPE_CHECKING:
-    from solver_backend.sensors.chain import MarkerChain
-    from solver_backend.sensors.devices.oak import Oak
-    from solver_backend.sensors.devices.recorded import SensorFolder
-    from solver_backend.types import Cameras
+from solver_backend.io.calibration.read import read_calibration
+from solver_backend.io.markers.read import write_markers
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
+from solver_backend.sensors.devices import oak
+from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, listed_oaks, oak_cameras
+from solver_backend.sensors.devices.oak_colour import OakColour
+from solver_backend.sensors.devices.oak_colour import record_colour as record
+from solver_backend.sensors.devices.recorded import Recording, SensorFolder, open_folder
+from solver_backend.sensors.take import capture_of, cloud_of, masks_of
+from solver_backend.types import Cameras
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find markers in the frames of several sensors and write their points in a format of markers or as our capture."""
-    import numpy as np
-
-    from solver_backend.io.markers.read import write_markers
-    from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.sensors.take import capture_of, cloud_of
-
     folder = folder_of(args)
     take = cloud_of(folder, masks=mask_of(args), clusters=args.clusters, progress=progress)
     if args.out.suffix.lower() == ".npz":
@@ -53,8 +54,6 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
 def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record all frames of a source."""
-    from solver_backend.sensors.chain import LiveMoment
-
     findings = []
     with chain_of(args, folder_of(args), args.out, live=False) as chain:
         for moment in chain.moments():
@@ -69,9 +68,6 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames at full speed."""
-    from solver_backend.sensors.chain import MarkerChain, SensorTask
-    from solver_backend.sensors.devices.recorded import Recording
-
     masks, recording = mask_of(args), None
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
     if record is not None:
@@ -85,15 +81,11 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
     """Open the folder of sensors of a command line."""
-    from solver_backend.sensors.devices.recorded import open_folder
-
     return open_folder(args.source if path is None else path, args.calibration)
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return each sensor's mask of bright places in the empty scene, none without a recording of it."""
-    from solver_backend.sensors.take import masks_of
-
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
@@ -108,17 +100,12 @@ def chain_summary(chain: MarkerChain) -> dict[str, object]:
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the OAKs."""
-    from solver_backend.sensors.devices.oak import listed_oaks
-
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record infrared and depth of OAKs, and find markers meanwhile, which shows whether there are any."""
-    from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
-    from solver_backend.sensors.devices.recorded import Recording
-
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
     # Slaves first, so that they wait when the master begins.
@@ -154,10 +141,6 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
     """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration."""
-    from solver_backend.io.calibration.read import read_calibration
-    from solver_backend.sensors.devices import oak
-    from solver_backend.sensors.devices.oak import Oak, OakSettings, oak_cameras
-
     given = _named(args)
     oak.depthai()  # reported now, not by each camera's process again and again
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
@@ -174,8 +157,6 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     Raises:
         SensorUnknown: a camera is of another kind, or has no identifier.
     """
-    from solver_backend.sensors.devices.oak import device_named
-
     given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in given}
     if len(found) < len(given):
@@ -185,9 +166,6 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
 
 def record_colour(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record colour video of OAKs."""
-    from solver_backend.sensors.devices.oak_colour import OakColour
-    from solver_backend.sensors.devices.oak_colour import record_colour as record
-
     roles = ("master", "slave") if args.wire else ("none", "none")
     cameras = {
         name: OakColour(name, identifier, fps=args.fps, role=roles[c > 0])

@@ -6,7 +6,9 @@ import argparse
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import numpy as np
 
 from solver_backend.cli.live_sources import make_ready
 from solver_backend.cli.live_verb import LiveOutput, live_text
@@ -17,11 +19,16 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.sender import read_address
-
-if TYPE_CHECKING:
-    from solver_backend.live.frames import PointFrame
-    from solver_backend.sensors.chain import LiveMoment, MarkerChain
-    from solver_backend.sensors.wand.views import Coverage
+from solver_backend.fitters import solve
+from solver_backend.fitters.label_first import labelled_capture
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.live.frames import PointFrame
+from solver_backend.live.session import LiveSession, person_fit
+from solver_backend.live.session_loop import with_display
+from solver_backend.sensors.chain import LiveMoment, MarkerChain, SensorTask
+from solver_backend.sensors.devices.recorded import Recording, open_folder
+from solver_backend.sensors.take import capture_of
+from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5  # Seconds between two reports of the wand's coverage, chosen by hand.
 
@@ -31,8 +38,6 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     _check(args)
     session = None
     if args.poses:  # made before the sensors begin, as it takes time
-        from solver_backend.live.session import LiveSession, person_fit
-
         session = LiveSession(*person_fit(args.subject), unit="m", up_axis="z")
         make_ready(session)
     output = LiveOutput(args, None if session is None else session.proportions)
@@ -41,8 +46,6 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         moments = _moments(chain, output.lines.write, until, progress)
         lines: Iterator[Any]
         if session is not None:
-            from solver_backend.live.session_loop import with_display
-
             lines = session.run(map(_frame, moments))
             if args.with_points:
                 lines = (with_display(line, session) if "frame" in line else line for line in lines)
@@ -85,8 +88,6 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     """Return the chain of a folder at its recorded rate, or of cameras."""
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
-    from solver_backend.sensors.chain import MarkerChain, SensorTask
-    from solver_backend.sensors.devices.recorded import Recording
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
@@ -102,8 +103,6 @@ def _moments(
     chain: MarkerChain, write: Callable[[dict[str, object]], None], until: float | None, progress: Progress
 ) -> Iterator[LiveMoment]:
     """Yield moments until the time is over. Events of sensors are written at once."""
-    from solver_backend.sensors.chain import LiveMoment
-
     for moment in chain.moments():
         progress("Live", 0, 1)
         if isinstance(moment, LiveMoment):
@@ -116,18 +115,12 @@ def _moments(
 
 def _frame(moment: LiveMoment) -> PointFrame:
     """Return the markers of a moment without ghosts."""
-    from solver_backend.live.frames import PointFrame
-
     tracked = moment.tracked
     return PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
     """Yield a line each ``COVERAGE_INTERVAL_S``: the visited part of every picture, and the next place."""
-    import numpy as np
-
-    from solver_backend.sensors.wand.views import Coverage
-
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:
@@ -157,12 +150,6 @@ def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several:
 
 def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) -> str:
     """Solve a recording of sensors and write the motion."""
-    from solver_backend.fitters import solve
-    from solver_backend.fitters.label_first import labelled_capture
-    from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.sensors.devices.recorded import open_folder
-    from solver_backend.sensors.take import capture_of
-
     capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)
     write_motion(out, solve(capture, progress=progress).motion, overwrite=overwrite)
     return str(out)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.arguments import EVERYBODY, given_settings, load, reading, trials_of
 from solver_backend.cli.describe import describe_motion
@@ -22,7 +22,7 @@ from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import atomic_files, check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
+from solver_backend.exchange.verb_results import SolveResult, TakeResult, TakesResult
 from solver_backend.exchange.verbs import VERBS
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.job import Job, Resolve
@@ -208,7 +208,7 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[Ta
     summary: list[str] = []
     to_check: list[str] = []
     takes: list[TakeResult] = []
-    failed: list[FailedTake] = []
+    failed: list[dict[str, Any]] = []
     first: MocapError | None = None
     for number, job in enumerate(jobs):
         parts = _parts(job, progress)

@@ -5,22 +5,33 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from solver_backend.cli.outcome import Outcome, rows
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import BenchmarkResult, DataSetPlan
-
-if TYPE_CHECKING:
-    from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.io.files import read_json
+from solver_backend.job import settings_of
+from solver_backend.synthesis.studio.benchmark.page import page_html, table
+from solver_backend.synthesis.studio.benchmark.place_errors import place_errors, places_text
+from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
+from solver_backend.synthesis.studio.contact_sheet import write_card
+from solver_backend.synthesis.studio.data_set import (
+    check_data_set,
+    free_bytes,
+    make_data_set,
+    open_data_set,
+    plan,
+    read_data_set,
+)
+from solver_backend.synthesis.studio.spec import read_faults, read_spec
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a data set, or report its size."""
-    from solver_backend.synthesis.studio.contact_sheet import write_card
-    from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
-    from solver_backend.synthesis.studio.spec import read_spec
-
     spec = read_spec(args.description)
     begin = open_data_set if args.claim else check_data_set
     found = begin(spec, args.out) if args.plan or args.claim else plan(spec)
@@ -46,13 +57,6 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
-    from solver_backend.exchange.outputs import write_text
-    from solver_backend.exchange.solve_settings import SolveSettings
-    from solver_backend.synthesis.studio.benchmark.page import page_html, table
-    from solver_backend.synthesis.studio.benchmark.place_errors import place_errors, places_text
-    from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
-    from solver_backend.synthesis.studio.data_set import read_data_set
-
     spec, _ = read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
@@ -80,11 +84,6 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Map the errors of a description's camera arrays over the floor."""
-    from solver_backend.exchange.outputs import write_text
-    from solver_backend.synthesis.studio.benchmark.page import page_html
-    from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
-    from solver_backend.synthesis.studio.spec import read_faults, read_spec
-
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
@@ -100,10 +99,6 @@ def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _settings(path: Path) -> SolveSettings:
-    from solver_backend.exchange.errors import JobInvalid
-    from solver_backend.io.files import read_json
-    from solver_backend.job import settings_of
-
     values = read_json(path)
     if not isinstance(values, dict):
         raise JobInvalid("Settings are an object with keys.", where=str(path), hint='Such as {"smoothing": 2.0}.')

@@ -16,7 +16,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised, CommandLineInva
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.verb_results import CameraChange, CaptureResult, CapturesResult, PersonResult, RefineResult
+from solver_backend.exchange.verb_results import CaptureResult, RefineResult
 from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
@@ -39,7 +39,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_subject(args.out, person, overwrite=args.overwrite)
     text, data = describe_person(person)
     problems = sentences([item for capture in captures for item in capture.problems])
-    written: PersonResult = {"subject": str(args.out), **data, "problems": problems}
+    written = {"subject": str(args.out), **data, "problems": problems}
     return Outcome("\n".join([text, *rows("written", args.out)]), written)
 
 
@@ -91,13 +91,10 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     files = [args.out / trial.name / "capture.npz" for trial in trials]
     for path in files:
         check_output(path, overwrite=args.overwrite)
-    texts: list[str] = []
-    found: CapturesResult = {"captures": []}
-    for trial, path in zip(trials, files, strict=True):
-        text, data = _write(path, load(trial, reading(args), progress), args.overwrite)
-        texts.append(text)
-        found["captures"].append({**data, "source": str(trial)})
-    return Outcome("\n".join(texts), found)
+    loaded_trials = ((path, load(trial, reading(args), progress)) for trial, path in zip(trials, files, strict=True))
+    written = [_write(path, capture, args.overwrite) for path, capture in loaded_trials]
+    found = [{**data, "source": str(trial)} for trial, (_, data) in zip(trials, written, strict=True)]
+    return Outcome("\n".join(text for text, _ in written), {"captures": found})
 
 
 def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
@@ -134,18 +131,13 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
     text, data = _write(args.out, refined, args.overwrite)
-    changes: list[CameraChange] = []
+    changes = []
     for c, name in enumerate(found.cameras.names):
-        columns = (found.before_px, found.after_px, found.moved_mm, found.turned_degrees)
-        values = [round(float(column[c]), 2) if np.isfinite(column[c]) else None for column in columns]
-        before_px, after_px, moved_mm, turned = values
-        changes.append(
-            {"name": name, "before_px": before_px, "after_px": after_px, "moved_mm": moved_mm, "turned_degrees": turned}
-        )
-        text += (
-            f"\n  refined     {name}: {before_px} px before, {after_px} px after; "
-            f"moved by {moved_mm} mm, turned by {turned}°"
-        )
+        columns = {key: getattr(found, key)[c] for key in ("before_px", "after_px", "moved_mm", "turned_degrees")}
+        values = {key: round(float(value), 2) if np.isfinite(value) else None for key, value in columns.items()}
+        changes.append({"name": name, **values})
+        line = "{before_px} px before, {after_px} px after; moved by {moved_mm} mm, turned by {turned_degrees}°"
+        text = "\n".join([text, *rows("refined", f"{name}: {line.format(**values)}")])
     done: RefineResult = {**data, "refined": changes}
     return Outcome(text, done)
 

@@ -27,40 +27,6 @@ class Remarks(TypedDict):
     diagnostics: list[DiagnosticValues]
 
 
-class CameraSummary(TypedDict):
-    """A camera of a capture."""
-
-    name: str
-    image_size: list[int]
-    position_m: list[float]
-    seen_percent: float | None  # Share of keypoints that it sees; None without keypoints.
-    footage: str | None
-
-
-class MarkerGaps(TypedDict):
-    """How often a marker is missing."""
-
-    marker: str
-    gaps: int
-    missing_percent: float
-
-
-class LabelsSummary(TypedDict):
-    """What the labels of a recording mean: lists of labels by what they are, and gaps."""
-
-    subjects: list[str]
-    known: list[str]
-    of_hands: list[str]
-    unknown: list[str]
-    computed: list[str]
-    doubled: list[str]
-    unlabelled: int
-    gaps: list[MarkerGaps]
-    jumping: list[str]
-    frozen: list[str]
-    resting: NotRequired[list[str]]  # Parts of the body that no known marker informs.
-
-
 class CaptureSummary(Remarks):
     """What was recognised in a capture."""
 
@@ -68,7 +34,7 @@ class CaptureSummary(Remarks):
     frames: int
     fps: float
     duration_s: float | None
-    cameras: list[CameraSummary]
+    cameras: list[dict[str, Any]]
     joint_set: str | None
     markers: int | None
     people: list[PersonSummary]
@@ -76,7 +42,7 @@ class CaptureSummary(Remarks):
     truth: list[str]
     own_points: NotRequired[dict[str, str]]  # Bones by keypoints of the user's own.
     bridged_frames: NotRequired[list[list[int]]]
-    marker_names: NotRequired[LabelsSummary]
+    marker_names: NotRequired[dict[str, Any]]
 
 
 class CaptureResult(CaptureSummary):
@@ -86,26 +52,10 @@ class CaptureResult(CaptureSummary):
     source: NotRequired[str]  # A session's trial.
 
 
-class CapturesResult(TypedDict):
-    """Of ``convert`` of a session."""
-
-    captures: list[CaptureResult]
-
-
-class CameraChange(TypedDict):
-    """What ``refine-cameras`` did to a camera."""
-
-    name: str
-    before_px: float | None
-    after_px: float | None
-    moved_mm: float | None
-    turned_degrees: float | None
-
-
 class RefineResult(CaptureResult):
     """Of ``refine-cameras``."""
 
-    refined: list[CameraChange]
+    refined: list[dict[str, Any]]
 
 
 class CheckResult(TypedDict):
@@ -149,40 +99,20 @@ class TakeResult(SolveResult):
     name: str
 
 
-class FailedTake(ErrorEvent):
-    """What could not be solved, of several."""
-
-    capture: str
-    name: str
-
-
 class TakesResult(TypedDict):
     """Of ``solve`` of several captures or people."""
 
     takes: list[TakeResult]
-    failed: list[FailedTake]
+    failed: list[dict[str, Any]]
 
 
-class OffsetOfMarker(TypedDict):
-    """Where a marker sits on a calibrated person."""
-
-    place: str
-    offset_mm: float
-    sigma_mm: float
-
-
-class CalibratedPerson(TypedDict):
-    """Shape of a person, and where their markers sit."""
+class PersonResult(TypedDict):
+    """Of ``calibrate``."""
 
     body: str
     betas: list[float]
-    markers: dict[str, OffsetOfMarker]
+    markers: dict[str, dict[str, Any]]
     diagnostics: list[DiagnosticValues]
-
-
-class PersonResult(CalibratedPerson):
-    """Of ``calibrate``."""
-
     subject: str
     problems: list[str]
 
@@ -206,21 +136,13 @@ class ClipResult(Remarks):
     distance_mm: NotRequired[float]  # Of its limbs from the clip's, root mean square.
 
 
-class GlovesOfMotion(TypedDict):
-    """A recording of gloves that a motion took over."""
-
-    file: str
-    sides: list[str]
-    offset_s: float
-
-
 class GlovesResult(Remarks):
     """Of ``add-hands``."""
 
     motion: str
     frames: int
     fps: float
-    gloves: list[GlovesOfMotion]
+    gloves: list[dict[str, Any]]
 
 
 class TakeOfVideos(TypedDict):
@@ -309,25 +231,10 @@ class DataSetPlan(TypedDict):
     card: NotRequired[list[str]]
 
 
-class BenchmarkRow(TypedDict):
-    """How near a method comes to the truth of a shot."""
-
-    shot: str
-    camera_array: str
-    faults: str
-    input: str
-    method: str
-    mpjpe_mm: float | None
-    pa_mpjpe_mm: float | None
-    accel_m_s2: float | None
-    seconds: float | None
-    error: str
-
-
 class BenchmarkResult(TypedDict):
     """Of ``studio-benchmark``."""
 
     page: str
     table: str
     places: NotRequired[str]
-    rows: list[BenchmarkRow]
+    rows: list[dict[str, Any]]

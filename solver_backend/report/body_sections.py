@@ -9,8 +9,7 @@ import numpy as np
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.exchange.hand_points import FINGERS, SIDES
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.joint_sets import FINGERS, NUM_BODY_JOINTS, SIDES
 from solver_backend.fitters.one_view.depth import LIMB_ENDS
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.geometry.small_matrices import unpacked

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, warnings_in, word
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.geometry.arrays import quantile, true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles

@@ -19,8 +19,7 @@ from solver_backend.exchange.errors import (
     PersonUnknown,
     TooFewViews,
 )
-from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
-from solver_backend.exchange.joint_sets import JointSet
+from solver_backend.exchange.joint_sets import HAND_POINTS, NUM_HAND_POINTS, SIDES, JointSet
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.rigs.skeleton import JOINT_OF
 from solver_backend.types.cameras import Cameras

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import CaptureInvalid
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_PX, LONGEST_S, require_rate
 from solver_backend.exchange.schema import read_fields

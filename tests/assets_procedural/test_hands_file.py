@@ -13,7 +13,7 @@ from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.hand_angles import ANGLES, JOINT_OF
 from solver_backend.body.hands import hand_points, hand_skeletons, load_body_with_hands, rest_angles
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.exchange.joint_sets import FINGERS, SIDES
 
 LEFT = [SMPL_HANDS.joints.index("left_wrist"), *SMPL_HANDS.group("left_hand")]
 BENDS = [name for name in ANGLES if name.endswith("flexion") and name != "thumb_cmc_flexion"]

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, measure_angles
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
-from solver_backend.exchange.hand_points import HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_POINTS
 from tests.support.open_hand import open_hand
 
 RNG = np.random.default_rng(4)

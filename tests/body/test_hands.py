@@ -24,7 +24,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import BodyInvalid
-from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import FINGERS, HAND_POINTS, SIDES
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import JointSet
 from tests.body.oracle import model, state

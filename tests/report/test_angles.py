@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.report import angles
 from solver_backend.types import SMPL_JOINTS

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import bpy
 
-from ..._exchange.hand_points import FINGERS, SIDES
+from ..._exchange.joint_sets import FINGERS, SIDES
 
 ROOT = "root"  # The bone that carries everything, on the floor at the armature's origin.
 

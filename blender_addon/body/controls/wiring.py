@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..._exchange.hand_points import FINGERS, SIDES
+from ..._exchange.joint_sets import FINGERS, SIDES
 from ...conventions.nodes import add_scripted_driver
 from ...conventions.skeleton import JOINTS, PARENTS
 from ..layout import BoneLayout

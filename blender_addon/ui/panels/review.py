@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..._exchange.hand_points import FINGERS, SIDES
+from ..._exchange.joint_sets import FINGERS, SIDES
 from ..._exchange.solve_settings import CLEAN_UP
 from ...body.controls.limbs import LIMBS, ROOT, finger_control, fist_control, has_finger_controls, has_limbs
 from ...conventions.naming import counted

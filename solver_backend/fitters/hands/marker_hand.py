@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.hand_markers import HandMarkers, hand_markers
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton, site_frames
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.shown_hands import HandClouds
 from solver_backend.fitters.hands.solve_hand import (

@@ -16,7 +16,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
 from solver_backend.cameras.robust_triangulation import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
 from solver_backend.fitters.hands.shown_hands import HandClouds, HandViews

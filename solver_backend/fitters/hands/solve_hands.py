@@ -16,7 +16,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake

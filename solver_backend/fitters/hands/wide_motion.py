@@ -12,7 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.hands import FIRST_FINGER, by_joint, with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.small_matrices import mean_sigma, packed
 from solver_backend.priors.hand_prior import load_hand_prior

@@ -13,8 +13,7 @@ from solver_backend.body.kinematics import subtree_matrix
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, fingers_move
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import BodyInvalid, MotionInvalid
-from solver_backend.exchange.hand_points import SIDES
-from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SIDES, SMPL_PARENTS
 from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
 from solver_backend.exchange.rigs.skeleton import JOINT_OF, LIMBS, chain_roles
 from solver_backend.fitters.hands.wide_motion import with_finger_turns

@@ -12,7 +12,7 @@ from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, informed_joints
 from solver_backend.body.hands import JOINTS_OF_A_HAND, by_joint, hand_skeletons, with_fingers
 from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.fitters.hands.wide_motion import FINGERS, finger_turns_of, with_finger_turns
 from solver_backend.geometry.arrays import true_runs
 from solver_backend.geometry.rotations import exp_so3, log_so3

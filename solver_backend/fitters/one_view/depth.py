@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.build_motion import PosedTake

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.hand_points import HAND_COLUMNS, NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_COLUMNS, NUM_HAND_POINTS
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import spans_too_much
 from solver_backend.types import UNSEEN_POINT, JointSet

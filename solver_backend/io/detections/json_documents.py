@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.files import read_json

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
-from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.files import read_json
 from solver_backend.types import BONES, UNSEEN_POINT, JointSet, OwnPoint

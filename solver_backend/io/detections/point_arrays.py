@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.npz import array_names, read_npz
 from solver_backend.io.detections.camera_frames import CameraFrames, is_seen
 from solver_backend.io.detections.column_table import frames_of_columns

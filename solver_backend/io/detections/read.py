@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People, cleaned_hands, hands_of

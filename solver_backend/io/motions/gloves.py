@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.body.hand_angles import ANGLES, KNUCKLES, NUM_ANGLES
 from solver_backend.body.skeleton_fingers import finger_angles, finger_points, hands_of_skeleton
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid
-from solver_backend.exchange.hand_points import FINGERS, NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import FINGERS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.outputs import require_file
 from solver_backend.exchange.rigs.names import side_of_name
 from solver_backend.exchange.rigs.skeleton import Skeleton

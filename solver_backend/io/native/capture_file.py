@@ -13,7 +13,7 @@ import numpy as np
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
 from solver_backend.exchange.diagnostics import notes_in, read_diagnostics, warnings_in
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MocapError, NonFiniteData
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, FARTHEST_M, require_within

@@ -13,7 +13,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
-from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior, load_hand_prior
 from solver_backend.synthesis.faults import autoregressive, bursts

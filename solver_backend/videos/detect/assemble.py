@@ -19,7 +19,7 @@ from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import rotated_back
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.reading_settings import WorldSettings
 from solver_backend.geometry.alignment import nearest_rotation

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver_backend.exchange.errors import Cancelled, MocapError
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
 from solver_backend.videos.detect.detector import WORKER, DetectorChoice, DetectorProcess, joint_set_of

@@ -19,7 +19,7 @@ import numpy as np
 
 from solver_backend.exchange.detectors import DETECTORS, MEDIAPIPE
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.types import JointSet

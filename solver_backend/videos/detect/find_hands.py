@@ -14,7 +14,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
 from solver_backend.exchange.errors import CaptureInvalid
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.joint_sets import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.priors.lifted_take import lift_take
 from solver_backend.priors.prior_on_body import prior_on_body

@@ -14,7 +14,7 @@ import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.robust_triangulation import triangulate
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras
 

@@ -12,7 +12,7 @@ from solver_backend.body.hands import by_finger, hand_of_shape, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.fitters.hands.measured_hands import sort_hands
 from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.geometry.rotations import exp_so3

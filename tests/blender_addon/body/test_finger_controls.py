@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
-from blender_addon._exchange.hand_points import FINGERS
+from blender_addon._exchange.joint_sets import FINGERS
 from blender_addon.animation.action import read_pose
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.body.body_file import default_body_path, read_body

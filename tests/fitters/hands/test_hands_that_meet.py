@@ -11,7 +11,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.hands.shown_hands import HandViews
 from solver_backend.fitters.hands.solve_hands import SolvedHands, follow_hand, solve_hands

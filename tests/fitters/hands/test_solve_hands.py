@@ -11,7 +11,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import by_finger
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.hand_prior import load_hand_prior

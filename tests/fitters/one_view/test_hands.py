@@ -11,7 +11,7 @@ from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hands import by_finger, hand_of_shape, load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import read_diagnostics
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.joint_sets import SIDES
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.small_matrices import unpacked

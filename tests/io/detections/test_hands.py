@@ -17,7 +17,7 @@ from solver_backend.agreement.starts import align_rows
 from solver_backend.agreement.synchronisation import synchronised
 from solver_backend.agreement.view_faults import Mirrored, NamedLike, Rotated, ViewRange
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
-from solver_backend.exchange.hand_points import HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_POINTS
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture

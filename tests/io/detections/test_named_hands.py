@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS
+from solver_backend.exchange.joint_sets import FINGERS, HAND_POINTS
 from solver_backend.io.detections.named_keypoints import hand_point
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Keypoints2D

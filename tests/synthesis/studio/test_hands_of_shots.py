@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.exchange.hand_points import HAND_POINTS
+from solver_backend.exchange.joint_sets import HAND_POINTS
 from solver_backend.fitters.hands.wide_motion import finger_turns_of
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
