@@ -27,9 +27,8 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import set_up
+from solver_backend.synthesis.studio.stage import list_shots, set_up
 from solver_backend.synthesis.studio.truth import find_truth, true_motion
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 

@@ -33,8 +33,8 @@ from solver_backend.sensors.devices.recorded import (
 )
 from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.make_shot import make_shot
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
+from solver_backend.synthesis.studio.stage import list_shots
 from tests.support.full_disk import full_disk
 from tests.support.recorded_markers import CAMERAS, FPS, FRAMES, POINTS, recorded
 from tests.support.sensor_pictures import Painter

@@ -11,8 +11,8 @@ import numpy as np
 
 from blender_addon.studio.dressed_person import COLOURS, MarkerBalls, painted_material
 from solver_backend.synthesis.studio.make_shot import make_shot
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
+from solver_backend.synthesis.studio.stage import list_shots
 
 QUIET = {"noise": 0.0}  # Colour settings without a sensor's noise.
 

@@ -19,9 +19,8 @@ from solver_backend.exchange.version import VERSION
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.studio.checked_values import DiskTooSmall, OtherDataSet
 from solver_backend.synthesis.studio.make_shot import DONE, make_shot, read_shot
-from solver_backend.synthesis.studio.shots import Shot, list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of
-from solver_backend.synthesis.studio.stage import require_sight, set_up
+from solver_backend.synthesis.studio.stage import Shot, list_shots, require_sight, set_up
 
 DESCRIPTION, SHOTS = "studio.json", "shots"
 _FORMAT = "manifold_mocap_studio"

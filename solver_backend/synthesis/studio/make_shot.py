@@ -35,9 +35,8 @@ from solver_backend.synthesis.studio.sensor_pictures import (
     sphere_light,
     views_of,
 )
-from solver_backend.synthesis.studio.shots import Shot
 from solver_backend.synthesis.studio.spec import Spec
-from solver_backend.synthesis.studio.stage import Stage, require_sight, set_up
+from solver_backend.synthesis.studio.stage import Shot, Stage, require_sight, set_up
 from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
 from solver_backend.synthesis.studio.write_pictures import (
     EXR,

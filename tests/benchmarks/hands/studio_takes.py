@@ -25,9 +25,8 @@ from solver_backend.synthesis.studio.person_hands import (
     move_hands,
 )
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import Stage, set_up
+from solver_backend.synthesis.studio.stage import Stage, list_shots, set_up
 from solver_backend.synthesis.studio.truth import find_truth, true_motion
 from solver_backend.types import Capture, Motion
 

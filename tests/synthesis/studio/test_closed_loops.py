@@ -15,9 +15,8 @@ from solver_backend.synthesis.studio.sensor_pictures import (
     measure_depth,
     sphere_light,
 )
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of
-from solver_backend.synthesis.studio.stage import Stage, set_up
+from solver_backend.synthesis.studio.stage import Stage, list_shots, set_up
 from solver_backend.synthesis.studio.z_buffer import see_spheres
 from tests.support.blob_reading import lift, sightings, triangulated
 

@@ -17,9 +17,8 @@ from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.studio.checked_values import StudioInvalid
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.person_hands import hidden_by_hands
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import Spec, spec_of
-from solver_backend.synthesis.studio.stage import set_up
+from solver_backend.synthesis.studio.stage import list_shots, set_up
 from tests.support.open_hand import open_hand
 
 SPEC = {

@@ -8,9 +8,8 @@ from solver_backend.body.body import load_body
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.sensor_pictures import poses_of, views_of
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import set_up
+from solver_backend.synthesis.studio.stage import list_shots, set_up
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 

@@ -13,9 +13,8 @@ from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.studio.data_set import open_data_set
 from solver_backend.synthesis.studio.motions import find_motions
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import require_sight, set_up
+from solver_backend.synthesis.studio.stage import list_shots, require_sight, set_up
 from solver_backend.synthesis.studio.truth import true_motion
 from solver_backend.types import JointSet
 

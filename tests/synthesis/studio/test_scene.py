@@ -14,9 +14,8 @@ from solver_backend.synthesis.studio.camera_arrays import build_camera_array
 from solver_backend.synthesis.studio.costume import CornerSums, dress
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.room import pixel_rays, unit_box
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import set_up
+from solver_backend.synthesis.studio.stage import list_shots, set_up
 from solver_backend.synthesis.studio.truth import SELF_HIDDEN, VISIBLE, find_truth, true_motion
 from solver_backend.synthesis.studio.write_pictures import write_body
 from solver_backend.synthesis.studio.z_buffer import in_camera, rasterise

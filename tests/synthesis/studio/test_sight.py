@@ -9,10 +9,9 @@ import pytest
 
 from solver_backend.cameras.projection import project
 from solver_backend.synthesis.simulation.keypoint_detector import stabbed_faces
-from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.sight import own_parts
 from solver_backend.synthesis.studio.spec import spec_of
-from solver_backend.synthesis.studio.stage import Stage, set_up
+from solver_backend.synthesis.studio.stage import Stage, list_shots, set_up
 from solver_backend.synthesis.studio.truth import FURNITURE_HIDDEN, OUTSIDE, SELF_HIDDEN, VISIBLE, find_truth
 from solver_backend.types import JointSet
 

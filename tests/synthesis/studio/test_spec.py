@@ -22,9 +22,8 @@ from solver_backend.synthesis.studio.checked_values import (
     StudioInvalid,
 )
 from solver_backend.synthesis.studio.data_set import check_data_set, make_data_set, open_data_set, plan
-from solver_backend.synthesis.studio.shots import cast, list_shots
 from solver_backend.synthesis.studio.spec import read_spec, spec_of
-from solver_backend.synthesis.studio.stage import require_sight, set_up
+from solver_backend.synthesis.studio.stage import cast, list_shots, require_sight, set_up
 from solver_backend.types import SMPL_JOINTS
 
 

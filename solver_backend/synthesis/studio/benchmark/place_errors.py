@@ -20,8 +20,8 @@ from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints, miscalibrated, px_per_mm
 from solver_backend.synthesis.studio.camera_arrays import CameraRing, aim_point
 from solver_backend.synthesis.studio.motions import MotionSource
-from solver_backend.synthesis.studio.shots import seeded
 from solver_backend.synthesis.studio.sight import BodySight, pose_proxy, sight_lines
+from solver_backend.synthesis.studio.stage import seeded
 from solver_backend.types import Cameras, JointSet
 
 _POSES, _DRAWS = 5, 8  # Poses a place, and how often a detector looks at each.
