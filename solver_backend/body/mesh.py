@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics, pose_feature, with_resting_hands
 from solver_backend.geometry.arrays import Array, array_namespace, constant
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Float, Int
 
 _CHUNK = 16  # Frames at a time: a blended transform per vertex and frame is large.
 
@@ -51,6 +53,12 @@ def pose_mesh(
             rest = rest + xp.reshape(xp.matmul(feature[chunk], directions), (-1, *shaped.shape))
         parts.append(_skinned(xp, weights, transforms[chunk], rest))
     return xp.concat(parts, axis=0)
+
+
+def face_normals(vertices: Float[np.ndarray, "*batch v 3"], faces: Int[np.ndarray, "t 3"]) -> np.ndarray:
+    """Return the (..., T, 3) normals of triangles, as long as twice their areas."""
+    a, b, c = (vertices[..., faces[:, k], :] for k in range(3))
+    return np.cross(b - a, c - a)
 
 
 def _skinned(xp: Any, weights: Array, transforms: Array, rest: Array) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.types.shapes import Float
 
@@ -59,6 +61,19 @@ def umeyama(
     nan = xp.full_like(s, float("nan"))
     hole = xp.where(empty, nan, xp.zeros_like(s))
     return s + hole, R + hole[..., None, None], t + hole[..., None]
+
+
+def look_at(centres: Float[np.ndarray, "n 3"], target: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "n 3 3"]:
+    """Return the (n, 3, 3) rotations from world (Z up) to cameras at ``centres`` that look at a target, upright.
+
+    Rows are right, down and forward. A camera that looks straight up or down has its picture's top towards -y or y.
+    """
+    forward = target - centres
+    forward = forward / np.linalg.norm(forward, axis=1, keepdims=True)
+    upright = np.where(np.abs(forward[:, 2:]) > 0.99, [[0.0, 1.0, 0.0]], [[0.0, 0.0, 1.0]])
+    right = np.cross(forward, upright)
+    right /= np.linalg.norm(right, axis=1, keepdims=True)
+    return np.stack([right, np.cross(forward, right), forward], axis=1)
 
 
 def _rotation_and_strength(M: Array) -> tuple[Array, Array]:

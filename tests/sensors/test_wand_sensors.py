@@ -20,6 +20,7 @@ from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.views import WandAmbiguous, sensor_views, wand_views
 from solver_backend.synthesis.studio.sensor_pictures import (
     InfraredModel,
+    Seen,
     TimeOfFlightModel,
     measure_depth,
     sphere_light,
@@ -40,7 +41,8 @@ def seen_by(cameras: Cameras, view: int, points: np.ndarray, rng: np.random.Gene
     wall = np.full((height, width), WALL_M, np.float32)
     spheres = see_spheres(cameras, view, points, wall)
     light = sphere_light(spheres, wall.shape, InfraredModel())
-    depth = measure_depth(wall, np.ones_like(wall), light, spheres, TimeOfFlightModel(), rng)
+    seen = Seen(wall, np.zeros(wall.shape, np.uint8), np.ones_like(wall), None, spheres)
+    depth = measure_depth(seen, light, TimeOfFlightModel(), rng)
     infrared = np.clip(light + 900.0 + rng.normal(0, 40, wall.shape), 0, 65535).astype(np.uint16)
     return infrared, depth
 

@@ -13,6 +13,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.geometry.alignment import look_at
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.synthesis.embedded.choreography import author_motion
@@ -20,7 +21,6 @@ from solver_backend.synthesis.faults import (
     DEMO_DETECTOR,
     OPTICAL_MARKERS,
     DetectorFaults,
-    MarkerFaults,
     autoregressive,
     bursts,
 )
@@ -32,17 +32,9 @@ PX_PER_MM = 0.32  # Pixels that a millimetre spans 4.2 m from the cameras of the
 def detect(
     px: np.ndarray, image_size: np.ndarray, fps: float, faults: DetectorFaults, rng: np.random.Generator
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return noisy detections and confidences of true pixels, by the faults' drift, misses and outliers.
+    """Return noisy (C, F, K, 2) detections, NaN where missing, and (C, F, K) confidences of true pixels.
 
-    Args:
-        px: (C, F, K, 2) true pixels; NaN where the point is not in front of the camera.
-        image_size: (C, 2) width and height.
-        fps: frames per second.
-        faults: of the detector.
-        rng: seeded source of randomness.
-
-    Returns:
-        xy (C, F, K, 2) with NaN where missing, and confidence (C, F, K), 0 where missing.
+    ``px`` (C, F, K, 2) is NaN behind the camera; ``image_size`` (C, 2) is width and height.
     """
     scale = image_size[:, None, None, :].max(axis=-1, keepdims=True) / 1920
     correlation = float(np.exp(-1.0 / (faults.drift_s * fps)))
@@ -67,38 +59,24 @@ DEMO_BETAS = np.array([0.8, -0.5, 0.4, -0.3, 0.2, 0.3, -0.2, 0.1, 0.0, 0.2])  # 
 def demo_capture(
     num_frames: int = 360, fps: float = 60.0, seed: int = 7, faults: DetectorFaults = DEMO_DETECTOR
 ) -> Capture:
-    """Return the demo capture with its truth.
-
-    Args:
-        num_frames: F.
-        fps: frames per second.
-        seed: of the detector's noise; the motion is the same for all seeds.
-        faults: of the detector.
-    """
+    """Return the demo capture with its truth; the seed changes the detector's noise only."""
     body = load_body()
-    motion = author_motion(body, DEMO_BETAS, num_frames, fps)
+    root, local, transl = author_motion(body, DEMO_BETAS, num_frames, fps)
     joint_set = JointSet.BODY_25
     landmarks = keypoint_landmarks(body, joint_set)
-    posed = pose_landmarks(
-        body, landmarks, DEMO_BETAS, exp_so3(motion.global_orient), exp_so3(motion.body_pose), motion.transl
-    )
+    posed = pose_landmarks(body, landmarks, DEMO_BETAS, exp_so3(root), exp_so3(local), transl)
     centre = posed.skeleton.joints[:, 0].mean(axis=0)
     cameras = tripods(np.array([centre[0], centre[1], 0.95]))
     px = project(cameras, posed.points)
     xy, confidence = detect(px, cameras.image_size, fps, faults, np.random.default_rng(seed))
     body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
-    body_pose[:, : motion.body_pose[0].size] = motion.body_pose.reshape(num_frames, -1)
-    truth = {"betas": DEMO_BETAS, "global_orient": motion.global_orient, "body_pose": body_pose}
-    truth |= {"transl": motion.transl, "joints": posed.skeleton.joints, "keypoints3d": posed.points}
-    return Capture(
-        name="demo",
-        cameras=cameras,
-        keypoints=Keypoints2D(xy, confidence, joint_set, fps),
-        footage=(None,) * len(cameras),
-        sources=("embedded demo capture",),
-        notes=(diagnostic("synthetic", origin="authored motion, four cameras, detector-like noise"),),
-        truth=truth,
-    )
+    body_pose[:, : local[0].size] = local.reshape(num_frames, -1)
+    truth = {"betas": DEMO_BETAS, "global_orient": root, "body_pose": body_pose, "transl": transl}
+    truth |= {"joints": posed.skeleton.joints, "keypoints3d": posed.points}
+    keypoints = Keypoints2D(xy, confidence, joint_set, fps)
+    notes = (diagnostic("synthetic", origin="authored motion, four cameras, detector-like noise"),)
+    footage, sources = (None,) * len(cameras), ("embedded demo capture",)
+    return Capture("demo", cameras, keypoints, footage=footage, sources=sources, notes=notes, truth=truth)
 
 
 def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
@@ -109,11 +87,7 @@ def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Camera
     heights = 1.6 + 0.25 * np.cos(2.3 * np.arange(count))
     centres = np.stack([radius_m * np.cos(angles), radius_m * np.sin(angles), heights], axis=1)
     centres[:, :2] += target[:2]
-    forward = target - centres
-    forward /= np.linalg.norm(forward, axis=1, keepdims=True)
-    right = np.cross(forward, np.array([0.0, 0.0, 1.0]))
-    right /= np.linalg.norm(right, axis=1, keepdims=True)
-    R = np.stack([right, np.cross(forward, right), forward], axis=1)
+    R = look_at(centres, target)
     focal = 1350.0 + 25.0 * np.arange(count)
     K = np.zeros((count, 3, 3))
     K[:, 0, 0], K[:, 1, 1], K[:, 2, 2] = focal, focal * 1.002, 1.0
@@ -138,26 +112,15 @@ class RecordedMarkers:
     joints: np.ndarray  # (F, 24, 3) metres: the joints of the body that wore the markers.
 
 
-def record_markers(
-    num_frames: int = 240, fps: float = 60.0, seed: int = 11, faults: MarkerFaults = OPTICAL_MARKERS,
-    layout: str = "CMU_41",
-) -> RecordedMarkers:  # fmt: skip
-    """Return the take: a layout's markers and one whose label no layout knows.
-
-    Args:
-        num_frames: F.
-        fps: frames per second.
-        seed: of everything random; the motion is the same for all seeds.
-        faults: of the recording; gaps, placement, skin and measurement alone.
-        layout: by its name.
-    """
-    body, rng = load_body(), np.random.default_rng(seed)
-    motion = author_motion(body, BETAS, num_frames, fps)
+def record_markers(num_frames: int = 240, fps: float = 60.0, seed: int = 11, layout: str = "CMU_41") -> RecordedMarkers:
+    """Return the take: a layout's markers and one with a label that no layout knows; one motion for all seeds."""
+    body, rng, faults = load_body(), np.random.default_rng(seed), OPTICAL_MARKERS
+    root, local, transl = author_motion(body, BETAS, num_frames, fps)
     places = (*marker_layout(layout), _UNKNOWN[1])
     placement = 1e-3 * faults.placement_mm * rng.normal(size=(len(places), 3))
     placement[-1] += (0.0, 0.0, -0.04)
-    landmarks, turns = marker_landmarks(body, places), (exp_so3(motion.global_orient), exp_so3(motion.body_pose))
-    posed = pose_landmarks(body, landmarks, BETAS, *turns, motion.transl, offsets=placement)
+    landmarks = marker_landmarks(body, places)
+    posed = pose_landmarks(body, landmarks, BETAS, exp_so3(root), exp_so3(local), transl, offsets=placement)
     shape, correlation = (len(places), num_frames, 3), float(np.exp(-1 / (fps * faults.skin_s)))
     sliding = 1e-3 * faults.skin_mm * autoregressive(shape, correlation, rng).swapaxes(0, 1)
     measured = 1e-3 * faults.measurement_mm * rng.normal(size=(num_frames, len(places), 3))

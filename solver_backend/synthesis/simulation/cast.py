@@ -1,4 +1,4 @@
-"""Somebody of a random shape who does what was recorded, on the floor."""
+"""Cast people of random shape who repeat a recorded motion on the floor."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
@@ -38,41 +39,45 @@ class Person:
     local: np.ndarray  # (F, 21, 3, 3).
     transl: np.ndarray  # (F, 3) metres.
 
-    def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
-        """Return the keypoints, moved by (K, 3) offsets in their rest frames."""
-        points = keypoint_landmarks(self.body, joint_set)
+    def part(self, frames: slice | np.ndarray) -> Person:
+        """Return the person in some frames."""
+        return Person(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
+
+    def pose(self, points: Landmarks, offsets: np.ndarray | None = None) -> PosedLandmarks:
+        """Return landmarks of the body in every frame, moved by (L, 3) offsets in their rest frames."""
         return pose_landmarks(self.body, points, self.betas, self.orient, self.local, self.transl, offsets=offsets)
+
+    def landmarks(self, joint_set: JointSet, offsets: np.ndarray | None = None) -> PosedLandmarks:
+        """Return the keypoints of a set, moved by (K, 3) offsets in their rest frames."""
+        return self.pose(keypoint_landmarks(self.body, joint_set), offsets)
 
     def skin(self, frames: np.ndarray) -> np.ndarray:
         """Return the (n, V, 3) vertices in these frames."""
         return pose_mesh(self.body, self.betas, self.orient[frames], self.local[frames], self.transl[frames])
 
+    def on_the_floor(self, fps: float) -> Person:
+        """Return the person moved up or down so that a sole stands on the floor within every second.
+
+        The height is corrected by the running minimum of the soles over ``FLOOR_S``, smoothed over as long. Ramps and
+        stairs become flat, shorter jumps stay.
+        """
+        feet = [k for k, name in enumerate(JointSet.BODY_25.keypoints) if name.endswith(("_toe", "_heel"))]
+        soles = self.landmarks(JointSet.BODY_25).points[:, feet, 2].min(axis=1)
+        transl = self.transl.copy()
+        transl[:, 2] -= running_floor(soles, max(1, round(FLOOR_S * fps))) - 0.01
+        return replace(self, transl=transl)
+
 
 def cast_person(take: Take, rng: np.random.Generator, body: Body | None = None) -> Person:
-    """Return somebody of random shape who does what was recorded, on the floor."""
+    """Return a person of random shape who repeats a take on the floor; steps are scaled to the legs."""
     body = body or load_body()
     betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
-    orient, transl = _on_the_floor(body, betas, take)
-    return Person(body, betas, orient, take.rotations[:, 1:], transl)
-
-
-def _on_the_floor(body: Body, betas: np.ndarray, take: Take) -> tuple[np.ndarray, np.ndarray]:
-    """Return root rotations and translations, Z up: steps scaled to the legs, the standing sole on the floor.
-
-    The height is corrected by a slow curve, the running minimum of the soles over ``FLOOR_S`` smoothed over as long;
-    ramps and stairs become flat, jumps shorter than that stay.
-    """
-    orient = UPRIGHT @ take.rotations[:, 0]
     rest = body.rest_joints(betas)
     legs = rest[0, 1] - rest[SMPL_JOINTS.index("left_ankle"), 1]
     recorded = float(np.percentile(take.root[:, 1], 90))
     path = (take.root - take.root[:1] * [1, 0, 1]) * (legs + 0.08) / max(recorded, 0.5)
-    transl = path @ UPRIGHT.T - rest[0]
-    soles = keypoint_landmarks(body, JointSet.BODY_25)
-    points = pose_landmarks(body, soles, betas, orient, take.rotations[:, 1:], transl).points
-    feet = [k for k, name in enumerate(JointSet.BODY_25.keypoints) if name.endswith(("_toe", "_heel"))]
-    transl[:, 2] -= running_floor(points[:, feet, 2].min(axis=1), max(1, round(FLOOR_S * take.fps))) - 0.01
-    return orient, transl
+    orient, transl = UPRIGHT @ take.rotations[:, 0], path @ UPRIGHT.T - rest[0]
+    return Person(body, betas, orient, take.rotations[:, 1:], transl).on_the_floor(take.fps)
 
 
 def running_floor(height: np.ndarray, frames: int) -> np.ndarray:
@@ -87,38 +92,25 @@ _WAVES = 24  # Random waves that make up the flesh's displacement.
 _WAVELENGTH_M = 0.25  # Length of a typical one: a calf, a belly.
 
 
-@dataclass(frozen=True)
-class Strangeness:
-    """How far a body is from the solver's."""
+def strange_body(seed: int, bones: float = 0.04, flesh_mm: float = 6.0, body: Body | None = None) -> Body:
+    """Return a body with other proportions than any shape of the solver's.
 
-    bones: float = 0.04  # Standard deviation of a bone's length, as a share of it; left and right are alike.
-    flesh_mm: float = 6.0  # Standard deviation, along each axis, of how far the skin lies elsewhere.
-
-
-def strange_body(seed: int, strangeness: Strangeness = Strangeness(), body: Body | None = None) -> Body:
-    """Return a body with bones of other lengths and with other flesh.
-
-    Every bone is stretched along itself by its own factor and carries what hangs on it; the skin follows by its
-    weights, and is then displaced by a smooth random field. Joints follow from the skin as before, so that the
-    keypoints at joints and on the skin lie where the solver's body has none.
+    Every bone is stretched along itself by its own factor and carries its children. The skin follows by its weights
+    and is then displaced by a smooth random field. Joints follow the skin, so keypoints move too.
 
     Args:
-        seed: decides the body.
-        strangeness: how far it is from the given one.
-        body: the body to change; the one that ships if left out.
+        bones: standard deviation of a bone's length, as a share of it; left and right are equal.
+        flesh_mm: standard deviation of the skin's displacement along each axis.
+        body: the body to change, ours if None.
     """
     body, rng = body or load_body(), np.random.default_rng(seed)
-    stretched = _stretched(body, strangeness.bones * _alike(body, rng.normal(size=len(body.parents))))
-    flesh = 1e-3 * strangeness.flesh_mm * _smooth_field(body.v_template, rng)
+    # The right side takes the left's values: a joint's twin is the nearest one to its mirror image.
+    mirrored = body.joints_template * [-1.0, 1.0, 1.0]
+    twin = np.linalg.norm(body.joints_template[:, None] - mirrored[None], axis=-1).argmin(axis=1)
+    values = rng.normal(size=len(body.parents))[np.minimum(np.arange(len(body.parents)), twin)]
+    stretched = _stretched(body, bones * values)
+    flesh = 1e-3 * flesh_mm * _smooth_field(body.v_template, rng)
     return replace(body, id=f"{body.id}_strange{seed}", v_template=stretched + flesh)
-
-
-def _alike(body: Body, values: np.ndarray) -> np.ndarray:
-    """Return values a joint with those of the right side taken from the left: nearest mirrored rest positions."""
-    joints = body.joints_template
-    mirrored = joints * [-1.0, 1.0, 1.0]
-    twin = np.linalg.norm(joints[:, None] - mirrored[None], axis=-1).argmin(axis=1)
-    return values[np.minimum(np.arange(len(joints)), twin)]
 
 
 def _stretched(body: Body, share: np.ndarray) -> np.ndarray:
@@ -134,7 +126,7 @@ def _stretched(body: Body, share: np.ndarray) -> np.ndarray:
 
 
 def _smooth_field(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
-    """Return (N, 3) displacements of unit variance a coordinate at (N, 3) points: a sum of random waves."""
+    """Return (N, 3) displacements of unit variance per axis at (N, 3) points: a sum of random waves."""
     waves = rng.normal(size=(_WAVES, 3)) * (2 * np.pi / _WAVELENGTH_M / np.sqrt(3.0))
     phases, heights = rng.uniform(0, 2 * np.pi, _WAVES), rng.normal(size=(_WAVES, 3))
     return np.sqrt(2.0 / _WAVES) * np.cos(points @ waves.T + phases) @ heights

@@ -67,9 +67,8 @@ def detect_keypoints(
 def bias_by_direction(seen_from: np.ndarray, num_keypoints: int, rng: np.random.Generator) -> np.ndarray:
     """Return (C, F, K, 2) of unit variance: one smooth random function of the direction for each keypoint and axis."""
     waves = rng.normal(size=(5, num_keypoints, 2)) * _HARMONICS[:, None, None]
-    angle = seen_from[..., None]
-    waves_of = (np.ones_like(angle), np.cos(angle), np.sin(angle), np.cos(2 * angle), np.sin(2 * angle))
-    basis = np.concatenate(waves_of, axis=-1)
+    one, double = seen_from, 2 * seen_from
+    basis = np.stack([np.ones_like(one), np.cos(one), np.sin(one), np.cos(double), np.sin(double)], axis=-1)
     return np.tensordot(basis, waves, axes=1)
 
 
@@ -109,6 +108,12 @@ def _swaps(
 def exchanged_columns(joint_set: JointSet) -> dict[str, list[int]]:
     """Return the columns that are exchanged together, both sides of each pair of limbs."""
     return {limb: sorted(np.concatenate(limb_columns(joint_set, limb)).tolist()) for limb in EXCHANGED}
+
+
+def direction_seen_from(cameras: Cameras, orient: np.ndarray, pelvis: np.ndarray) -> np.ndarray:
+    """Return (C, F) radians of each camera about the upright axis of a body of (F, 3, 3) turns, 0 in front."""
+    way = np.einsum("fij,cfi->cfj", orient, cameras.centres[:, None] - pelvis)
+    return np.arctan2(way[..., 0], way[..., 2])
 
 
 def miscalibrated(cameras: Cameras, centre: np.ndarray, error_mm: float, rng: np.random.Generator) -> Cameras:
@@ -161,26 +166,22 @@ _AROUND: dict[str, tuple[str, ...]] = {
 
 
 def stabbed_faces(skin: np.ndarray, faces: np.ndarray, targets: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pairs (face, target) where a face towards the origin crosses the sight line before the target.
+    """Return the pairs (face, target) where a face towards the origin blocks the sight line to the target.
 
-    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive; its inverse depth is
-    their mix of the corners' (perspective-correct interpolation).
-
-    Args:
-        skin: (V, 3) vertices in the camera's frame.
-        faces: (T, 3) corners, counter-clockwise from outside.
-        targets: (K, 3) points in the camera's frame.
+    In the plane z = 1 a face covers a target where all three barycentric coordinates are positive. They interpolate the
+    corners' inverse depths (perspective-correct). ``skin`` (V, 3) and ``targets`` (K, 3) are in the camera's frame;
+    ``faces`` (T, 3) are counter-clockwise from outside.
     """
     flat, goal = skin[:, :2] / skin[:, 2:], targets[:, :2] / targets[:, 2:]
     a, b, c = (flat[faces[:, i]] for i in range(3))
-    facing = np.flatnonzero(_cross(b - a, c - a) < 0)
+    facing = np.flatnonzero(cross_2d(b - a, c - a) < 0)
     a, b, c = a[facing], b[facing], c[facing]
     low, high = np.minimum(np.minimum(a, b), c).T[:, None], np.maximum(np.maximum(a, b), c).T[:, None]
     x, y = goal.T[:, :, None]
     target, near = np.nonzero((low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1]))
     a, b, c, p, face = a[near], b[near], c[near], goal[target], facing[near]
-    u, v = _cross(p - a, c - a), _cross(b - a, p - a)
-    area = _cross(b - a, c - a)
+    u, v = cross_2d(p - a, c - a), cross_2d(b - a, p - a)
+    area = cross_2d(b - a, c - a)
     weights = np.stack([area - u - v, u, v], axis=-1) / area[:, None]
     with np.errstate(divide="ignore"):
         depth = 1.0 / (weights / skin[faces[face], 2]).sum(-1)
@@ -203,5 +204,6 @@ def own_faces(body: Body, keypoints: tuple[str, ...]) -> np.ndarray:
     return own
 
 
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+def cross_2d(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the (...) cross products of (..., 2) vectors in the plane."""
     return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]

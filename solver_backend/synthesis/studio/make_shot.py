@@ -16,12 +16,12 @@ from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.outputs import publish, unfinished_names
 from solver_backend.exchange.verb_results import ShotRecord, is_shot_record
 from solver_backend.fitters.hands.wide_motion import with_finger_turns
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.files import read_json
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.synthesis.studio.marker_sight import marker_sight
-from solver_backend.synthesis.studio.person_hands import finger_turns, hidden_of, with_found_hands, with_true_hands
+from solver_backend.synthesis.studio.person_hands import hidden_of, with_found_hands, with_true_hands
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.sensor_pictures import (
     Backdrop,
@@ -37,7 +37,7 @@ from solver_backend.synthesis.studio.sensor_pictures import (
 )
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.synthesis.studio.stage import Shot, Stage, require_sight, set_up
-from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, true_motion
+from solver_backend.synthesis.studio.truth import VISIBLE, Truth, find_truth, marker_sight, true_motion
 from solver_backend.synthesis.studio.write_pictures import (
     EXR,
     PictureWriter,
@@ -74,31 +74,24 @@ def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] =
         surfaces = stage.surface(frames)
         for frame, surface in zip(frames.tolist(), surfaces, strict=True):
             for view in range(len(cameras)):
-                markers[view, frame] = _shoot(spec, stage, behind[view], kinds, (view, frame), surface, keep)
+                markers[view, frame] = _shoot(spec, stage, behind[view], kinds, view, frame, surface, keep)
             on_frame(frame + 1)
     return markers
 
 
 def _shoot(
-    spec: Spec,
-    stage: Stage,
-    behind: Backdrop,
-    kinds: list[str],
-    place: tuple[int, int],
-    surface: np.ndarray,
-    keep: Keep,
+    spec: Spec, stage: Stage, behind: Backdrop, kinds: list[str], view: int, frame: int, surface: np.ndarray, keep: Keep
 ) -> np.ndarray:
-    view, frame = place
     seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")
     model = InfraredModel()
     if "infrared" in kinds or "depth" in kinds:
         light = sphere_light(seen.spheres, (len(seen.depth), seen.depth.shape[1]), model)
         if "infrared" in kinds:
-            keep("infrared", view, frame, infrared(seen.depth, seen.cosine, seen.label, light, model, rng))
+            keep("infrared", view, frame, infrared(seen, light, model, rng))
         if "depth" in kinds:
             sensor = TimeOfFlightModel(range_m=stage.shot.array.range_m)
-            keep("depth", view, frame, measure_depth(seen.depth, seen.cosine, light, seen.spheres, sensor, rng))
+            keep("depth", view, frame, measure_depth(seen, light, sensor, rng))
     if "masks" in kinds:
         keep("masks", view, frame, seen.label)
     if seen.normal is not None:
@@ -162,7 +155,7 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int]
         if spec.perturb.of_views:
             rng = stage.shot.rng(spec, "found hands")
             perturbed = with_found_hands(perturbed, stage.cameras, stage.hands, hidden, spec.fps, rng)
-        motion = with_finger_turns(motion, stage.person.body, finger_turns(stage.hands))
+        motion = with_finger_turns(motion, stage.person.body, log_so3(stage.hands.rotations()))
     write_capture(folder / "clean.npz", clean)
     write_capture(folder / "perturbed.npz", perturbed)
     write_motion(folder / "motion.npz", motion)

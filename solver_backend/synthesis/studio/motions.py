@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections import Counter
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.recorded_clip import body_rotations, recorded_from_bvh
 from solver_backend.synthesis.embedded.choreography import author_motion
-from solver_backend.synthesis.simulation.cast import FLOOR_S, Person, Take, cast_person, running_floor
-from solver_backend.types import NUM_BODY_JOINTS, JointSet
+from solver_backend.synthesis.simulation.cast import Person, Take, cast_person
+from solver_backend.types import NUM_BODY_JOINTS
 
 CHOREOGRAPHY = "choreography"  # Name of the motion that ships.
 _SUFFIXES = (".npz", ".bvh")
@@ -26,37 +25,31 @@ _CHOREOGRAPHY_S = 6.0  # Length of the choreography, seconds.
 
 @dataclass(frozen=True)
 class MotionSource:
-    """Where a motion comes from."""
+    """The source of a motion."""
 
     name: str  # Name of the motion, part of a shot's name.
     path: Path | None  # File, None for the choreography.
 
     def play(self, body: Body, betas: np.ndarray, fps: float, frames: int) -> Person:
-        """Return somebody of a shape who does the motion, on the floor, at a frame rate.
-
-        Args:
-            body: whose body.
-            betas: (10,) shape.
-            fps: frames per second.
-            frames: at most so many, from the motion's beginning.
+        """Return a person of (10,) betas who performs at most the first ``frames`` of the motion at ``fps``.
 
         Raises:
             MocapError: the file cannot be read.
-            MotionInvalid: its joints belong to no skeleton that is known.
+            MotionInvalid: its joints belong to no known skeleton.
         """
         if self.path is None:
             count = min(frames, round(_CHOREOGRAPHY_S * fps))
-            motion = author_motion(body, betas, count, fps)
-            return Person(body, betas, exp_so3(motion.global_orient), exp_so3(motion.body_pose), motion.transl)
+            root, local, transl = author_motion(body, betas, count, fps)
+            return Person(body, betas, exp_so3(root), exp_so3(local), transl)
         person, rate = (_of_bvh if self.path.suffix.lower() == ".bvh" else _of_file)(self.path, body, betas)
         return _at_rate(person, rate, fps, frames)
 
 
 def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource, ...]:
-    """Return the motions of a list of files, folders and ``choreography``; names that meet twice are numbered.
+    """Return the motions of files, folders and ``choreography``; repeated names are numbered.
 
     Raises:
-        FileMissing: a path is not there, or a folder holds no motion.
+        FileMissing: a path does not exist, or a folder holds no motion.
     """
     sources: list[MotionSource] = []
     for name in names:
@@ -72,12 +65,11 @@ def find_motions(names: list[str], folder: Path = Path()) -> tuple[MotionSource,
                 hint=f"Name a file, a folder, or '{CHOREOGRAPHY}'.",
             )
         sources += [MotionSource(p.stem, p) for p in found]
-    seen: dict[str, int] = {}
-    unique = []
+    seen, unique = Counter[str](), []
     for source in sources:
-        seen[source.name] = seen.get(source.name, 0) + 1
-        number = seen[source.name]
-        unique.append(MotionSource(source.name if number == 1 else f"{source.name}~{number}", source.path))
+        seen[source.name] += 1
+        number = f"~{seen[source.name]}" if seen[source.name] > 1 else ""
+        unique.append(MotionSource(source.name + number, source.path))
     return tuple(unique)
 
 
@@ -88,7 +80,7 @@ def _of_file(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
         raise MotionInvalid("The file holds a skeleton of other joints than our body's.", where=str(path))
     local = exp_so3(motion.body_pose[:, : 3 * NUM_BODY_JOINTS].reshape(-1, NUM_BODY_JOINTS, 3))
     person = Person(body, betas, exp_so3(motion.global_orient), local, motion.transl.copy())
-    return _grounded(person, motion.fps), motion.fps
+    return person.on_the_floor(motion.fps), motion.fps
 
 
 def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
@@ -99,17 +91,7 @@ def _of_bvh(path: Path, body: Body, betas: np.ndarray) -> tuple[Person, float]:
     root = clip.root_positions[1:] @ np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     take = Take(path.stem, rotations, root, clip.fps)
     person = cast_person(take, np.random.default_rng(0), body)
-    return _grounded(Person(body, betas, person.orient, person.local, person.transl), clip.fps), clip.fps
-
-
-def _grounded(person: Person, fps: float) -> Person:
-    """Return the person moved up or down so that some sole stands on the floor within every second."""
-    soles = keypoint_landmarks(person.body, JointSet.BODY_25)
-    feet = [k for k, name in enumerate(JointSet.BODY_25.keypoints) if name.endswith(("_toe", "_heel"))]
-    posed = pose_landmarks(person.body, soles, person.betas, person.orient, person.local, person.transl)
-    transl = person.transl.copy()
-    transl[:, 2] -= running_floor(posed.points[:, feet, 2].min(axis=1), max(1, round(FLOOR_S * fps))) - 0.01
-    return Person(person.body, person.betas, person.orient, person.local, transl)
+    return replace(person, betas=betas).on_the_floor(clip.fps), clip.fps
 
 
 def _at_rate(person: Person, rate: float, fps: float, frames: int) -> Person:

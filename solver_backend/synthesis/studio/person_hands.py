@@ -14,11 +14,11 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.joint_sets import HAND_POINTS, NUM_HAND_POINTS, SIDES
-from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.hand_prior import HandPrior, load_hand_prior
 from solver_backend.synthesis.faults import autoregressive, bursts
 from solver_backend.synthesis.simulation.cast import Person
-from solver_backend.synthesis.studio.sight import BodySight, hidden_by_ellipsoids, pose_proxy, sight_lines
+from solver_backend.synthesis.studio.sight import BodySight, cast_lines, hidden_by_ellipsoids
+from solver_backend.synthesis.studio.z_buffer import in_pictures
 from solver_backend.types import UNSEEN_POINT, Cameras, Capture, JointSet
 from solver_backend.types.shapes import Bool, Float
 
@@ -30,9 +30,9 @@ BEYOND = np.array([k > 0 and (k - 1) % 4 > 0 for k in range(NUM_HAND_POINTS)])  
 class HandFaults:
     """Errors of a hand detector; lengths are shares of a palm, wrist to middle knuckle.
 
-    ``whole``, ``drift`` and ``jitter`` are those of MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
-    videos), measured with refined cameras by ``python -m tests.benchmarks.hands.real_noise``: 0.05, 0.10 and 0.036. On
-    palms of 60 to 140 px they are 0.03, 0.04 and 0.016.
+    ``whole``, ``drift`` and ``jitter`` are measured for MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
+    videos, refined cameras, ``python -m tests.benchmarks.hands.real_noise``). On palms of 60 to 140 px they are 0.03,
+    0.04 and 0.016.
     """
 
     whole: float = 0.05  # Standard deviation per axis of an error of the whole hand, correlated over ``drift_s``.
@@ -132,10 +132,7 @@ _OWN = _own_bones()
 
 
 def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Return (f, P, B) metres between the segments from (f, P, 3) points to a camera and those of (f, B, 2, 3) bones.
-
-    The nearest point of the line of sight to the bone's line, brought onto the bone, then back onto the line of sight.
-    """
+    """Return (f, P, B) metres between the segments from (f, P, 3) points to a camera and (f, B, 2, 3) bones."""
     sight = centre - points
     bone = ends[:, :, 1] - ends[:, :, 0]
     between = points[:, :, None] - ends[:, None, :, 0]
@@ -151,22 +148,15 @@ def _segment_distances(points: np.ndarray, centre: np.ndarray, ends: np.ndarray)
     return np.linalg.norm(gap, axis=-1)
 
 
-_SIGHT_CHUNK = 32  # Frames evaluated together.
-
-
 def hidden_points(person: Person, cameras: Cameras, points: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2, 21) bool: the body without the hand itself blocks a point (F, 2, 21, 3), left first."""
+    """Return (C, F, 2, 21) bool: the body without the hand itself blocks a (F, 2, 21, 3) point, left first."""
     frames, _, count = points.shape[:3]
     sight = BodySight(person.body, person.betas, keypoint_landmarks(person.body, JointSet.COCO_17))
     joints, bone = person.body.layout.joints, sight.proxy.bone
     own = [[j for j, name in enumerate(joints) if name in (f"{s}_wrist", f"{s}_hand")] for s in SIDES]
     counted = np.repeat(np.stack([~np.isin(bone, parts) for parts in own], axis=1), count, axis=1)
     hidden = np.zeros((frames, len(cameras), 2 * count), dtype=bool)
-    flat = points.reshape(frames, -1, 3)
-    for start in range(0, frames, _SIGHT_CHUNK):
-        chunk = slice(start, start + _SIGHT_CHUNK)
-        posed = pose_proxy(sight, person, chunk)
-        lines = sight_lines(cameras.centres, flat[chunk])
+    for chunk, posed, lines in cast_lines(sight.proxy, person, cameras, points.reshape(frames, -1, 3)):
         hidden[chunk] = hidden_by_ellipsoids(cameras.centres, lines, posed.middle, posed.shape, counted)
     return np.swapaxes(hidden, 0, 1).reshape(len(cameras), frames, 2, count)
 
@@ -194,7 +184,7 @@ class MovingHands:
 
 
 def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHands:
-    """Return hands that move independently, as the prior of hands says, at the wrists of a person.
+    """Return hands that move independently and plausibly at a person's wrists.
 
     Raises:
         BodyInvalid: the body has no finger joints.
@@ -247,11 +237,6 @@ def skin_with_hands(person: Person, hands: MovingHands, frames: np.ndarray) -> n
     return pose_mesh(body, person.betas, person.orient[frames], local, person.transl[frames])
 
 
-def finger_turns(hands: MovingHands) -> np.ndarray:
-    """Return (F, 30, 3) axis-angles of the finger joints, in SMPL-H's order."""
-    return log_so3(hands.rotations())
-
-
 def hidden_of(person: Person, cameras: Cameras, hands: MovingHands) -> np.ndarray:
     """Return (C, F, 2, 21) bool: the body, a finger or a palm blocks a point."""
     return hidden_points(person, cameras, hands.points) | hidden_by_hands(cameras.centres, hands.points)
@@ -261,10 +246,8 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
     """Return a clean capture with every hand point in the picture, hidden (see ``hidden_of``) or not, and its truth."""
     assert capture.keypoints is not None
     px = project(cameras, hands.points)
-    with np.errstate(invalid="ignore"):
-        inside = ((px >= -0.5) & (px < cameras.image_size[:, None, None, None] - 0.5)).all(-1)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)
-    found[~inside] = UNSEEN_POINT
+    found[~in_pictures(px, cameras.image_size)] = UNSEEN_POINT
     truth = {"hand_points": hands.points, "hand_angles": hands.angles, "hand_hidden": hidden}
     return replace(capture, keypoints=replace(capture.keypoints, hands=found), truth=capture.truth | truth)
 

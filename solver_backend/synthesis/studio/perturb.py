@@ -1,4 +1,4 @@
-"""Clean and perturbed captures of a shot: the truth, and what detectors, trackers and a poor calibration make of it."""
+"""Clean and perturbed captures of a shot: the truth, and the same with faults of detectors, trackers and cameras."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ import numpy as np
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.synthesis.faults import Faults, autoregressive, bursts
+from solver_backend.synthesis.faults import autoregressive, bursts
 from solver_backend.synthesis.simulation.keypoint_detector import (
     Sight,
     delayed,
     detect_keypoints,
+    direction_seen_from,
     miscalibrated,
     px_per_mm,
 )
-from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.spec import Spec, sizes_of
-from solver_backend.synthesis.studio.stage import Stage, posed_markers
-from solver_backend.synthesis.studio.truth import OUTSIDE, VISIBLE, Truth
+from solver_backend.synthesis.studio.stage import Stage
+from solver_backend.synthesis.studio.truth import OUTSIDE, VISIBLE, Truth, marker_sight
 from solver_backend.types import Capture, Keypoints2D, MarkerCloud, Motion
+
+_ORIGIN = "a shot of the studio"
 
 
 def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Capture:
     """Return a capture without errors: every keypoint in the picture with confidence 1, hidden or not."""
     chosen = spec.joint_set
     there = truth.visibility[chosen] != OUTSIDE
-    keypoints = Keypoints2D(
-        np.where(there[..., None], truth.xy[chosen], np.nan), there.astype(np.float64), chosen, spec.fps
-    )
+    xy = np.where(there[..., None], truth.xy[chosen], np.nan)
+    keypoints = Keypoints2D(xy, there.astype(np.float64), chosen, spec.fps)
     markers = MarkerCloud(stage.markers, spec.fps, stage.labels) if stage.labels else None
     known = {name: getattr(motion, name) for name in ("betas", "global_orient", "body_pose", "transl", "joints")}
     known |= {"keypoints3d": truth.keypoints3d[chosen], "R": stage.cameras.R, "t": stage.cameras.t}
     known |= {"visibility": truth.visibility[chosen]}
     if stage.labels:
         known |= {"markers": stage.markers}
-    return Capture(
-        stage.shot.name, stage.cameras, keypoints, markers, footage=(None,) * len(stage.cameras),
-        sources=(stage.shot.name,), notes=(diagnostic("synthetic", origin="a shot of the studio"),), truth=known,
-    )  # fmt: skip
+    name, footage, notes = stage.shot.name, (None,) * len(stage.cameras), (diagnostic("synthetic", origin=_ORIGIN),)
+    parts = stage.cameras, keypoints, markers
+    return Capture(name, *parts, footage=footage, sources=(name,), notes=notes, truth=known)
 
 
 def perturbed_capture(spec: Spec, stage: Stage, truth: Truth, clean: Capture) -> Capture:
-    """Return the capture with the description's faults; the truth goes along as it was.
+    """Return the capture with the description's faults and its unchanged truth.
 
-    Added truth: ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and of markers ``marker_ghosts`` and
+    Added truth: ``swapped`` and ``outlier`` (C, F, K), ``delay_frames`` (C,), and for markers ``marker_ghosts`` and
     ``marker_swapped`` (F, M).
     """
     capture, faults = clean, spec.perturb
@@ -54,7 +54,8 @@ def perturbed_capture(spec: Spec, stage: Stage, truth: Truth, clean: Capture) ->
         capture = _of_views(spec, stage, truth, capture, stage.shot.rng(spec, "views"))
     if faults.of_markers and stage.labels:
         capture = _of_markers(spec, stage, capture, stage.shot.rng(spec, "markers"))
-    return replace(capture, notes=(*clean.notes, diagnostic("perturbed", faults=_text_of(faults))))
+    listed = ", ".join(f"{name} {value:g}" for name, value in sizes_of(faults).items() if value) or "nothing"
+    return replace(capture, notes=(*clean.notes, diagnostic("perturbed", faults=listed)))
 
 
 def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.random.Generator) -> Capture:
@@ -62,31 +63,27 @@ def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.
     px, points = truth.xy[chosen], truth.keypoints3d[chosen]
     if faults.anatomy_mm:
         offsets = 1e-3 * faults.anatomy_mm * rng.normal(size=(chosen.num_keypoints, 3))
-        meant = stage.person.landmarks(chosen, offsets).points
-        px = project(cameras, meant)
+        px = project(cameras, stage.person.landmarks(chosen, offsets).points)
     late = np.r_[0.0, faults.cameras.delay_frames * rng.random(len(cameras) - 1)]
     if faults.cameras.delay_frames and len(points) > 1:
         px = np.stack([delayed(track, delay) for track, delay in zip(px, late, strict=True)])
-    way = np.einsum("fij,cfi->cfj", stage.person.orient, cameras.centres[:, None] - stage.joints[None, :, 0])
+    pelvis = stage.joints[:, 0]
+    direction = direction_seen_from(cameras, stage.person.orient, pelvis)
     hidden = (truth.visibility[chosen] != VISIBLE) & (truth.visibility[chosen] != OUTSIDE)
-    sight = Sight(px, px_per_mm(cameras, points), np.arctan2(way[..., 0], way[..., 2]), hidden, cameras.image_size)
+    sight = Sight(px, px_per_mm(cameras, points), direction, hidden, cameras.image_size)
     found = detect_keypoints(sight, chosen, spec.fps, faults.detector, rng)
-    pelvis = stage.joints[:, 0].mean(axis=0)
     off_mm = faults.cameras.calibration_mm
-    seen = miscalibrated(cameras, pelvis, off_mm, rng) if off_mm else cameras
-    return replace(
-        capture,
-        cameras=seen,
-        keypoints=Keypoints2D(found.xy, found.confidence, chosen, spec.fps),
-        truth=capture.truth | {"swapped": found.swapped, "outlier": found.outlier, "delay_frames": late},
-    )
+    seen = miscalibrated(cameras, pelvis.mean(axis=0), off_mm, rng) if off_mm else cameras
+    keypoints = Keypoints2D(found.xy, found.confidence, chosen, spec.fps)
+    truth = capture.truth | {"swapped": found.swapped, "outlier": found.outlier, "delay_frames": late}
+    return replace(capture, cameras=seen, keypoints=keypoints, truth=truth)
 
 
 def _of_markers(spec: Spec, stage: Stage, capture: Capture, rng: np.random.Generator) -> Capture:
     faults, count = spec.perturb.markers, len(stage.labels)
     frames = stage.num_frames
     placement = 1e-3 * faults.placement_mm * rng.normal(size=(count, 3))
-    points = posed_markers(stage.person, marker_landmarks(stage.person.body, stage.labels), placement)
+    points = stage.person.pose(marker_landmarks(stage.person.body, stage.labels), placement).points
     slide = float(np.exp(-1 / (spec.fps * faults.skin_s)))
     points += 1e-3 * faults.skin_mm * autoregressive((count, frames, 3), slide, rng).swapaxes(0, 1)
     points += 1e-3 * faults.measurement_mm * rng.normal(size=points.shape)
@@ -104,13 +101,7 @@ def _of_markers(spec: Spec, stage: Stage, capture: Capture, rng: np.random.Gener
         seen = capture.truth.get("marker_seen")
         lost |= ((marker_sight(stage) if seen is None else seen) > 0.5).sum(axis=0) < faults.least_views
     if faults.hidden:
-        gone = bursts(rng.random((count, frames)), faults.hidden, max(1.0, faults.hidden_s * spec.fps)).T
-        lost |= gone
+        lost |= bursts(rng.random((count, frames)), faults.hidden, max(1.0, faults.hidden_s * spec.fps)).T
     points = np.where(lost[..., None], np.nan, points)
-    ghosts, swapped = ghosts & ~lost, swapped & ~lost
-    truth = capture.truth | {"marker_ghosts": ghosts, "marker_swapped": swapped}
+    truth = capture.truth | {"marker_ghosts": ghosts & ~lost, "marker_swapped": swapped & ~lost}
     return replace(capture, markers=MarkerCloud(points, spec.fps, stage.labels), truth=truth)
-
-
-def _text_of(faults: Faults) -> str:
-    return ", ".join(f"{name} {value:g}" for name, value in sizes_of(faults).items() if value) or "nothing"

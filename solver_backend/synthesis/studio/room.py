@@ -30,20 +30,31 @@ class Room:
             return np.zeros((0, 3)), np.zeros((0, 3), np.int64)
         corner, box = unit_box(_PARTS)
         vertices = []
-        for middle, half, (angle, _, _), _ in self.furniture:
-            turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-            vertices.append((corner * half) @ turn.T + middle)
+        for middle, half, heading, _ in self.furniture:
+            vertices.append((corner * half) @ _turn(heading[0]).T + middle)
         faces = [box + len(corner) * i for i in range(len(vertices))]
         return np.concatenate(vertices), np.concatenate(faces)
 
+    def hides(self, centres: np.ndarray, lines: np.ndarray) -> np.ndarray:
+        """Return (F, C, K) bool: furniture blocks a sight line from (C, 3) centres (Kay and Kajiya 1986)."""
+        hidden = np.zeros(lines.shape[:3], dtype=bool)
+        for middle, half, heading, _ in self.furniture:
+            turn = _turn(heading[0])
+            start = ((centres - middle) @ turn).astype(np.float32)[:, None]
+            way = lines @ turn.astype(np.float32)
+            with np.errstate(divide="ignore", invalid="ignore"):
+                one, other = (-half - start) / way, (half - start) / way
+            near, far = np.fmin(one, other), np.fmax(one, other)
+            first = np.maximum(np.maximum(near[..., 0], near[..., 1]), near[..., 2])
+            last = np.minimum(np.minimum(far[..., 0], far[..., 1]), far[..., 2])
+            hidden |= (first <= last) & (first < 1) & (last > 0)
+        return hidden
+
     def seen_by(self, centre: np.ndarray, ray: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (h, w) depth in metres along the axis, inf where nothing is, and (h, w, 3) normals of the world.
+        """Return (h, w) depth in metres along the axis, inf where nothing is, and (h, w, 3) normals in the world.
 
-        Args:
-            centre: (3,) the camera's.
-            ray: (h, w, 3) directions in the world, 1 long along the camera's axis.
-
-        A ray from inside a box leaves it through the nearest plane that it runs towards.
+        Rays (h, w, 3) start at the camera's (3,) centre, 1 long along its axis. A ray from inside a box leaves it
+        through the nearest plane that it runs towards.
         """
         planes = np.where(ray > 0, self.high, self.low)
         with np.errstate(divide="ignore", invalid="ignore"):
@@ -58,6 +69,11 @@ class Room:
         sign = -np.sign(np.take_along_axis(ray, axis[..., None], -1))
         np.put_along_axis(normal, axis[..., None], sign, -1)
         return depth.astype(np.float32), normal.astype(np.float32)
+
+
+def _turn(angle: float) -> np.ndarray:
+    cosine, sine = np.cos(angle), np.sin(angle)
+    return np.array([[cosine, -sine, 0], [sine, cosine, 0], [0, 0, 1]])
 
 
 def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
@@ -87,15 +103,7 @@ def unit_box(parts: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def furnish(path: np.ndarray, cameras: Cameras, furniture: int, walls: bool, rng: np.random.Generator) -> Room:
-    """Return a room around a person's way with furniture clear of both person and cameras.
-
-    Args:
-        path: (F, 3) pelvis, metres.
-        cameras: C cameras.
-        furniture: at most so many pieces.
-        walls: whether there are walls and a ceiling.
-        rng: seeded source of randomness.
-    """
+    """Return a room around a person's (F, 3) path with at most ``furniture`` pieces, clear of person and cameras."""
     points = np.concatenate([path, cameras.centres])
     low, high = points.min(axis=0) - _MARGIN_M, points.max(axis=0) + _MARGIN_M
     low[2], high[2] = 0.0, max(high[2], 2.6)

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.body.mesh import face_normals
+from solver_backend.synthesis.simulation.keypoint_detector import direction_seen_from
 from solver_backend.synthesis.studio.costume import FURNITURE, LABELS, MARKER, ROOM
 from solver_backend.synthesis.studio.room import pixel_rays
 from solver_backend.synthesis.studio.stage import Stage
-from solver_backend.synthesis.studio.z_buffer import RADIUS_M, Spheres, ZBuffer, in_camera, rasterise, see_spheres
+from solver_backend.synthesis.studio.z_buffer import RADIUS_M, Spheres, in_camera, rasterise, see_spheres
 from solver_backend.types import SMPL_JOINTS
 
 
@@ -33,7 +35,6 @@ class Seen:
     cosine: np.ndarray  # (h, w) float32.
     normal: np.ndarray | None  # (h, w, 3) float32 unit normals in the world, None unless requested.
     spheres: Spheres
-    person: ZBuffer
 
 
 def backdrop(stage: Stage, view: int) -> Backdrop:
@@ -49,10 +50,7 @@ def backdrop(stage: Stage, view: int) -> Backdrop:
         pieces = rasterise(px, camera[:, 2], faces, (width, height))
         nearer = pieces.depth < depth
         face = pieces.face[nearer]
-        across = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]], vertices[faces[:, 2]] - vertices[faces[:, 0]])
-        unit = across / np.linalg.norm(across, axis=1, keepdims=True)
-        depth, label, normal = depth.copy(), label.copy(), normal.copy()
-        depth[nearer], label[nearer], normal[nearer] = pieces.depth[nearer], FURNITURE, unit[face]
+        depth[nearer], label[nearer], normal[nearer] = pieces.depth[nearer], FURNITURE, _units(vertices, faces)[face]
     towards = (-ray / np.linalg.norm(ray, axis=-1, keepdims=True)).astype(np.float32)
     cosine = np.abs((normal * towards).sum(axis=-1)).astype(np.float32)
     return Backdrop(depth, label, normal.astype(np.float32), cosine, towards)
@@ -68,9 +66,7 @@ def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: 
     face = person.face.reshape(-1)[there]
     depth, label, cosine = behind.depth.copy(), behind.label.copy(), behind.cosine.copy()
     used, which = np.unique(face, return_inverse=True)
-    a, b, c = (surface[costume.faces[used, i]] for i in range(3))
-    across = np.cross(b - a, c - a)
-    unit = (across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)).astype(np.float32)[which]
+    unit = _units(surface, costume.faces[used]).astype(np.float32)[which]
     depth.reshape(-1)[there] = person.depth.reshape(-1)[there]
     label.reshape(-1)[there] = costume.label[face]
     towards = behind.towards.reshape(-1, 3)[there]
@@ -81,7 +77,13 @@ def look(stage: Stage, view: int, behind: Backdrop, surface: np.ndarray, frame: 
         normal.reshape(-1, 3)[there] = unit
     spheres = see_spheres(cameras, view, stage.markers[frame], depth)
     label.reshape(-1)[spheres.pixel[spheres.cover >= 0.5]] = MARKER
-    return Seen(depth, label, cosine, normal, spheres, person)
+    return Seen(depth, label, cosine, normal, spheres)
+
+
+def _units(vertices: np.ndarray, faces: np.ndarray) -> np.ndarray:
+    """Return the (T, 3) unit normals of triangles."""
+    across = face_normals(vertices, faces)
+    return across / np.maximum(np.linalg.norm(across, axis=1, keepdims=True), 1e-12)
 
 
 FULL = 65535  # Saturation of the sensor.
@@ -121,20 +123,13 @@ def sphere_light(spheres: Spheres, shape: tuple[int, int], model: InfraredModel)
     return light.reshape(shape)
 
 
-def infrared(
-    depth: np.ndarray,
-    cosine: np.ndarray,
-    label: np.ndarray,
-    retro: np.ndarray,
-    model: InfraredModel,
-    rng: np.random.Generator,
-) -> np.ndarray:
+def infrared(seen: Seen, retro: np.ndarray, model: InfraredModel, rng: np.random.Generator) -> np.ndarray:
     """Return the (h, w) uint16 picture: ``albedo cos / z²`` of surfaces, retro-reflections, noise, saturation.
 
-    ``depth``, ``cosine`` and ``label`` are as in ``Seen``, ``retro`` is from ``sphere_light``.
+    ``retro`` is from ``sphere_light``.
     """
     assert len(_ALBEDO) == len(LABELS)
-    surface = np.float32(model.flood) * _ALBEDO[label] * np.maximum(cosine, np.float32(0.05)) / depth**2
+    surface = np.float32(model.flood) * _ALBEDO[seen.label] * np.maximum(seen.cosine, np.float32(0.05)) / seen.depth**2
     counts = np.minimum(surface + retro, np.float32(2 * FULL))
     sigma = np.float32(model.shot_noise) * np.sqrt(counts) + np.float32(model.read_noise)
     counts += sigma * rng.standard_normal(counts.shape, np.float32)
@@ -160,23 +155,15 @@ class TimeOfFlightModel:
         return 1e-3 * (self.constant_mm + self.quadratic_mm * depth**2)
 
 
-def measure_depth(
-    depth: np.ndarray,
-    cosine: np.ndarray,
-    retro: np.ndarray,
-    spheres: Spheres,
-    model: TimeOfFlightModel,
-    rng: np.random.Generator,
-) -> np.ndarray:
-    """Return (h, w) uint16 millimetres along the axis, 0 without depth; see ``infrared`` for the pictures."""
+def measure_depth(seen: Seen, retro: np.ndarray, model: TimeOfFlightModel, rng: np.random.Generator) -> np.ndarray:
+    """Return (h, w) uint16 millimetres along the axis, 0 without depth; ``retro`` is from ``sphere_light``."""
     low, high = model.range_m
-    true = np.minimum(depth, np.float32(100.0))
+    true = np.minimum(seen.depth, np.float32(100.0))
     blind = retro >= FULL
+    ring = np.zeros_like(blind)
     if blind.any():
-        true, ring = _with_rings(true, blind, spheres, model.surface_radii * RADIUS_M)
-    else:
-        ring = np.zeros_like(blind)
-    slope = np.clip(1.0 / np.maximum(cosine, np.float32(0.1)), 1.0, 6.0) - 1.0
+        true, ring = _with_rings(true, blind, seen.spheres, model.surface_radii * RADIUS_M)
+    slope = np.clip(1.0 / np.maximum(seen.cosine, np.float32(0.1)), 1.0, 6.0) - 1.0
     factor = np.where(ring, np.float32(model.ring_noise), 1.0 + np.float32(model.grazing) * slope)
     sigma = np.float32(1e-3) * (np.float32(model.constant_mm) + np.float32(model.quadratic_mm) * true**2)
     found = true + (sigma * factor).astype(np.float32) * rng.standard_normal(true.shape, np.float32)
@@ -218,16 +205,10 @@ def _lowest_around(values: np.ndarray) -> np.ndarray:
 
 
 def _neighbours(depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    low, high = depth.copy(), depth.copy()
-    for here, there in (
-        ((slice(1, None), slice(None)), (slice(None, -1), slice(None))),
-        ((slice(None), slice(1, None)), (slice(None), slice(None, -1))),
-    ):
-        np.minimum(low[here], depth[there], out=low[here])
-        np.minimum(low[there], depth[here], out=low[there])
-        np.maximum(high[here], depth[there], out=high[here])
-        np.maximum(high[there], depth[here], out=high[there])
-    return low, high
+    """Return the lowest and the highest depth of each pixel and its four neighbours."""
+    padded = np.pad(depth, 1, mode="edge")
+    four = (padded[:-2, 1:-1], padded[2:, 1:-1], padded[1:-1, :-2], padded[1:-1, 2:])
+    return np.minimum.reduce([depth, *four]), np.maximum.reduce([depth, *four])
 
 
 SECTOR_DEG = 30  # Angles of poses are counted in sectors of this size, from 0 to 180 degrees.
@@ -244,9 +225,7 @@ _LIMBS: dict[str, tuple[tuple[str, str], tuple[str, str]]] = {
 
 def views_of(stage: Stage) -> list[int]:
     """Count how often the person is seen from each of eight directions, from the front to the left."""
-    way = stage.cameras.centres[:, None] - stage.joints[None, :, 0]
-    local = np.einsum("fij,cfi->cfj", stage.person.orient, way)
-    angle = np.arctan2(local[..., 0], local[..., 2]) % (2 * np.pi)
+    angle = direction_seen_from(stage.cameras, stage.person.orient, stage.joints[:, 0]) % (2 * np.pi)
     eighth = np.round(angle / (np.pi / 4)).astype(int) % 8
     return np.bincount(eighth.ravel(), minlength=8).tolist()
 
@@ -254,8 +233,7 @@ def views_of(stage: Stage) -> list[int]:
 def poses_of(joints: np.ndarray) -> dict[str, list[int]]:
     """Count the bends of (F, 24, 3) joints in sectors of ``SECTOR_DEG`` from 0 degrees on."""
     upright = np.broadcast_to([0.0, 0.0, 1.0], joints[:, 0].shape)
-    trunk = _line(joints, "pelvis", "neck", "")
-    found = {"trunk off upright": _counted(_angle(trunk, upright))}
+    found = {"trunk off upright": _counted(_angle(_line(joints, "pelvis", "neck", ""), upright))}
     for name, (one, other) in _LIMBS.items():
         sides = [_angle(_line(joints, *one, side), _line(joints, *other, side)) for side in ("left_", "right_")]
         found[name] = _counted(np.concatenate(sides))

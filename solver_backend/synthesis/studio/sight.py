@@ -1,12 +1,13 @@
 """Find the points that a camera sees: sight lines of all frames, cameras and points in a few matrix products.
 
-A sight line is hidden where an ellipsoid of the body (``body_proxy.py``) or a piece of furniture stands in it. With
-the line ``t w`` from the camera, ``0 <= t <= 1``, and an ellipsoid ``(x - c)^T B (x - c) = 1``, it is entered where
-``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``, before the line's end where ``w^T B c < w^T B w`` or the end lies inside.
+An ellipsoid of the body or a piece of furniture hides a point if it blocks the sight line. The line ``t w`` from the
+camera, ``0 <= t <= 1``, enters an ellipsoid ``(x - c)^T B (x - c) = 1`` if ``(w^T B c)^2 > (w^T B w) (c^T B c - 1)``,
+and does so before its end if ``w^T B c < w^T B w`` or if the end lies inside.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -14,10 +15,10 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.mesh import face_normals
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import own_faces, stabbed_faces
-from solver_backend.types import SMPL_JOINTS
+from solver_backend.types import SMPL_JOINTS, Cameras
 
 CLEARANCE_M = 0.035  # A sight line ends this far before its point, which is on the skin or slightly below.
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # Row and column of each of a symmetric matrix's six entries.
@@ -56,22 +57,6 @@ def hidden_by_ellipsoids(
     entered = (wb > 0) & (wb < ww) & (wb * wb > ww * k)
     found = (entered | ends_inside) & (k > 0) & counted
     return found.any(axis=-2).reshape(frames, views, count)
-
-
-def hidden_by_boxes(centres: np.ndarray, lines: np.ndarray, furniture: np.ndarray) -> np.ndarray:
-    """Return (F, C, K) bool: a piece of furniture (see ``Room``) blocks a sight line (Kay and Kajiya 1986)."""
-    hidden = np.zeros(lines.shape[:3], dtype=bool)
-    for middle, half, (angle, _, _), _ in furniture:
-        turn = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])
-        start = ((centres - middle) @ turn).astype(np.float32)[:, None]
-        way = lines @ turn.astype(np.float32)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            one, other = (-half - start) / way, (half - start) / way
-        near, far = np.fmin(one, other), np.fmax(one, other)
-        first = np.maximum(np.maximum(near[..., 0], near[..., 1]), near[..., 2])
-        last = np.minimum(np.minimum(far[..., 0], far[..., 1]), far[..., 2])
-        hidden |= (first <= last) & (first < 1) & (last > 0)
-    return hidden
 
 
 _CELLS = 28  # Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees.
@@ -132,20 +117,20 @@ def _directions() -> np.ndarray:
     ticks = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
     x, y = (grid.ravel() for grid in np.meshgrid(ticks, ticks, indexing="ij"))
     z = 1 - np.abs(x) - np.abs(y)
-    below = z < 0
-    folded_x, folded_y = (1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y)
-    x, y = np.where(below, folded_x, x), np.where(below, folded_y, y)
-    ways = np.stack([x, y, z], axis=1)
+    ways = np.stack([*_folded(x, y, z), z], axis=1)
     return ways / np.linalg.norm(ways, axis=1, keepdims=True)
 
 
 def _cell(ways: np.ndarray) -> np.ndarray:
-    x, y, z = np.moveaxis(ways / np.abs(ways).sum(axis=-1, keepdims=True), -1, 0)
-    below = z < 0
-    u = np.where(below, (1 - np.abs(y)) * np.copysign(1, x), x)
-    v = np.where(below, (1 - np.abs(x)) * np.copysign(1, y), y)
-    i, j = (np.clip(((side + 1) * (0.5 * _CELLS)).astype(np.int32), 0, _CELLS - 1) for side in (u, v))
+    sides = _folded(*np.moveaxis(ways / np.abs(ways).sum(axis=-1, keepdims=True), -1, 0))
+    i, j = (np.clip(((side + 1) * (0.5 * _CELLS)).astype(np.int32), 0, _CELLS - 1) for side in sides)
     return i * _CELLS + j
+
+
+def _folded(x: np.ndarray, y: np.ndarray, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return x and y with the lower half of the octahedron folded out; the fold is its own inverse."""
+    below, out = z < 0, ((1 - np.abs(y)) * np.copysign(1, x), (1 - np.abs(x)) * np.copysign(1, y))
+    return np.where(below, out[0], x), np.where(below, out[1], y)
 
 
 def _looking(way: np.ndarray) -> np.ndarray:
@@ -182,13 +167,6 @@ class _Slab:
 
 
 @dataclass(frozen=True)
-class _Plan:
-    slabs: tuple[_Slab, ...]
-    landmarks: Landmarks
-    share: np.ndarray
-
-
-@dataclass(frozen=True)
 class BodyProxy:
     """S ellipsoids and P points of the skin of one shape."""
 
@@ -199,8 +177,7 @@ class BodyProxy:
 
     def posed(self, person: Person) -> PosedProxy:
         """Return the proxy in a person's F frames, world metres."""
-        found = pose_landmarks(person.body, self.landmarks, person.betas, person.orient, person.local, person.transl)
-        count = len(self.bone)
+        found, count = person.pose(self.landmarks), len(self.bone)
         turn = found.skeleton.G[:, self.bone].astype(np.float32)
         shape = turn @ self.shape.astype(np.float32) @ np.swapaxes(turn, -1, -2)
         return PosedProxy(found.points[:, :count], shape, found.points[:, count:], found.skeleton.G)
@@ -208,16 +185,18 @@ class BodyProxy:
 
 def body_proxy(body: Body, betas: np.ndarray) -> BodyProxy:
     """Return the proxy of a body of (10,) betas, fitted to its skin at rest."""
-    plan = _plan(body)
+    slabs, landmarks, share = _plan(body)
     skin = body.v_template + body.shapedirs @ betas
-    shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in plan.slabs])
-    return BodyProxy(plan.landmarks, np.array([slab.bone for slab in plan.slabs]), shapes, plan.share)
+    shapes = np.stack([_ellipsoid(skin[slab.vertices], slab.weight, slab.axis) for slab in slabs])
+    return BodyProxy(landmarks, np.array([slab.bone for slab in slabs]), shapes, share)
 
 
 @lru_cache(maxsize=8)
-def _plan(body: Body) -> _Plan:
+def _plan(body: Body) -> tuple[list[_Slab], Landmarks, np.ndarray]:
+    """Return the slabs of a body, the landmarks and shares of its proxy."""
     skin = body.v_template
-    area = _vertex_areas(skin, body.faces)
+    sizes = np.repeat(np.linalg.norm(face_normals(skin, body.faces), axis=1) / 6, 3)
+    area = np.bincount(body.faces.ravel(), sizes, minlength=len(skin)) + 1e-12
     part = body.weights.argmax(axis=1)
     slabs: list[_Slab] = []
     ends = []
@@ -226,14 +205,13 @@ def _plan(body: Body) -> _Plan:
         ends.append(_extremes(skin, chosen))
         slabs += _slabs(skin, area, chosen, bone)
     points = _spread(skin, np.unique(np.concatenate(ends)), _SPREAD)
-    share = np.bincount(_nearest(skin, skin[points]), minlength=len(points)) / len(skin)
+    share = np.bincount(_squares(skin, skin[points]).argmin(axis=1), minlength=len(points)) / len(skin)
     mix = np.zeros((len(slabs) + len(points), len(skin)))
     for row, slab in enumerate(slabs):
         mix[row, slab.vertices] = slab.weight
     mix[len(slabs) + np.arange(len(points)), points] = 1.0
     names = tuple(f"proxy {i}" for i in range(len(mix)))
-    landmarks = Landmarks.of_points(names, skin, body.shapedirs, body.weights, mix)
-    return _Plan(tuple(slabs), landmarks, share)
+    return slabs, Landmarks.of_points(names, skin, body.shapedirs, body.weights, mix), share
 
 
 def _slabs(skin: np.ndarray, area: np.ndarray, chosen: np.ndarray, bone: int) -> list[_Slab]:
@@ -260,12 +238,6 @@ def _ellipsoid(points: np.ndarray, weight: np.ndarray, axis: np.ndarray) -> np.n
     return (frame / np.array([max(_ALONG * np.ptp(along), _LEAST_M), *across]) ** 2) @ frame.T
 
 
-def _vertex_areas(skin: np.ndarray, faces: np.ndarray) -> np.ndarray:
-    across = np.cross(skin[faces[:, 1]] - skin[faces[:, 0]], skin[faces[:, 2]] - skin[faces[:, 0]])
-    each = np.repeat(np.linalg.norm(across, axis=1) / 6, 3)
-    return np.bincount(faces.ravel(), each, minlength=len(skin)) + 1e-12
-
-
 def _extremes(skin: np.ndarray, chosen: np.ndarray) -> np.ndarray:
     """Return the vertices of a part that lie farthest in directions spread over the sphere (Fibonacci lattice)."""
     i = np.arange(_DIRECTIONS) + 0.5
@@ -282,10 +254,6 @@ def _spread(skin: np.ndarray, points: np.ndarray, more: int) -> np.ndarray:
         found.append(int(off.argmax()))
         off = np.minimum(off, ((skin - skin[found[-1]]) ** 2).sum(axis=1))
     return np.array(found)
-
-
-def _nearest(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
-    return _squares(skin, points).argmin(axis=1)
 
 
 def _squares(skin: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -308,10 +276,13 @@ class BodySight:
         return hidden
 
 
-def pose_proxy(sight: BodySight, person: Person, frames: slice) -> PosedProxy:
-    """Return the proxy in some of a person's frames."""
-    parts = (part[frames] for part in (person.orient, person.local, person.transl))
-    return sight.proxy.posed(Person(person.body, person.betas, *parts))
+def cast_lines(
+    proxy: BodyProxy, person: Person, cameras: Cameras, points: np.ndarray, size: int = 32
+) -> Iterator[tuple[slice, PosedProxy, np.ndarray]]:
+    """Yield ``size`` frames at a time: their slice, the posed proxy, and sight lines to their (F, K, 3) points."""
+    for start in range(0, len(points), size):
+        chunk = slice(start, start + size)
+        yield chunk, proxy.posed(person.part(chunk)), sight_lines(cameras.centres, points[chunk])
 
 
 def own_parts(body: Body, names: tuple[str, ...]) -> np.ndarray:

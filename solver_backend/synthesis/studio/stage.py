@@ -1,17 +1,15 @@
-"""A shot set up: the person who moves in clothes, the cameras around, the room, and what they wear."""
+"""List the shots of a description and set each one up: person, clothes, cameras and room."""
 
 from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from itertools import product
 
 import numpy as np
 
 from solver_backend.body.body import Body, load_body
-from solver_backend.body.landmark_set import Landmarks
-from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.synthesis.simulation.cast import Person, strange_body
 from solver_backend.synthesis.studio.camera_arrays import CameraRing
@@ -21,10 +19,12 @@ from solver_backend.synthesis.studio.motions import MotionSource, find_motions
 from solver_backend.synthesis.studio.person_hands import MovingHands, move_hands, skin_with_hands
 from solver_backend.synthesis.studio.room import Room, furnish
 from solver_backend.synthesis.studio.spec import Spec, StudioLook, draw_light
-from solver_backend.synthesis.studio.z_buffer import in_camera
+from solver_backend.synthesis.studio.z_buffer import in_camera, in_pictures
 from solver_backend.types import NUM_BETAS, Cameras, JointSet
 
 _MOST_BETA = 2.5  # Standard deviations of a shape coefficient at most; chosen by hand.
+CLEARANCE_M = 0.1  # Least distance of a camera from the skin.
+_NEAREST = 60  # Frames whose skin is checked: those whose joints are nearest to the camera.
 
 
 @dataclass(frozen=True)
@@ -38,53 +38,35 @@ class Shot:
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
-        """Return the source of randomness of one thing in this shot; it depends on seed and names alone."""
+        """Return the random generator of one aspect of this shot, which depends on seed and names only."""
         return seeded(spec.seed, self.name, stream)
 
 
 def seeded(seed: int, *names: str) -> np.random.Generator:
-    """Return a source of randomness of a seed and names (SHA-256)."""
+    """Return a random generator for a seed and names (SHA-256)."""
     digest = hashlib.sha256("\0".join([str(seed), *names]).encode()).digest()
     return np.random.default_rng(np.frombuffer(digest, np.uint32))
 
 
 def list_shots(spec: Spec) -> tuple[Shot, ...]:
-    """Return all shots of a description, in its order.
-
-    Raises:
-        FileMissing: a motion is not there.
-    """
-    return tuple(_shots(spec, find_motions(list(spec.motions), spec.folder)))
-
-
-def _shots(spec: Spec, motions: tuple[MotionSource, ...]) -> Iterator[Shot]:
-    for motion in motions:
-        for person in range(spec.people.count):
-            for array in spec.arrays:
-                for look in spec.looks:
-                    parts = (motion.name, f"person{person:03d}", array.name, look.name)
-                    yield Shot("-".join(re.sub(r"[^\w.~+]", "_", part) for part in parts), motion, person, array, look)
+    """Return all shots of a description in its order; raise ``FileMissing`` if a motion does not exist."""
+    motions, shots = find_motions(list(spec.motions), spec.folder), []
+    for motion, person, array, look in product(motions, range(spec.people.count), spec.arrays, spec.looks):
+        parts = (motion.name, f"person{person:03d}", array.name, look.name)
+        shots.append(Shot("-".join(re.sub(r"[^\w.~+]", "_", part) for part in parts), motion, person, array, look))
+    return tuple(shots)
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:
-    """Return body and (10,) shape of a person, who is the same in every shot.
-
-    Raises:
-        BodyInvalid: the body that ships cannot be read.
-    """
+    """Return body and (10,) shape of a person, who is the same in every shot."""
     rng = seeded(spec.seed, "person", str(person))
     betas = np.clip(spec.people.sigma * rng.normal(size=NUM_BETAS), -_MOST_BETA, _MOST_BETA)
-    body = load_body()
-    return (strange_body(int(rng.integers(2**31)), body=body) if spec.people.strange else body), betas
-
-
-CLEARANCE_M = 0.1  # A camera is at least so far from the skin.
-_NEAREST = 60  # Frames whose skin is looked at: those whose joints are nearest to the camera.
+    return (strange_body(int(rng.integers(2**31))) if spec.people.strange else load_body()), betas
 
 
 @dataclass(frozen=True)
 class Stage:
-    """Everything that stands before the cameras; F frames."""
+    """Everything before the cameras; F frames."""
 
     shot: Shot
     person: Person
@@ -95,7 +77,7 @@ class Stage:
     outfit: tuple[str, str]
     light: str
     labels: tuple[str, ...]  # M marker names.
-    markers: np.ndarray  # (F, M, 3) metres: the markers' middles.
+    markers: np.ndarray  # (F, M, 3) metres: the markers' centres.
     joints: np.ndarray  # (F, 24, 3) metres.
     hands: MovingHands | None = None  # Fingers that move; None where they rest.
 
@@ -111,11 +93,7 @@ class Stage:
 
 
 def set_up(spec: Spec, shot: Shot) -> Stage:
-    """Return the stage of a shot.
-
-    Raises:
-        MocapError: the motion cannot be read.
-    """
+    """Return the stage of a shot; raise ``MocapError`` if the motion cannot be read."""
     body, betas = cast(spec, shot.person)
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points
@@ -123,27 +101,16 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
     if shot.array.stand is not None:
         move = np.array([*(shot.array.stand - middle[:2]), 0.0])
         person, joints, middle = replace(person, transl=person.transl + move), joints + move, middle + move
-    pelvis = joints[:, 0]
-    cameras = shot.array.around(middle)
-    rng = shot.rng(spec, "scene")
-    clothes, hair = draw_outfit(shot.look.clothes, shot.look.hair, rng)
-    costume = dress(body, clothes, hair, rng)
+    cameras, rng = shot.array.around(middle), shot.rng(spec, "scene")
+    outfit = draw_outfit(shot.look.clothes, shot.look.hair, rng)
+    costume = dress(body, *outfit, rng)
     light = draw_light(shot.look.light, shot.rng(spec, "light"))
-    room = furnish(pelvis, cameras, shot.look.furniture, shot.look.room, rng)
+    room = furnish(joints[:, 0], cameras, shot.look.furniture, shot.look.room, rng)
     labels = marker_layout(spec.markers) if spec.markers else ()
-    points = np.zeros((len(pelvis), 0, 3))
-    if labels:
-        points = posed_markers(person, marker_landmarks(body, labels))
+    markers = person.pose(marker_landmarks(body, labels)).points if labels else np.zeros((len(joints), 0, 3))
     corners = CornerSums(body.faces, len(body.v_template))
     hands = move_hands(person, spec.fps, shot.rng(spec, "hands")) if spec.hands else None
-    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), light, labels, points, joints, hands)
-
-
-def posed_markers(person: Person, landmarks: Landmarks, offsets: np.ndarray | None = None) -> np.ndarray:
-    """Return (F, M, 3) markers, moved by (M, 3) offsets in their rest frames."""
-    return pose_landmarks(
-        person.body, landmarks, person.betas, person.orient, person.local, person.transl, offsets=offsets
-    ).points
+    return Stage(shot, person, cameras, costume, corners, room, outfit, light, labels, markers, joints, hands)
 
 
 def require_sight(stage: Stage) -> None:
@@ -153,25 +120,26 @@ def require_sight(stage: Stage) -> None:
         NobodySeen: no camera sees a joint in any frame.
         CameraInsideBody: a camera is inside the person or closer than ``CLEARANCE_M``.
     """
-    seen = np.zeros(len(stage.cameras), dtype=bool)
-    for view, size in enumerate(stage.cameras.image_size):
-        _, px = in_camera(stage.cameras, view, stage.joints.reshape(-1, 3))
-        seen[view] = ((px >= -0.5) & (px < size - 0.5)).all(axis=1).any()
-    near = np.linalg.norm(stage.joints[:, None] - stage.cameras.centres[None, :, None], axis=-1).min(axis=2)
-    for view in np.flatnonzero(near.min(axis=0) < 0.6).tolist():
+    cameras, seen = stage.cameras, False
+    near = np.linalg.norm(stage.joints[:, None] - cameras.centres[None, :, None], axis=-1).min(axis=2)
+    for view, centre in enumerate(cameras.centres):
+        _, px = in_camera(cameras, view, stage.joints.reshape(-1, 3))
+        seen = seen or bool(in_pictures(px[None], cameras.image_size[[view]]).any())
+        if near[:, view].min() >= 0.6:
+            continue
         skin = stage.person.skin(np.argsort(near[:, view], kind="stable")[:_NEAREST])
-        off = np.linalg.norm(skin - stage.cameras.centres[view], axis=-1).min()
-        if off < CLEARANCE_M or _inside(skin, stage.person.body.faces, stage.cameras.centres[view]):
+        off = np.linalg.norm(skin - centre, axis=-1).min()
+        if off < CLEARANCE_M or _inside(skin, stage.person.body.faces, centre):
             raise CameraInsideBody(
                 f"The camera stands {100 * off:.0f} cm from the person's skin or inside it.",
-                where=f"shot {stage.shot.name}, camera {stage.cameras.names[view]}",
+                where=f"shot {stage.shot.name}, camera {cameras.names[view]}",
                 hint="Move the array away from the person's path, or choose another motion.",
             )
-    if not seen.any():
+    if not seen:
         raise NobodySeen(
             "No camera sees the person in any frame.",
             where=f"shot {stage.shot.name}",
-            hint="Aim the array at where the person moves; rings and corners do so by themselves.",
+            hint="Aim the array at the person's path; rings and corners do so by themselves.",
         )
 
 

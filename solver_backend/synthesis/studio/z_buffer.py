@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.lens import distort, is_pinhole, pixels
+from solver_backend.synthesis.simulation.keypoint_detector import cross_2d
 from solver_backend.types import Cameras
 
 NEAR_M = 0.02  # Triangles with a corner nearer than this are left out.
@@ -44,6 +45,12 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
     return camera, pixels(flat, cameras.K[view])
 
 
+def in_pictures(px: np.ndarray, sizes: np.ndarray) -> np.ndarray:
+    """Return (C, ...) bool: (C, ..., 2) pixels lie in their camera's picture of (C, 2) width and height."""
+    with np.errstate(invalid="ignore"):
+        return ((px >= -0.5) & (px < sizes.reshape(-1, *[1] * (px.ndim - 2), 2) - 0.5)).all(axis=-1)
+
+
 def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
     """Return what a picture shows of a mesh.
 
@@ -61,7 +68,7 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     middle = np.array([width // 2, height // 2], np.float64)
     corners = (px - middle)[faces].astype(np.float32)
     a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
-    area = _cross(b - a, c - a)
+    area = cross_2d(b - a, c - a)
     low = np.ceil(np.maximum(corners.min(axis=1), -middle)).astype(np.float32)
     high = np.floor(np.minimum(corners.max(axis=1), np.array(size) - 1 - middle)).astype(np.float32)
     spans = high - low
@@ -92,10 +99,6 @@ def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[
     first = z == flat_depth[pixel]
     flat_face[pixel[first]] = chosen[which[first]]
     return buffer
-
-
-def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    return a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
 
 
 def _linear(origin: np.ndarray, edge: np.ndarray, scale: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -8,7 +8,7 @@ import pytest
 from research.simulation.model_error import exact_capture
 from solver_backend.body.body import load_body
 from solver_backend.fitters import solve
-from solver_backend.synthesis.simulation.cast import Strangeness, strange_body
+from solver_backend.synthesis.simulation.cast import strange_body
 from tests.support.walking_take import walk
 
 
@@ -19,12 +19,12 @@ def _lengths(body) -> np.ndarray:
 
 def test_bones_and_flesh_are_as_strange_as_asked() -> None:
     body = load_body()
-    bones = [strange_body(seed, Strangeness(0.04, 0.0)) for seed in range(12)]
+    bones = [strange_body(seed, 0.04, 0.0) for seed in range(12)]
     shares = np.array([_lengths(bone) / _lengths(body) - 1 for bone in bones])
     assert 0.02 < np.sqrt(np.mean(shares**2)) < 0.06
-    flesh = [strange_body(seed, Strangeness(0.0, 6.0)).v_template - body.v_template for seed in range(12)]
+    flesh = [strange_body(seed, 0.0, 6.0).v_template - body.v_template for seed in range(12)]
     assert 4.5 < 1e3 * np.sqrt(np.mean(np.square(flesh))) < 7.5
-    assert np.array_equal(bones[3].v_template, strange_body(3, Strangeness(0.04, 0.0)).v_template)
+    assert np.array_equal(bones[3].v_template, strange_body(3, 0.04, 0.0).v_template)
 
 
 def test_no_shape_of_the_solvers_is_like_it() -> None:

@@ -11,6 +11,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.synthesis.studio.make_shot import film
 from solver_backend.synthesis.studio.sensor_pictures import (
     InfraredModel,
+    Seen,
     TimeOfFlightModel,
     measure_depth,
     sphere_light,
@@ -122,9 +123,8 @@ def test_noise_of_a_wall_is_the_models(distance: float) -> None:
     wall = np.full(shape, distance, np.float32)
     cameras = filmed("azure_kinect_3", 6)[1].cameras
     nobody = see_spheres(cameras, 0, np.zeros((0, 3)), wall)
-    found = measure_depth(
-        wall, np.ones(shape, np.float32), np.zeros(shape, np.float32), nobody, model, np.random.default_rng(0)
-    )
+    seen = Seen(wall, np.zeros(shape, np.uint8), np.ones(shape, np.float32), None, nobody)
+    found = measure_depth(seen, np.zeros(shape, np.float32), model, np.random.default_rng(0))
     error = found / 1000.0 - distance
     expected = np.hypot(model.sigma_m(np.array(distance)), 0.001 / np.sqrt(12))
     assert error.std() == pytest.approx(expected, rel=0.02)

@@ -10,9 +10,9 @@ import pytest
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.make_shot import film
-from solver_backend.synthesis.studio.marker_sight import marker_sight
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import list_shots, set_up
+from solver_backend.synthesis.studio.truth import marker_sight
 
 ARRAY = {"preset": "azure_kinect_3", "count": 4}
 
