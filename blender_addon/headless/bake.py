@@ -15,8 +15,7 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body, require_body
 from ..conventions.naming import PERSON_LOOK
-from .process import require_blender
-from .result import TimedResult
+from .result import CommandResult
 
 if TYPE_CHECKING:
     import bpy
@@ -30,13 +29,7 @@ _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
 """Endings of the pictures' names."""
 
 
-class BakeResult(TimedResult):
-    """Of ``bake`` and ``render``."""
-
-    baked_s: float
-
-
-def run_bake(args: Namespace, progress: Progress) -> BakeResult:
+def run_bake(args: Namespace, progress: Progress) -> CommandResult:
     """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
     All files are written or none.
@@ -48,13 +41,12 @@ def run_bake(args: Namespace, progress: Progress) -> BakeResult:
     return _bake(args, kinds, {**thinning, "asset": args.asset, "scene_fps": args.fps}, progress)
 
 
-def run_render(args: Namespace, progress: Progress) -> BakeResult:
+def run_render(args: Namespace, progress: Progress) -> CommandResult:
     """Write the preview video and the contact sheet alone."""
     return _bake(args, _PICTURES, {}, progress)
 
 
-def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], progress: Progress) -> BakeResult:
-    require_blender()
+def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], progress: Progress) -> CommandResult:
     from ..animation.takes import PERSON, person_of
     from ..body.shape import show_look
     from ..render.subject import RenderedTake
@@ -62,7 +54,6 @@ def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], prog
     from ..scene.cameras import near_footage
     from ..scene.session import frame_viewports, fresh_scene, save_file
 
-    start = time.monotonic()
     motion = read_motion(args.motion)
     body = read_body(args.body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
@@ -95,11 +86,9 @@ def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], prog
                 "it was solved for another body of this name."
             )
         notes += _write_pictures({kind: temporary[name] for kind, name in names.items()}, subject, progress)
-    return BakeResult(
-        outputs=[str(args.out / name) for name in names.values()], notes=notes, frames=motion.num_frames,
-        fps=motion.fps, baked_s=round(baked_s, 3), seconds=round(time.monotonic() - start, 3),
-        joints_deviation_mm=joints_mm, skin_deviation_mm=skin_mm,
-    )  # fmt: skip
+    length = {"frames": motion.num_frames, "fps": motion.fps, "baked_s": round(baked_s, 3)}
+    off = {"joints_deviation_mm": joints_mm, "skin_deviation_mm": skin_mm}
+    return {"outputs": [str(args.out / name) for name in names.values()], "notes": notes, **length, **off}
 
 
 def _files_of(args: Namespace) -> SolveFiles:

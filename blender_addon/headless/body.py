@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 
 import numpy as np
@@ -12,22 +11,11 @@ from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
 from ..conventions.naming import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
-from .process import require_blender
 from .result import CommandResult
 
 
-class BodyResult(CommandResult):
-    """Of ``body``."""
-
-    body: str
-    vertices: int
-    seconds: float
-    pose_correctives: bool
-
-
-def run_body(args: Namespace, progress: Progress) -> BodyResult:
+def run_body(args: Namespace, progress: Progress) -> CommandResult:
     """Write a Blender file that holds one body, standing on the floor, marked as an asset."""
-    require_blender()
     from ..body.correctives import CORRECTIVES
     from ..body.rig import create_rig, stand_on_floor
     from ..body.shape import show_look
@@ -35,7 +23,6 @@ def run_body(args: Namespace, progress: Progress) -> BodyResult:
     from ..scene.session import frame_viewports, fresh_scene, save_file
     from .body_asset import add_catalog, mark_body
 
-    start = time.monotonic()
     betas = np.zeros(NUM_BETAS)
     betas[: len(args.betas)] = args.betas
     body = read_body(args.body or default_body_path(), SMPL_HANDS if args.fingers else SMPL)
@@ -52,7 +39,5 @@ def run_body(args: Namespace, progress: Progress) -> BodyResult:
         frame_viewports((0.0, 0.0, 0.9))
         save_file(temporary[args.out.name])
         add_catalog(args.out.parent)
-    return BodyResult(
-        outputs=[str(args.out)], notes=[], body=body.id, vertices=len(body.v_template),
-        pose_correctives=CORRECTIVES in rig.mesh.modifiers, seconds=round(time.monotonic() - start, 3),
-    )  # fmt: skip
+    about = {"body": body.id, "vertices": len(body.v_template), "pose_correctives": CORRECTIVES in rig.mesh.modifiers}
+    return {"outputs": [str(args.out)], "notes": [], **about}

@@ -20,13 +20,7 @@ _REQUEST = ["req", "-x509", *_CURVE, "-sha256", "-nodes", "-subj", "/CN=mocap"]
 """Arguments of OpenSSL for a key on the curve P-256 and its certificate."""
 
 
-class CertificatesResult(CommandResult):
-    """Of ``certificates``."""
-
-    days: int
-
-
-def run_certificates(args: Namespace, progress: Progress) -> CertificatesResult:
+def run_certificates(args: Namespace, progress: Progress) -> CommandResult:
     """Write a key on the curve P-256 and its certificate, which is its own authority, into a folder.
 
     Whoever holds the key may run programs on the workers.

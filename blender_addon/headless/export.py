@@ -6,28 +6,20 @@ from argparse import Namespace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._exchange.diagnostics import DiagnosticValues, sentence
+from .._exchange.diagnostics import sentence
 from .._exchange.errors import FileDamaged, FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_file import body_path_of, read_body
 from ..errors import NothingToExport
-from .process import require_blender
-from .result import TimedResult
+from .result import CommandResult
 
 if TYPE_CHECKING:
     import bpy
 
 
-class ExportResult(TimedResult):
-    """Of ``export``."""
-
-    diagnostics: list[DiagnosticValues]
-
-
-def run_export(args: Namespace, progress: Progress) -> ExportResult:
+def run_export(args: Namespace, progress: Progress) -> CommandResult:
     """Write a file per format, named after the take, and report the warnings of its solve."""
-    require_blender()
     from ..body.shape import body_mesh, show_look
     from ..export.take import take_of
     from ..export.write import export_take, file_names
@@ -44,11 +36,9 @@ def run_export(args: Namespace, progress: Progress) -> ExportResult:
     take = take_of(scene, armature, fps=args.fps)
     for name, path in paths.items():
         export_take(take, name, path, overwrite=args.overwrite, progress=progress)
-    return ExportResult(
-        outputs=[str(path) for path in paths.values()], frames=take.num_frames, fps=take.fps,
-        notes=[sentence(item, take.fps) for item in take.warnings],
-        diagnostics=[item.as_dict() for item in take.warnings],
-    )  # fmt: skip
+    notes = [sentence(item, take.fps) for item in take.warnings]
+    about = {"frames": take.num_frames, "fps": take.fps, "diagnostics": [item.as_dict() for item in take.warnings]}
+    return {"outputs": [str(path) for path in paths.values()], "notes": notes, **about}
 
 
 def _check_free(args: Namespace, paths: list[Path]) -> None:

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from typing import Any
 
 from .._exchange.command import Report, cancel_at_end_of, cancel_on_signals, name_error
 from .._exchange.errors import MocapError
 from ..errors import BakeFailed
 from .process import own_streams
 from .result import CommandResult
-from .verb_table import MODULE, VERBS
+from .verb_table import MODULE, run_here
 from .verb_table import program as program_called
 
 _INTERVAL_S = 0.2  # Least time between two progress lines of one stage, seconds, chosen by hand.
@@ -37,8 +36,7 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
     with own_streams(verbose=args.verbose) as (out, err), cancel_on_signals(KeyboardInterrupt) as cancellation:
         report = Report(out, err, as_json=as_json, interval_s=_INTERVAL_S)
         try:
-            run = VERBS[args.verb].load(__package__ or "")
-            result: Any = run(args, cancellation.watched(report.progress))
+            result = run_here(args, cancellation.watched(report.progress))
         except BaseException as error:
             return report.error(name_error(error, BakeFailed, f"The {args.verb}", asked=cancellation.asked))
         report.result(result, "\n".join(result["outputs"]), _remarks(result))
@@ -46,12 +44,11 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
 
 
 def _remarks(result: CommandResult) -> list[str]:
-    """Return what people should know about a result, apart from its files."""
     lines = []
-    if "joints_deviation_mm" in result and "skin_deviation_mm" in result:
+    if "joints_deviation_mm" in result:
         joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
         lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
-    if "hands_and_feet_deviation_mm" in result and "scale" in result and "map" in result:
+    if "hands_and_feet_deviation_mm" in result:
         off_mm, scale = result["hands_and_feet_deviation_mm"], result["scale"]
         within = max(0.1, math.ceil(10 * off_mm) / 10)
         lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet match within {within:.1f} mm")

@@ -9,7 +9,6 @@ from tempfile import TemporaryDirectory
 from .._exchange.progress import Progress
 from .._exchange.skeleton_file import write_skeleton
 from .children import pass_on
-from .process import require_blender
 from .result import CommandResult
 
 _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cannot read.
@@ -17,7 +16,6 @@ _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")  # Files that the solver cann
 
 def run_motion(args: Namespace, progress: Progress) -> CommandResult:
     """Write a clip as a motion of our body."""
-    require_blender()
     with TemporaryDirectory() as folder:
         clip = _readable(args.clip, args.armature, args.action, Path(folder), progress)
         return pass_on(args, progress, [str(clip), "--out", str(args.out)])
@@ -25,7 +23,6 @@ def run_motion(args: Namespace, progress: Progress) -> CommandResult:
 
 def run_add_hands(args: Namespace, progress: Progress) -> CommandResult:
     """Write a motion with the hands of gloves."""
-    require_blender()
     with TemporaryDirectory() as folder:
         gloves = [
             str(_readable(path, args.armature, "", Path(folder) / str(number), progress))

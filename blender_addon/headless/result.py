@@ -2,32 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any, NotRequired, TypedDict
+from typing import Any
 
 from .._exchange.errors import MocapError
 
-
-class CommandResult(TypedDict):
-    """The ``result`` event. A verb may add keys for programs."""
-
-    event: NotRequired[str]
-    outputs: list[str]  # Files that were written.
-    notes: list[str]  # Sentences for people.
-    exit_code: NotRequired[int]
-    table: NotRequired[str]
-    joints_deviation_mm: NotRequired[float]  # Largest distance between Blender's joints and the motion's.
-    skin_deviation_mm: NotRequired[float]  # Largest distance between Blender's skin and the motion's.
-    hands_and_feet_deviation_mm: NotRequired[float]
-    scale: NotRequired[float]  # Of a character relative to the person.
-    map: NotRequired[str]  # The character's bones by the roles of ours.
-
-
-class TimedResult(CommandResult):
-    """Of a verb that goes through frames."""
-
-    frames: int
-    fps: float
-    seconds: NotRequired[float]
+CommandResult = dict[str, Any]
+"""The ``result`` event: the written files as ``outputs``, sentences for people as ``notes``, an ``exit_code`` and a
+``table`` to print where there are any, and values for programs."""
 
 
 def failure(kind: str, name: str, error: MocapError) -> dict[str, Any]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from collections import Counter
 from collections.abc import Collection
@@ -10,15 +9,14 @@ from dataclasses import asdict, replace
 from itertools import count
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, Any
 
 from .._exchange.errors import FileMissing, MocapError, OutputExists
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..errors import ActorMissing, BatchInvalid, TargetUnsuitable
 from .actors import ReadActor, read_clips, read_source
-from .process import require_blender
-from .result import CommandResult, TimedResult, failure, failure_notes
+from .result import CommandResult, failure, failure_notes
 
 if TYPE_CHECKING:
     import bpy
@@ -31,42 +29,11 @@ _SAME_RATE = 1e-3  # Relative difference below which two frame rates are equal, 
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
 
 
-class RetargetResult(TimedResult):
-    """Of ``retarget`` of one motion."""
-
-    lengths_by_the_actor: dict[str, float]
-    soles_from: str
-
-
-class DoneClip(TypedDict):
-    """A clip that was transferred."""
-
-    clip: str
-    frames: int
-    notes: list[str]
-
-
-class ClipsResult(CommandResult):
-    """Of ``retarget`` of a folder."""
-
-    clips: list[DoneClip]
-    failed: list[dict[str, Any]]
-    seconds: float
-
-
-class TargetsResult(CommandResult):
-    """Of ``retarget`` to several targets."""
-
-    targets: dict[str, CommandResult]
-    failed: list[dict[str, Any]]
-
-
 def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
     """Retarget to each target. The files of several targets are in folders with the targets' names.
 
     Unsuitable targets are skipped and reported. The worst error gives the exit code.
     """
-    require_blender()
     targets = list(dict.fromkeys(args.target))
     out = args.out or args.source.with_name(f"{args.source.stem}_retargeted.blend")
     if len(targets) == 1:
@@ -90,10 +57,9 @@ def run_retarget(args: Namespace, progress: Progress) -> CommandResult:
         raise TargetUnsuitable(message, where=str(args.source), hint=_listing("target", failed, len(failed)))
     notes = [f"{name}: {note}" for name, result in results.items() for note in result["notes"]]
     codes = [entry["exit_code"] for entry in failed] + [result.get("exit_code", 0) for result in results.values()]
-    return TargetsResult(
-        outputs=[path for result in results.values() for path in result["outputs"]], targets=results, failed=failed,
-        notes=notes + failure_notes("target", failed), exit_code=max(codes),
-    )  # fmt: skip
+    outputs = [path for result in results.values() for path in result["outputs"]]
+    about = {"targets": results, "failed": failed, "exit_code": max(codes)}
+    return {"outputs": outputs, "notes": notes + failure_notes("target", failed), **about}
 
 
 def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> CommandResult:
@@ -103,13 +69,12 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
     return _clips(args, progress) if args.source.is_dir() else _one(args, progress)
 
 
-def _one(args: Namespace, progress: Progress) -> RetargetResult:
+def _one(args: Namespace, progress: Progress) -> CommandResult:
     """Write a copy of the target's file in which the rig plays the motion."""
     from ..retarget.retarget import retarget
     from ..retarget.rig_map import write_map
     from ..scene.session import save_file
 
-    start = time.monotonic()
     for path in (args.source, args.target):
         if not path.is_file():
             raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
@@ -128,16 +93,21 @@ def _one(args: Namespace, progress: Progress) -> RetargetResult:
         save_file(temporary[args.out.name])
         if args.save_map is not None:
             write_map(args.save_map, done.rig_map, overwrite=args.overwrite)
-    return RetargetResult(
-        outputs=[str(path) for path in (args.out, args.save_map) if path is not None],
-        notes=[*read.notes, *done.notes], frames=actor.num_frames, fps=actor.fps, map=done.rig_map.label,
-        scale=round(done.scale, 5), soles_from=done.soles, hands_and_feet_deviation_mm=round(done.deviation_mm, 3),
-        lengths_by_the_actor={k: round(v, 4) for k, v in asdict(done.proportions).items() if isfinite(v)},
-        seconds=round(time.monotonic() - start, 3),
-    )  # fmt: skip
+    lengths = {name: round(value, 4) for name, value in asdict(done.proportions).items() if isfinite(value)}
+    return {
+        "outputs": [str(path) for path in (args.out, args.save_map) if path is not None],
+        "notes": [*read.notes, *done.notes],
+        "frames": actor.num_frames,
+        "fps": actor.fps,
+        "map": done.rig_map.label,
+        "scale": round(done.scale, 5),
+        "soles_from": done.soles,
+        "hands_and_feet_deviation_mm": round(done.deviation_mm, 3),
+        "lengths_by_the_actor": lengths,
+    }
 
 
-def _clips(args: Namespace, progress: Progress) -> ClipsResult:
+def _clips(args: Namespace, progress: Progress) -> CommandResult:
     """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
 
     Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
@@ -148,12 +118,11 @@ def _clips(args: Namespace, progress: Progress) -> ClipsResult:
     from ..retarget.rig_actor import play_action
     from ..scene.session import save_file
 
-    start = time.monotonic()
     suffixes = {name: format_of(name).suffix for name in dict.fromkeys(args.export)}
     actors, failed = _read_folder(args, progress)
     folder: Path = args.out.parent
     _check_free(args, [f"{read.actor.name}{suffix}" for read in actors for suffix in suffixes.values()])
-    clips: list[DoneClip] = []
+    clips: list[dict[str, Any]] = []
     written: list[Path] = [args.out]
     with atomic_outputs(folder, (args.out.name,), overwrite=args.overwrite) as temporary:
         scene, rig = _open_target(args)
@@ -188,11 +157,10 @@ def _clips(args: Namespace, progress: Progress) -> ClipsResult:
         play_action(rig, clips[0]["clip"])
         save_file(temporary[args.out.name])
     notes = [f"{clip['clip']}: {note}" for clip in clips for note in clip["notes"]]
-    return ClipsResult(
-        outputs=[str(path) for path in written], clips=clips, failed=failed, map=rig_map.label,
-        notes=notes + failure_notes("clip", failed), seconds=round(time.monotonic() - start, 3),
-        exit_code=max((entry["exit_code"] for entry in failed), default=0),
-    )  # fmt: skip
+    notes += failure_notes("clip", failed)
+    about = {"clips": clips, "failed": failed, "map": rig_map.label}
+    code = max((entry["exit_code"] for entry in failed), default=0)
+    return {"outputs": [str(path) for path in written], "notes": notes, "exit_code": code, **about}
 
 
 def _check_free(args: Namespace, names: list[str]) -> None:

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-import time
 from argparse import Namespace
 from pathlib import Path
-from typing import Any, NotRequired
 
 from .._exchange.cluster_address import use_certificates
 from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
-from .._exchange.verb_results import BenchmarkResult, DataSetPlan
+from .._exchange.verb_results import DataSetPlan
 from .batch.dispatch import dispatch
 from .batch.record import TakeRecord
 from .batch.request import Listed, Spread
@@ -19,15 +17,6 @@ from .batch.shots import Shots, digest_of, require_all
 from .children import run_solver
 from .process import require_blender
 from .result import CommandResult
-
-
-class StudioResult(DataSetPlan, CommandResult):
-    """Of ``studio``."""
-
-    seconds: NotRequired[float]
-    page: NotRequired[str]
-    rows: NotRequired[list[dict[str, Any]]]
-    places: NotRequired[str]
 
 
 def run_studio(args: Namespace, progress: Progress) -> CommandResult:
@@ -42,7 +31,6 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     """
     if args.tls is not None:
         use_certificates(args.tls)
-    start = time.monotonic()
     if args.colour_of:
         wanted = read_json_file(args.description).get("write") or ()  # checked when the shot was filmed
         _film_in_colour(args.out, [args.colour_of], 1, "video" in wanted, progress)
@@ -60,7 +48,7 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     size = f"about {planned['needed_mb']:.0f} MiB on disk"
     notes = [f"{len(planned['shots'])} shots, {planned['pictures']} pictures, {size}."]
     progress(f"planned, {planned['needed_mb']:.0f} MiB", 1, 1)
-    result: StudioResult = {**planned, "outputs": [str(args.out)], "notes": notes}
+    result: CommandResult = {**planned, "outputs": [str(args.out)], "notes": notes}
     if args.plan:
         return result
     if spread:
@@ -75,12 +63,10 @@ def run_studio(args: Namespace, progress: Progress) -> CommandResult:
         words = [str(args.out), "--methods", *(dict.fromkeys(args.benchmark) or ("triangulation",))]
         words += ["--places"] if args.places else []
         words += ["--settings", str(args.settings)] if args.settings else []
-        compared: BenchmarkResult = run_solver("studio-benchmark", words, progress, python=args.python)
+        compared = run_solver("studio-benchmark", words, progress, python=args.python)
         result["outputs"].append(compared["page"])
-        result["page"], result["table"], result["rows"] = compared["page"], compared["table"], compared["rows"]
-        if "places" in compared:
-            result["places"] = compared["places"]
-    result["frames"], result["seconds"] = made["frames"], round(time.monotonic() - start, 2)
+        result |= {key: compared[key] for key in ("page", "table", "rows", "places") if key in compared}
+    result["frames"] = made["frames"]
     return result
 
 

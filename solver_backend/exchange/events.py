@@ -65,13 +65,14 @@ _SEVERAL: dict[str, dict[str, Form]] = {
 # fmt: on
 
 
-def _fits(form: Form, value: Any) -> bool:
+def fits(form: Form, value: Any) -> bool:
+    """Return whether a value has a form."""
     if isinstance(form, str):
         return _KINDS[form](value)
     if isinstance(form, list):
-        return isinstance(value, list) and all(_fits(form[0], item) for item in value)
+        return isinstance(value, list) and all(fits(form[0], item) for item in value)
     if "*" in form:
-        return isinstance(value, dict) and all(_fits(form["*"], item) for item in value.values())
+        return isinstance(value, dict) and all(fits(form["*"], item) for item in value.values())
     return isinstance(value, dict) and not _misfits(form, value)
 
 
@@ -80,7 +81,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
     for key, inner in form.items():
         name = key.rstrip("?")
         item = value.get(name, {} if inner == "object" else None)
-        if not _fits(inner, item) and (item is not None or name == key):
+        if not fits(inner, item) and (item is not None or name == key):
             wrong.append(name)
     return wrong
 

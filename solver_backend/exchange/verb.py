@@ -33,6 +33,7 @@ class Verb:
     run: str  # ``module:function`` in the program's package; imported when the verb runs.
     settings: tuple[Setting, ...] = ()
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
+    needs_blender: bool = False  # Blender is loaded before it runs.
 
     @property
     def rows(self) -> dict[str, Setting]:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -26,22 +27,22 @@ _TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
 """Texts of other tables that descriptions hold in braces."""
 
 Named = Mapping[str, Sequence[Setting]]  # Settings by the names that a table refers to them by.
+Tables = Mapping[str, Iterable[str]]  # Values of choices by the name that a table refers to them by.
 
 
-def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:
-    """Yield the settings of a list in a table.
+def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Setting]:
+    """Yield the settings of a list in a table. Unknown names and fields are a ``KeyError`` or a ``TypeError``.
 
     Args:
         items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
             argument, ``flag`` for a flag and ``name`` for an option; ``out`` is the metavar of the option ``--out``.
             The fields of ``like`` are those of a named setting, with the others replaced.
-        named: settings by name.
     """
     for item in items:
         if isinstance(item, str):
             yield from named[item]
             continue
-        given = {key: _value(key, value) for key, value in item.items()}
+        given = {key: _value(key, value, tables) for key, value in item.items()}
         if "like" in given:
             [row] = named[given.pop("like")]
             yield replace(row, **given)
@@ -56,13 +57,13 @@ def read_rows(items: Sequence[Any], named: Named) -> Iterator[Setting]:
             yield option(default=default, **{"metavar": "", **given})
 
 
-def _value(key: str, value: Any) -> Any:
+def _value(key: str, value: Any, tables: Tables) -> Any:
     if key == "choices":
-        return tuple(Choice(*item) if isinstance(item, list) else values(item)[0] for item in value)
+        items = tables[value] if isinstance(value, str) else value
+        return tuple(Choice(*item) if isinstance(item, list) else values(item)[0] for item in items)
     if key == "endings":
-        return tuple(
-            end for item in value for end in (map(".{}".format, MARKER_FORMATS) if item == "markers" else [item])
-        )
+        endings = ([f".{end}" for end in MARKER_FORMATS] if item == "markers" else [item] for item in value)
+        return tuple(chain.from_iterable(endings))
     if key == "out":
         return "|".join(file_names(name[:-2]) if name.endswith(".*") else name for name in value.split("|"))
     if key == "description":
@@ -72,20 +73,21 @@ def _value(key: str, value: Any) -> Any:
     return tuple(value) if isinstance(value, list) else value
 
 
-def read_verbs(path: Path, named: Named) -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
+def read_verbs(
+    path: Path, named: Named, tables: Tables | None = None
+) -> tuple[dict[str, tuple[Setting, ...]], dict[str, Verb]]:
     """Return the named settings and the verbs of a table.
 
     Args:
         path: JSON file with ``shared``, lists of settings by name, and ``verbs``, fields of ``Verb`` by task and name.
-        named: settings that the table refers to by name.
     """
     table = json.loads(path.read_text(encoding="utf-8"))
     shared, verbs = {name: tuple(rows) for name, rows in named.items()}, dict[str, Verb]()
     for name, items in table["shared"].items():
-        shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared))
+        shared[name] = tuple(read_rows(items if isinstance(items, list) else [items], shared, tables or {}))
     for task, rows in table["verbs"].items():
         for name, row in rows.items():
-            settings = tuple(read_rows(row.pop("settings", ()), shared))
+            settings = tuple(read_rows(row.pop("settings", ()), shared, tables or {}))
             verbs[name] = Verb(name, task, help=row.pop("help").format(**_TEXTS), settings=settings, **row)
     return shared, verbs
 

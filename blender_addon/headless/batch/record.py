@@ -8,11 +8,12 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any, NotRequired, TypedDict, TypeGuard
+from typing import Any, NotRequired, TypedDict
 
 from ..._exchange.errors import MocapError
+from ..._exchange.events import Form, fits
 from ..._exchange.json_file import read_json_file
-from ..._exchange.outputs import atomic_outputs
+from ..._exchange.outputs import write_text
 from ..._exchange.verb_results import SolveResult
 from ..._exchange.version import VERSION
 
@@ -21,7 +22,6 @@ UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
 FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
 """Numbers of a solve that the summary shows."""
-_MOST = 1e12  # Above every count, residual and time; chosen by hand.
 
 
 class StepRecord(TypedDict):
@@ -119,58 +119,27 @@ def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
     return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
 
+_TEXTS: Form = ["text"]
+_RECORD: dict[str, Form] = dict.fromkeys(("take", "capture", "status"), "text") | {
+    "steps?": {"*": {"key": "text", "outputs": _TEXTS, "notes": _TEXTS, "seconds": "number"}},
+    "attempts?": ["object"],
+    "solve?": {f"{name}?": "number" for name in FIGURES},
+    "error?": {"code": "text", "message": "text", "exit_code": "whole"},
+    "seconds?": "number",
+    **dict.fromkeys(("outputs?", "notes?", "people?"), _TEXTS),
+}
+"""Parts that a record must have to be used."""
+
+
 def read_record(folder: Path) -> TakeRecord | None:
-    """Return the record of a take's folder, None where there is none, or it cannot be read."""
+    """Return the record of a take's folder, None if there is none or it cannot be read."""
     try:
-        record = read_json_file(folder / NAME)
+        record: Any = read_json_file(folder / NAME)
     except MocapError:
         return None
-    return record if _is_record(record) else None
-
-
-def _is_record(value: Any) -> TypeGuard[TakeRecord]:
-    """Return whether a value has the parts of a record, with the right types and numbers that can be shown."""
-    if not isinstance(value, dict):
-        return False
-    steps, attempts = value.get("steps") or {}, value.get("attempts") or []
-    solved, error = value.get("solve") or {}, value.get("error")
-    return (
-        all(isinstance(value.get(key), str) for key in ("take", "capture", "status"))
-        and isinstance(steps, dict)
-        and all(_is_step(step) for step in steps.values())
-        and isinstance(attempts, list)
-        and all(isinstance(attempt, dict) for attempt in attempts)
-        and isinstance(solved, dict)
-        and all(solved.get(key) is None or _is_number(solved[key]) for key in FIGURES)
-        and (error is None or _is_failure(error))
-        and all(_texts(value.get(key, [])) for key in ("outputs", "notes", "people"))
-        and (value.get("seconds") is None or _is_number(value["seconds"]))
-    )
-
-
-def _is_step(step: Any) -> bool:
-    return (
-        isinstance(step, dict)
-        and isinstance(step.get("key"), str)
-        and all(_texts(step.get(key)) for key in ("outputs", "notes"))
-        and _is_number(step.get("seconds"))
-    )
-
-
-def _is_failure(error: Any) -> bool:
-    texts = isinstance(error, dict) and all(isinstance(error.get(key), str) for key in ("code", "message"))
-    return texts and isinstance(error.get("exit_code"), int)
-
-
-def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and -_MOST < value < _MOST
-
-
-def _texts(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(item, str) for item in value)
+    return {key: value for key, value in record.items() if value is not None} if fits(_RECORD, record) else None
 
 
 def write_record(folder: Path, record: TakeRecord) -> None:
     """Write a take's record, whole or not at all."""
-    with atomic_outputs(folder, (NAME,), overwrite=True) as temporary:
-        temporary[NAME].write_text(json.dumps(record, indent=1, ensure_ascii=False), encoding="utf-8")
+    write_text(folder / NAME, json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)

@@ -14,7 +14,7 @@ from ..._exchange.reading_settings import ROWS as READING
 from ...errors import BatchInvalid, TakeTooLarge, TakeTooSlow
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .record import fingerprint
-from .work import Plain, take_name
+from .work import take_name
 
 _PROCESSES = Path("/proc")
 _MB = 2**20
@@ -87,23 +87,6 @@ class BatchRequest:
     """Of the solver for each take. A take that was done within others is not done again."""
     strict: bool = False  # Refuse takes whose solves have warnings, whatever the job file states.
     accept: tuple[str, ...] = ()  # Codes of faults that are accepted beside those of the job file.
-
-    def plain(self) -> Plain:
-        """Return the request for another process or machine: plain values, paths from the root."""
-        paths = {name: getattr(self, name) for name in ("captures", "out", "body")}
-        whole = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
-        python, limits = self.python and str(self.python), [self.limits.seconds, self.limits.memory_mb]
-        what = {name: getattr(self, name) for name in ("bake", "render", "formats", "marker_formats")}
-        return {**whole, **what, "python": python, "limits": limits}
-
-    @classmethod
-    def from_plain(cls, values: Plain) -> BatchRequest:
-        """Return the request that ``plain`` has written. The job file's settings travel as choices."""
-        body, python = (Path(values[name]) if values[name] else None for name in ("body", "python"))
-        return cls(
-            Path(values["captures"]), Path(values["out"]), None, values["bake"], values["render"],
-            tuple(values["formats"]), body, python, tuple(values["marker_formats"]), TakeLimits(*values["limits"]),
-        )  # fmt: skip
 
     def choices(self) -> dict[str, Any]:
         """Return the settings of a take's results, as plain values."""

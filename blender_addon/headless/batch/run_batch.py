@@ -92,13 +92,7 @@ class Results:
         return f"{rate} by {who}" if who else rate
 
 
-class BatchResult(CommandResult):
-    """Of ``batch``."""
-
-    takes: list[TakeRecord]  # Worst first.
-
-
-def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:
+def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
     """Do the batch of a command line. See ``run_batch``."""
     if args.tls is not None:
         use_certificates(args.tls)
@@ -117,7 +111,7 @@ def run_batch_verb(args: Namespace, progress: Progress) -> BatchResult:
     return run_batch(request, progress, spread)
 
 
-def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> BatchResult:
+def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> CommandResult:
     """Do all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
 
     Raises:
@@ -140,7 +134,8 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     ordered = results.ordered()
     codes = [take["error"]["exit_code"] for take in ordered if "error" in take]
     worst = max(codes, default=0)
-    return BatchResult(takes=ordered, table=table(ordered), outputs=results.outputs, notes=notes, exit_code=worst)
+    about = {"takes": ordered, "table": table(ordered), "exit_code": worst}
+    return {"outputs": results.outputs, "notes": notes, **about}
 
 
 @contextmanager

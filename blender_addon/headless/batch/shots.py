@@ -13,7 +13,7 @@ from ...errors import ShotsMissing
 from ..children import run_solver, run_verb
 from .record import StepMade, TakeRecord
 from .request import TakeLimits
-from .work import Place, Plain, Step
+from .work import Place, Plain, Step, from_plain, to_plain
 
 RECORDS, SHOTS = "tasks", "shots"  # Folders of a data set: of the tasks' records, of the shots.
 FILM, COLOUR = "film", "colour"
@@ -66,17 +66,12 @@ class Shots:
 
     def plain(self) -> Plain:
         """Return the work for another process or machine: plain values, paths from the root."""
-        return {
-            "kind": self.kind, "description": str(self.description.resolve()), "data_set": str(self.data_set.resolve()),
-            "digest": self.digest, "colour": self.colour, "python": None if self.python is None else str(self.python),
-        }  # fmt: skip
+        return {"kind": self.kind, **to_plain(self)}
 
     @classmethod
     def from_plain(cls, values: Plain) -> Shots:
         """Return the work that ``plain`` has written."""
-        python = Path(values["python"]) if values["python"] else None
-        description, data_set = Path(values["description"]), Path(values["data_set"])
-        return cls(description, data_set, values["digest"], values["colour"], python)
+        return from_plain(cls, values, limits=TakeLimits(**values["limits"]))
 
 
 def digest_of(description: Path) -> str:

@@ -9,17 +9,15 @@ from pathlib import Path
 from typing import Any, ClassVar
 
 from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
-from ..._exchange.outputs import atomic_outputs
+from ..._exchange.outputs import write_text
 from ..._exchange.reading_settings import options_of
 from ..._exchange.verb_results import SolveResult
 from ..children import run_solver, run_verb
 from ..result import CommandResult
-from ..verb_table import VERBS
+from ..verb_table import VERBS, run_here
 from .record import StepMade, fingerprint, read_record, step_key
 from .request import BatchRequest, TakeLimits, TakeWatch
-from .work import Place, Plain, Step
-
-PACKAGE = (__package__ or "").rpartition(".")[0]  # Of the verbs.
+from .work import Place, Plain, Step, from_plain, to_plain
 
 
 @dataclass(frozen=True)
@@ -69,12 +67,13 @@ class Takes:
 
     def plain(self) -> Plain:
         """Return the work for another process or machine: plain values, paths from the root."""
-        return {"kind": self.kind, "request": self.request.plain(), "choices": self.choices}
+        return {"kind": self.kind, "request": to_plain(self.request), "choices": self.choices}
 
     @classmethod
     def from_plain(cls, values: Plain) -> Takes:
         """Return the work that ``plain`` has written."""
-        return cls(BatchRequest.from_plain(values["request"]), values["choices"])
+        request = values["request"]
+        return cls(from_plain(BatchRequest, request, limits=TakeLimits(**request["limits"])), values["choices"])
 
 
 def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> StepMade:
@@ -125,11 +124,10 @@ def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Plac
 
 
 def _in_blender(verb: str, values: dict[str, Any], place: Place) -> CommandResult:
-    """Run a verb of this command line, in a process of its own if the place asks for that."""
     row = VERBS[verb]
     if place.in_child:
         return run_verb(verb, row.words(values), place.progress, place.stopped)
-    return row.load(PACKAGE)(row.arguments(**values), place.progress)
+    return run_here(row.arguments(**values), place.progress)
 
 
 def _export(request: BatchRequest, place: Place) -> StepMade:
@@ -170,11 +168,7 @@ def _inside(folder: Path, paths: list[str]) -> list[str]:
 
 def _write_job(folder: Path, capture: Path, motion: Path, page: Path, shared: dict[str, Any]) -> Path:
     path = folder / f"{folder.name}.job.json"
-    values = {
-        "version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name,
-        "overwrite": True, "settings": shared.get("settings") or {},
-    }  # fmt: skip
+    values = {"version": shared.get("version", 1), "capture": capture.name, "out": motion.name, "report": page.name}
+    values |= {"overwrite": True, "settings": shared.get("settings") or {}}
     values |= {key: shared[key] for key in ("person", "strict") if shared.get(key)}
-    with atomic_outputs(folder, (path.name,), overwrite=True) as temporary:
-        temporary[path.name].write_text(json.dumps(values, indent=1, ensure_ascii=False), encoding="utf-8")
-    return path
+    return write_text(path, json.dumps(values, indent=1, ensure_ascii=False), overwrite=True)

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, TypeVar
 
 from ..._exchange.errors import MocapError
+from ..._exchange.json_file import as_plain
 from ..._exchange.progress import Progress
 from .record import StepMade
 
@@ -15,7 +16,24 @@ if TYPE_CHECKING:
     from .request import TakeLimits
 
 Plain = dict[str, Any]
-"""Work as plain values, for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""
+"""Work as plain values for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""
+Value = TypeVar("Value")
+
+
+def to_plain(value: Any) -> Plain:
+    """Return the fields of a data class as plain values. Paths are absolute, but for the name of a Python."""
+    found = {item.name: getattr(value, item.name) for item in fields(value)}
+    whole = {k: v.resolve() if isinstance(v, Path) and k != "python" else v for k, v in found.items()}
+    return as_plain(whole)
+
+
+def from_plain(cls: type[Value], values: Plain, **others: Any) -> Value:
+    """Return the data class that ``to_plain`` has written; the values of ``others`` are in the right type already."""
+    read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
+    found = {
+        item.name: (read.get(str(item.type)), values[item.name]) for item in fields(cls) if item.name not in others
+    }
+    return cls(**{k: v if v is None or kind is None else kind(v) for k, (kind, v) in found.items()}, **others)
 
 
 @dataclass(frozen=True)
