@@ -79,8 +79,9 @@ def interpret_cameras(
     except CalibrationInvalid as error:
         where = error.where if str(path) in error.where else f"{path}, {error.where}"
         raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
-    axis = up_axis or "z"
-    axis_note = diagnostic("up_axis_read", source="given" if up_axis else stated.source, axis=axis.upper())
+    axis = up_axis or stated.up_axis or "z"
+    known = "given" if up_axis else stated.source if stated.up_axis else "default"
+    axis_note = diagnostic("up_axis_read", source=known, axis=axis.upper())
     return Calibration(
         cameras=with_up_axis(cameras, axis),
         source=path,

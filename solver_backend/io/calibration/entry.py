@@ -52,7 +52,8 @@ class StatedCameras:
 
     entries: list[CameraEntry]  # Its cameras, none if it is of another format.
     unit: str = ""  # Length unit if the format has one.
-    source: str = "default"  # Origin of that unit and of Z as the up axis, for notes.
+    up_axis: str = ""  # Axis of its world that points up if the format has one.
+    source: str = "default"  # Origin of that unit and axis, for notes.
     problems: tuple[Diagnostic, ...] = ()
 
 

@@ -1,8 +1,9 @@
-"""Calibrations of Qualisys Track Manager, ``.qca.txt`` (XML), and COLMAP's text model."""
+"""Calibrations of Qualisys, Vicon and Metashape, which are XML, and COLMAP's text model."""
 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,14 +11,15 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
-from solver_backend.exchange.lens import LENS_MODELS
+from solver_backend.exchange.lens import DEFAULT_MODEL, FISHEYE, LENS_MODELS
 from solver_backend.exchange.lens_model import MOST_TERMS
 from solver_backend.geometry.rotations import matrix_from_quat
 from solver_backend.io.calibration.entry import CameraEntry, StatedCameras
-from solver_backend.io.files import LARGEST_TEXT, read_text, read_xml
+from solver_backend.io.files import LARGEST_TEXT, first_bytes, read_text, read_xml
 
 SUBPIXELS = 64.0  # Focal lengths and centres of Qualisys are in 1/64 pixel.
 TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])  # Qualisys' camera looks along -Z with Y up, OpenCV's along +Z with Y down.
+_HEAD = 4096  # Bytes that show the program of an XML file.
 _LARGEST_NUMBER = 1e12  # Magnitude of a number in a file at most, chosen by hand.
 _ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)  # ``video_resolution="540p"``.
 _SAME_ROWS = 0.05  # Relative difference of equal numbers of rows: a sensor of 1088 rows records 1080p.
@@ -47,8 +49,18 @@ def read_qualisys(path: Path) -> StatedCameras:
         if n.get("viewrotation", "0") not in ("0", "")
     ]
     entries = [_entry(node, path) for node in used]
+    if all(_in_whole_pixels(entry) for entry in entries):
+        entries = [replace(e, K=np.diag([SUBPIXELS, SUBPIXELS, 1.0]) @ e.K) for e in entries]
+        problems.append(diagnostic("calibration_read_as", convention="whole_pixels", cameras=[e.name for e in entries]))
     problems += _other_resolutions(used, entries)
-    return StatedCameras(entries, unit="mm", source="qualisys", problems=tuple(problems))
+    return StatedCameras(entries, unit="mm", up_axis="z", source="qualisys", problems=tuple(problems))
+
+
+def _in_whole_pixels(entry: CameraEntry) -> bool:
+    """Return whether a camera's intrinsics, read as 1/64 pixel, fit its picture 64 times as large."""
+    assert entry.image_size is not None
+    middle = 0.5 * np.array(entry.image_size)
+    return bool((np.abs(SUBPIXELS * entry.K[:2, 2] - middle) < 0.5 * middle).all() and entry.K[0, 2] < middle[0] / 8)
 
 
 def _other_resolutions(nodes: list[ElementTree.Element], entries: list[CameraEntry]) -> list[Diagnostic]:
@@ -109,6 +121,113 @@ def _number(node: ElementTree.Element, key: str, place: str, *, default: float |
     except ValueError:
         pass
     raise CalibrationInvalid(f"'{key}' of <{node.tag}> is {text!r}, not a number.", where=place)
+
+
+def read_vicon(path: Path) -> StatedCameras:
+    """Return the calibrated cameras of a Vicon calibration (.xcp) in mm: the video cameras if there are any.
+
+    The last key frame holds the focal length in pixels, the principal point, the position, and the orientation from
+    world to camera as a quaternion xyzw. ``VICON_RADIAL2`` has three radial terms of OpenCV after a centre;
+    ``VICON_RADIAL`` has two.
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, truncated or not Vicon's XML.
+        CalibrationInvalid: a camera lacks a value.
+    """
+    found = [(node, frames[-1]) for node in read_xml(path, LARGEST_TEXT, "Vicon's XML").iter("Camera")
+             if (frames := node.findall("KeyFrames/KeyFrame")) and frames[-1].get("FOCAL_LENGTH")]  # fmt: skip
+    videos = [
+        pair for pair in found if re.search("vue|video", pair[0].get("DISPLAY_TYPE", pair[0].get("TYPE", "")), re.I)
+    ]
+    entries = []
+    for node, frame in videos or found:
+        name = node.get("DEVICEID") or node.get("USERID", "")
+        place = f"{path}, camera {name}"
+        keys = {"ORIENTATION": 4, "POSITION": 3, "PRINCIPAL_POINT": 2, "FOCAL_LENGTH": 1}
+        q, centre, middle, (f,) = (_listed(frame, key, count, place) for key, count in keys.items())
+        aspect = _number(node, "PIXEL_ASPECT_RATIO", place, default=1.0)
+        radial = frame.get("VICON_RADIAL2", "").split()[3:6] or frame.get("VICON_RADIAL", "").split()[:2]
+        k1, k2, k3 = np.pad(_numbers(radial, place), (0, 3))[:3]
+        K = np.array([[f, 0.0, middle[0]], [0.0, f / (aspect or 1.0), middle[1]], [0.0, 0.0, 1.0]])
+        R = np.asarray(matrix_from_quat(q[[3, 0, 1, 2]] / max(float(np.linalg.norm(q)), 1e-9)))
+        width, height = _listed(node, "SENSOR_SIZE", 2, place)
+        size = (round(float(width)), round(float(height)))
+        entries.append(CameraEntry(name, K, np.array([k1, k2, 0.0, 0.0, k3]), R, np.negative(R @ centre), size))
+    return StatedCameras(entries, unit="mm", up_axis="z", source="file")
+
+
+def _listed(node: ElementTree.Element, key: str, count: int, place: str) -> np.ndarray:
+    values = _numbers((node.get(key) or node.findtext(key) or "").split(), place)
+    if values.shape != (count,) or not np.isfinite(values).all():
+        what = f"'{key}' of <{node.tag}> has {len(values)} numbers; {count} are expected."
+        raise CalibrationInvalid(what, where=place, hint="Export the calibration again.")
+    return values
+
+
+def is_metashape(path: Path) -> bool:
+    """Return whether a file is an XML of Metashape's cameras."""
+    return path.suffix.lower() == ".xml" and b"<chunk" in first_bytes(path, _HEAD)
+
+
+def read_metashape(path: Path) -> StatedCameras:
+    """Return the aligned cameras of Metashape's XML ("Export Cameras") in the unit of its chunk.
+
+    A camera's ``transform`` takes OpenCV's axes to the chunk, and the chunk's takes it to the world. ``cx`` and ``cy``
+    are offsets from the middle of the picture, ``p1`` and ``p2`` are OpenCV's p2 and p1, and f + b1 is the focal length
+    across (Agisoft Metashape user manual, appendix D, "Camera models").
+
+    Raises:
+        FileMissing, FileDamaged: the file is not there, truncated or not XML.
+        CalibrationInvalid: a camera lacks a value, or its lens is neither a frame camera's nor a fisheye's.
+    """
+    chunk = read_xml(path, LARGEST_TEXT, "Metashape's XML").find("chunk")
+    chunk = ElementTree.Element("chunk") if chunk is None else chunk
+    lenses = {sensor.get("id"): sensor for sensor in chunk.iter("sensor") if sensor.find("calibration") is not None}
+    placed = {c.get("id"): c.find("transform") for c in chunk.iter("component")} | {None: chunk.find("transform")}
+    entries = []
+    for node in chunk.iter("camera"):
+        place, lens = f"{path}, camera {node.get('label')}", lenses.get(node.get("sensor_id"))
+        if node.find("transform") is None:  # not aligned
+            continue
+        if lens is None:
+            raise CalibrationInvalid("The camera has no <calibration> of its sensor.", where=place)
+        model, K, distortion, size = _sensor(lens, place)
+        pose = _listed(node, "transform", 16, place).reshape(4, 4)
+        whole = placed.get(node.get("component_id"))
+        world = whole if whole is not None else placed[None]
+        R, centre = pose[:3, :3], pose[:3, 3]
+        if world is not None and world.find("rotation") is not None:
+            turn = _listed(world, "rotation", 9, place).reshape(3, 3)
+            moved, scale = _listed(world, "translation", 3, place), _listed(world, "scale", 1, place)
+            R, centre = turn @ R, scale * (turn @ centre) + moved
+        name = Path(node.get("label") or node.get("id", "")).stem
+        entries.append(CameraEntry(name, K, distortion, R.T, np.negative(R.T @ centre), size, model))
+    return StatedCameras(entries)
+
+
+_TERMS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2")  # Elements of a lens of Metashape.
+
+
+def _sensor(lens: ElementTree.Element, place: str) -> tuple[str, np.ndarray, np.ndarray, tuple[int, int]]:
+    """Return the lens model, K (3, 3), distortion and picture size of a sensor of Metashape."""
+    found = lens.findall("calibration")
+    used = next((c for c in found if c.get("class") == "adjusted"), found[-1])
+    kind, resolution = used.get("type", lens.get("type", "frame")), used.find("resolution")
+    if kind not in ("frame", "fisheye", "equidistant_fisheye") or resolution is None:
+        hint = "Read are frame cameras and fisheyes with their resolution."
+        raise CalibrationInvalid(f"The lens of type '{kind}' is not read.", where=place, hint=hint)
+    width, height = (_number(resolution, side, place) for side in ("width", "height"))
+    v = {child.tag: _listed(used, child.tag, 1, place)[0] for child in used if (child.text or "").strip()}
+    if "f" not in v:
+        raise CalibrationInvalid("The lens has no focal length <f>.", where=place)
+    f, cx, cy, b1, b2, *k, p1, p2 = (v.get(key, 0.0) for key in _TERMS)
+    K = np.array([[f + b1, b2, 0.5 * (width - 1) + cx], [0.0, f, 0.5 * (height - 1) + cy], [0.0, 0.0, 1.0]])
+    size = (round(width), round(height))
+    if kind != "frame":
+        return FISHEYE.name, K, np.array(k), size
+    if k[3]:
+        raise CalibrationInvalid("The lens has the distortion term k4, which is not read.", where=place)
+    return DEFAULT_MODEL, K, np.array([k[0], k[1], p2, p1, k[2]]), size
 
 
 CAMERAS, IMAGES = "cameras.txt", "images.txt"

@@ -2,35 +2,46 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.entry import Calibration, StatedCameras
 from solver_backend.io.calibration.matrices import (
-    SUFFIXES,
+    READ,
     MatrixFile,
     read_matrix_file,
     read_toml_cameras,
     stated_cameras,
 )
-from solver_backend.io.calibration.programs import is_colmap, read_colmap, read_qualisys
+from solver_backend.io.calibration.programs import (
+    is_colmap,
+    is_metashape,
+    read_colmap,
+    read_metashape,
+    read_qualisys,
+    read_vicon,
+)
 from solver_backend.io.files import LARGEST_TEXT
 from solver_backend.io.interpretation import interpret_cameras
 
 FORMATS = (
-    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, NeRF's transforms.json, "
-    ".npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
+    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, Vicon .xcp, Metashape .xml, OpenCV .yml, .yaml, .xml or "
+    ".json (also stereo pairs, multical, MC-Calib, Kalibr, ROS, Unity, Blender, Fit3D, OpenCap), NeRF's "
+    "transforms.json, .npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
 )
 """Formats that are read, for messages."""
-_OPENCV = (".yml", ".yaml", ".json", *SUFFIXES)
 _WHOLE: tuple[tuple[str, Callable[[Path], bool], Callable[[Path], StatedCameras]], ...] = (
-    ("Qualisys", lambda path: path.name.lower().endswith((".qca.txt", ".qca")), read_qualisys),
     ("TOML", lambda path: path.suffix.lower() == ".toml", read_toml_cameras),
+    ("Qualisys", lambda path: path.name.lower().endswith((".qca.txt", ".qca")), read_qualisys),
+    ("Vicon", lambda path: path.suffix.lower() == ".xcp", read_vicon),
+    ("Metashape", is_metashape, read_metashape),
     ("COLMAP", is_colmap, read_colmap),
 )
-"""Kind, recognition by name and reading of formats with all cameras in one file or folder."""
+"""Kind, recognition and reading of formats with all cameras in one file or folder, the most trusted first."""
+_NEEDED = "an intrinsic matrix (K, camera_matrix, or fx, fy, cx, cy)", "a rotation and a translation"
+"""Values of each camera."""
+_MOST_FOLDERS = 64  # Folders of cameras in a calibration folder that are read.
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:
@@ -39,7 +50,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     Args:
         path: file or folder.
         unit: length unit of the file ('m', 'cm', 'mm', 'inch', 'foot'). None infers it.
-        up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None is 'z'.
+        up_axis: axis of the file's world that points up ('z', 'y', '-y', ...). None is that of the format, or 'z'.
 
     Raises:
         CalibrationMissing: the path holds no calibration of a known format.
@@ -47,60 +58,95 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
         FileMissing, FileDamaged: the file is not there, truncated or not of the kind in its name.
     """
     path = Path(path)
-    found = _of_file(path, unit, up_axis)
-    if found is None and path.is_dir():
-        files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
-        found = _of_files([read_matrix_file(p) for p in files], path, unit, up_axis)
+    files: list[MatrixFile] = []
+    found = _of_program(path, unit, up_axis)
+    if found is None and (path.is_dir() or path.suffix.lower() in READ):
+        files = [read_matrix_file(p) for p in (_matrix_files(path.iterdir()) if path.is_dir() else [path])]
+        found = _of_files(files, path, unit, up_axis)
     if found is None:
+        if unknown := next(_not_understood(files), None):
+            raise unknown
         hint = f"Formats that are read: {FORMATS}."
         raise CalibrationMissing("There is no camera calibration here.", where=str(path), hint=hint)
     return found
 
 
 def calibrations_in(
-    folder: Path, *, unit: str | None = None, up_axis: str | None = None
+    folder: Path, *, unit: str | None = None, up_axis: str | None = None, nested: bool = False
 ) -> tuple[list[Calibration], list[MocapError]]:
-    """Return every calibration directly in a folder, and the errors of damaged or invalid ones.
+    """Return every calibration in a folder, and the errors of damaged, invalid or unknown ones.
 
-    Each TOML and Qualisys file is one, and each OpenCV file with several cameras. The other OpenCV files together are
-    one. Other files are skipped.
+    Each TOML, Qualisys, Vicon and Metashape file is one, and each OpenCV file with several cameras. The other OpenCV
+    files together are one. Other files are skipped.
+
+    Args:
+        folder: to look into.
+        unit: see ``read_calibration``.
+        up_axis: see ``read_calibration``.
+        nested: also read the folders in it, which are named by their cameras. Files of one name are one calibration
+            if there are several in a folder.
     """
-    files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
-    whole = [p for p in files if any(recognises(p) for _, recognises, _ in _WHOLE)]
-    whole.sort(key=lambda path: path.suffix.lower() != ".toml")
-    others = (p for p in files if p not in whole and p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT)
+    files = sorted(p for p in folder.iterdir() if not p.name.startswith("."))
+    whole = [p for _, recognises, _ in _WHOLE for p in [*files, folder] if recognises(p)]
     errors: list[MocapError] = []
-    single: list[MatrixFile] = []
+    single: dict[str, list[MatrixFile]] = {"": []}
     groups: list[list[MatrixFile]] = []
-    for path in others:
-        try:
-            file = read_matrix_file(path)
-        except FileDamaged as error:
-            errors.append(error)
+    below = [p for p in files if p.is_dir()][:_MOST_FOLDERS] if nested else []
+    inside = {p: _matrix_files(p.iterdir()) for p in below}
+    takes = any(len({p.stem for p in paths}) > 1 for paths in inside.values()) and _same_names(inside.values())
+    for path in [*_matrix_files(files), *(path for paths in inside.values() for path in paths)]:
+        if path in whole:
             continue
-        if len(file.nodes) > 1:
-            groups.append([file])
-        else:
-            single.append(file)
-    readings = [partial(_of_file, path, unit, up_axis) for path in whole]
-    readings += [partial(_of_files, group, folder, unit, up_axis) for group in (*groups, single)]
-    found: list[Calibration | None] = []
-    for read in readings:
         try:
-            found.append(read())
+            file = read_matrix_file(path, nested=path.parent != folder)
         except (FileDamaged, CalibrationInvalid) as error:
             errors.append(error)
+            continue
+        if file.holds_array:
+            groups.append([file])
+        else:
+            single.setdefault(path.stem if takes and path.parent != folder else "", []).append(file)
+    found: list[Calibration | None] = []
+    for read in (*whole, *groups, *single.values()):
+        try:
+            if isinstance(read, Path):
+                found.append(_of_program(read, unit, up_axis))
+            else:
+                found.append(_of_files(read, folder, unit, up_axis))
+        except (FileDamaged, CalibrationInvalid) as error:
+            errors.append(error)
+    if not any(found):
+        errors += _not_understood(file for files in single.values() for file in files)
     return [calibration for calibration in found if calibration is not None], errors
 
 
-def _of_file(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Return the calibration of one file or folder, None if it is of no known format or holds no camera."""
+def _same_names(folders: Iterable[Sequence[Path]]) -> bool:
+    return len({tuple(path.stem for path in paths) for paths in folders if paths}) == 1
+
+
+def _matrix_files(paths: Iterable[Path]) -> list[Path]:
+    known = (p for p in paths if p.suffix.lower() in READ and not p.name.startswith(".") and p.is_file())
+    return sorted(p for p in known if p.stat().st_size <= LARGEST_TEXT)
+
+
+def _not_understood(files: Iterable[MatrixFile]) -> Iterable[CalibrationMissing]:
+    """Yield an error for each file that may be a calibration, with its keys and what is missing."""
+    for file in files:
+        if file.keys or file.content.nodes:
+            poses = [name for name, _ in file.content.nodes]
+            held = f"the poses of {', '.join(poses)} without intrinsics" if poses else f"the keys {file.keys}"
+            missing = _NEEDED[0] if poses else " with ".join(_NEEDED)
+            what = f"The file is not understood as a calibration: it holds {held}. Missing: {missing} of each camera."
+            hint = f"Formats that are read: {FORMATS}."
+            yield CalibrationMissing(what, where=str(file.path), hint=hint)
+
+
+def _of_program(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
+    """Return the calibration of one file or folder of a program, None if it is of no such program."""
     for kind, recognises, read in _WHOLE:
         if recognises(path):
             return interpret_cameras(read(path), path, kind, unit, up_axis)
-    if path.suffix.lower() not in _OPENCV or path.is_dir():
-        return None
-    return _of_files([read_matrix_file(path)], path, unit, up_axis)
+    return None
 
 
 def _of_files(files: Sequence[MatrixFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:

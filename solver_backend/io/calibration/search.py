@@ -20,6 +20,7 @@ from solver_backend.exchange.errors import (
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.read import FORMATS, calibrations_in
 from solver_backend.io.camera_names import counted_order, listing, match_names, name_key, takes_in_names
+from solver_backend.io.files import LARGEST_TEXT, read_text
 from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
@@ -30,12 +31,15 @@ AGREES_BY_NAME = 0.7
 CLEARLY_BETTER = 0.2
 """Share of the keypoints that must agree more with another calibration of a folder than with its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
+_CAMERAS = ("cameras", "camera_parameters", "camera_params", "sparse", "sparse/0", "colmap", "colmap/sparse/0")
+"""Folders of AIST++, Fit3D and COLMAP beside a recording."""
+_OPENCAP, _MAPPING = "Videos", "mapping.txt"
+"""Folder of OpenCap with a folder per camera, and file of AIST++ with the cameras of each take."""
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 _UNSUPPORTED = {
-    ".xcp": ("Vicon's cameras", "Convert it by Pose2Sim's calibration (convert, vicon), which writes a .toml."),
     ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
-    ".pkl": ("a Python pickle, which runs code when it is read", "Write its arrays with numpy.savez or as JSON."),
-    ".pickle": ("a Python pickle, which runs code when it is read", "Write its arrays with numpy.savez or as JSON."),
+    ".pkl": ("a Python pickle", "Write its arrays with numpy.savez or as JSON."),
+    ".pickle": ("a Python pickle", "Write its arrays with numpy.savez or as JSON."),
     ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or a projection matrix a camera."),
 }
 """Kinds of unsupported files by ending, and the way out."""
@@ -62,6 +66,11 @@ def levels_above(root: Path) -> list[Path]:
 def is_calibration_folder(path: Path) -> bool:
     """Return whether a folder is named like one with a calibration."""
     return path.is_dir() and _CALIBRATION.fullmatch(path.name) is not None
+
+
+def holds_cameras(path: Path) -> bool:
+    """Return whether a folder in a recording is named like one with a calibration, also of a data set."""
+    return path.name.lower() in _CAMERAS or is_calibration_folder(path)
 
 
 def find_calibration(
@@ -100,7 +109,9 @@ def find_calibration(
     others: list[Calibration] = []
     damaged: list[MocapError] = []
     for folder in _folders(root):
-        found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
+        inner = holds_cameras(folder) or folder.name == _OPENCAP
+        found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis, nested=inner)
+        found = _of_take(root, folder, found)
         orders = [match_names(called, calibration.cameras.names) for calibration in found]
         named = [(calibration, order) for calibration, order in zip(found, orders, strict=True) if order is not None]
         if named:
@@ -111,9 +122,11 @@ def find_calibration(
         others += found
         # A broken file in a calibration folder is a broken calibration. Elsewhere it may be anything.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
+        serious = [e for e in serious if not isinstance(e, CalibrationMissing)]
         if serious:
             raise serious[0]
-        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem)]
+        unknown = [e for e in errors if isinstance(e, CalibrationMissing)]
+        damaged += [e for e in errors if folder == root or _CALIBRATION.match(Path(e.where or "").stem) or e in unknown]
     if not others and damaged:
         raise damaged[0]
     if not others:
@@ -192,8 +205,19 @@ def _folders(root: Path) -> Iterator[Path]:
     for i, level in enumerate(levels_above(root)):
         with suppress(OSError):
             yield from sorted(path for path in level.iterdir() if is_calibration_folder(path))
+        yield from (path for name in (*_CAMERAS, _OPENCAP) if (path := level / name).is_dir())
         if i < 2:
             yield level
+
+
+def _of_take(root: Path, folder: Path, found: list[Calibration]) -> list[Calibration]:
+    """Return the calibrations of a recording's take if AIST++'s mapping names them, else all."""
+    if len(found) < 2 or not (folder / _MAPPING).is_file():
+        return found
+    rows = (line.split() for line in read_text(folder / _MAPPING, LARGEST_TEXT).splitlines())
+    takes = {root.name, *(path.stem for path in root.iterdir())}
+    named = {row[1] for row in rows if len(row) == 2 and row[0] in takes}
+    return [calibration for calibration in found if calibration.source.stem in named] or found
 
 
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
-from solver_backend.io.calibration.search import CONFIG, is_calibration_folder
+from solver_backend.io.calibration.search import CONFIG, holds_cameras
 from solver_backend.io.camera_names import listing, natural_key
 from solver_backend.io.detections import column_table, point_arrays
 from solver_backend.io.detections.camera_frames import CameraFrames
@@ -140,7 +140,7 @@ def _frame_folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _folders(parent: Path) -> dict[str, CameraSource]:
-    below = [folder for folder in parent.iterdir() if folder.is_dir() and not is_calibration_folder(folder)]
+    below = [folder for folder in parent.iterdir() if folder.is_dir() and not holds_cameras(folder)]
     found = {camera_name(folder.name): source for folder in below if (source := _of_camera(folder, BELOW)) is not None}
     return found if set(found) - set(BELOW) else {}
 

@@ -1,0 +1,257 @@
+"""A camera as named values of any program, and the step to a ``CameraEntry``."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import DEFAULT_MODEL, FISHEYE, LENS_MODELS, LensModel, model_named
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.calibration.entry import CameraEntry
+
+Values = Mapping[str, Any]  # Values of one camera by name: numbers, nested lists, or ``{rows, cols, data}``.
+Nodes = list[tuple[str, Values]]  # Name and values of each camera.
+_SMALLEST_VOLUME = 1e-6
+"""Determinant of the directions of three rows. A camera's is fx fy over their lengths, above 0.01 for any lens."""
+_TABLE = """
+    K: matrix k cameramatrix intrinsics intrinsic intrinsicmatrix intrinsicmat mtx cammatrix calibrationmatrix
+    P: projection projectionmatrix p proj
+    distortion: distortions distortion dist distcoeffs distcoeff distcoef distortioncoefficients distortioncoeffs d
+    rotation: rotation r rvec rot rotationvector rotationmatrix extrinsicr orientation quaternion
+    translation: translation t tvec translationvector extrinsict position
+    extrinsics: extrinsics extrinsic extrinsicmatrix rt worldtocamera
+    pose: pose cameratoworld camtoworld c2w cam2world camera2world cameraposematrix
+    size: size imagesize imgsize resolution
+    width: imagewidth imgwidth pixelwidth resolutionx width w
+    height: imageheight imgheight pixelheight resolutiony height h
+    model: distortionmodel model cameramodel
+"""
+"""A value and its names in other tools, in lower case without separators, the likeliest first."""
+SPELLINGS = {key.removesuffix(":"): tuple(names) for key, *names in map(str.split, _TABLE.strip().splitlines())}
+_FOCAL, _FOCAL_AND_CENTRE = {"fx", "fy", "cx", "cy"}, {"focal_length", "principal_point"}
+"""The four numbers of an intrinsic matrix, and the same as one or two focal lengths and two coordinates."""
+_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)  # Names of distortion terms.
+
+
+def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return K (3, 3), R (3, 3) and t (3,) of ``P = s K [R | t]``, K with a positive diagonal and a last element of 1.
+
+    The left block is a triangular matrix times a rotation: its RQ factors, from the QR factors of its inverse (Hartley
+    and Zisserman 2004, "Multiple View Geometry", section 6.2.4). Skew is left out, because it is 0 in real cameras.
+
+    Args:
+        P: (3, 4) in pixels, of any scale and sign.
+        place: file and camera, for errors.
+
+    Raises:
+        CalibrationInvalid: it is no projection of a camera.
+    """
+    regular = P.shape == (3, 4) and bool(np.isfinite(P).all())
+    M = P[:, :3] if regular else np.zeros((3, 3))
+    length = np.linalg.norm(M, axis=1, keepdims=True)
+    if not (length > 0).all() or abs(np.linalg.det(M / length)) <= _SMALLEST_VOLUME:
+        raise CalibrationInvalid("The projection matrix is not that of a camera.", where=place)
+    if np.linalg.det(M) < 0:
+        P, M = -P, -M
+    Q, U = np.linalg.qr(np.linalg.inv(M))
+    signs = np.where(np.diag(U) < 0, -1.0, 1.0)
+    R, K = (Q * signs).T, np.linalg.inv(signs[:, None] * U)
+    t = np.linalg.solve(K, P[:, 3])
+    K = K / K[2, 2]
+    K[0, 1] = 0.0
+    return K, R, t
+
+
+def projection_of(dlt: np.ndarray) -> np.ndarray:
+    """Return the (3, 4) projection matrix of eleven DLT numbers (Abdel-Aziz and Karara 1971)."""
+    return np.append(dlt, 1.0).reshape(3, 4)
+
+
+def plain(key: object) -> str:
+    """Return a key in lower case without separators."""
+    return re.sub(r"[^a-z0-9]", "", str(key).lower())
+
+
+def find(values: Values, what: str) -> Any:
+    """Return a value by one of its names in ``SPELLINGS``, or None."""
+    keys = {plain(key): key for key in values}
+    return next((values[keys[name]] for name in SPELLINGS[what] if name in keys), None)
+
+
+def has_lens(node: Any) -> bool:
+    """Return whether a node holds an intrinsic matrix, its four numbers or a projection matrix."""
+    if not isinstance(node, Mapping):
+        return False
+    has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE
+    return find(node, "K") is not None or has_numbers or is_projection(find(node, "P"))
+
+
+def has_pose(values: Values) -> bool:
+    """Return whether values hold a rotation and a translation, an extrinsic matrix, a pose or a projection."""
+    parts = {what: find(values, what) is not None for what in ("rotation", "translation", "extrinsics", "pose", "K")}
+    both = parts["rotation"] and parts["translation"]
+    return both or parts["extrinsics"] or parts["pose"] or (not parts["K"] and is_projection(find(values, "P")))
+
+
+def is_projection(value: Any) -> bool:
+    """Return whether a value has the shape of a (3, 4) matrix, or of several."""
+    try:
+        return np.shape(value)[-2:] == (3, 4)
+    except ValueError:
+        return False
+
+
+def camera_entry(name: str, values: Values, *, where: str) -> CameraEntry:
+    """Return the camera of some values; ``name`` is used unless the values hold one.
+
+    Raises:
+        CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
+    """
+    own = values.get("name", values.get("camera_name"))
+    if own in (None, "") and isinstance(values.get("id"), str):
+        own = values["id"]
+    name = str(own) if own not in (None, "") else name
+    place = f"{where}, camera {name}"
+    intrinsics, vector = find(values, "K"), None
+    if intrinsics is None and set(values) >= _FOCAL:
+        intrinsics = values
+    elif intrinsics is None and set(values) >= _FOCAL_AND_CENTRE:
+        focal, centre = (numbers(values[key], place).reshape(-1) for key in ("focal_length", "principal_point"))
+        intrinsics = np.concatenate([np.resize(focal, 2), centre])
+    if intrinsics is None:
+        K, R, t = split_projection(numbers(find(values, "P"), place), place)
+    else:
+        K = _K(intrinsics, place)
+        if K.ndim == 3:
+            values = {key: _constant(value, place) for key, value in values.items()}
+            K = _K(find(values, "K"), place)
+        R, t = _pose(values, place)
+        written = find(values, "rotation")
+        vector = None if written is None else numbers(written, place)
+    stated = find(values, "model")
+    model = FISHEYE.name if values.get("fisheye") else model_named(stated) if isinstance(stated, str) else DEFAULT_MODEL
+    return CameraEntry(
+        name=name,
+        K=K,
+        distortion=_distortion(values, LENS_MODELS[model], place),
+        R=R,
+        t=t,
+        image_size=_size(values, place),
+        model=model,
+        rotation_vector=vector.reshape(3) if vector is not None and vector.size == 3 else None,
+    )
+
+
+def numbers(value: Any, place: str) -> np.ndarray:
+    """Return nested lists, or a ``{rows, cols, data}`` node, as a float array.
+
+    Raises:
+        CalibrationInvalid: it is not a rectangular block of numbers, or one of them is impossible.
+    """
+    shape = None
+    if isinstance(value, Mapping) and "data" in value:
+        shape = (value.get("rows", -1), value.get("cols", -1))
+        value = value["data"]
+    try:
+        array = np.array(value, dtype=np.float64)
+        array = array if shape is None else array.reshape(shape)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
+    if (largest := largest_finite(array)) > FARTHEST_IN_UNITS:
+        most = f"at most {FARTHEST_IN_UNITS:g} is possible"
+        raise CalibrationInvalid(f"The camera has a number of {largest:.3g}; {most}.", where=place)
+    return array
+
+
+def _distortion(values: Values, model: LensModel, place: str) -> np.ndarray:
+    written = find(values, "distortion")
+    named = written if isinstance(written, Mapping) and "data" not in written else values if written is None else {}
+    terms = {plain(key): value for key, value in named.items() if plain(key) in _TERMS}
+    for letter in "kp" if written is None else "":  # XRPrimer's ``dist_coeff_k`` and ``dist_coeff_p``
+        listed = numbers(values.get(f"dist_coeff_{letter}", []), place).reshape(-1)
+        terms.update({f"{letter}{i + 1}": value for i, value in enumerate(listed) if f"{letter}{i + 1}" in _TERMS})
+    if not terms:
+        return np.zeros(0) if written is None else numbers(written, place).reshape(-1)
+    return numbers([terms.get(term, 0.0) for term in model.terms], place).reshape(-1)
+
+
+def _K(value: Any, place: str) -> np.ndarray:
+    if isinstance(value, Mapping) and set(value) >= _FOCAL:
+        value = [value[key] for key in ("fx", "fy", "cx", "cy")]
+    K = numbers(value, place)
+    if K.shape == (9,):
+        K = K.reshape(3, 3)
+    if K.shape == (4,):  # fx, fy, cx, cy, as in Kalibr and ROS
+        K = np.array([[K[0], 0.0, K[2]], [0.0, K[1], K[3]], [0.0, 0.0, 1.0]])
+    if K.shape == (4, 4):
+        K = np.concatenate([K[:2, :3], [[0.0, 0.0, 1.0]]])
+    if K.shape[-2:] != (3, 3) or K.ndim > 3:
+        raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}; (3, 3) is expected.", where=place)
+    # A matrix written column by column, as by MATLAB and JARVIS, has the principal point in its last row.
+    columns = (K[..., :2, 2] == 0).all() and (K[..., 2, :2] > 0).all() and (K[..., 2, 2] == 1).all()
+    return np.swapaxes(K, -1, -2) if columns else K
+
+
+def _constant(value: Any, place: str) -> Any:
+    if not isinstance(value, list):
+        return value
+    array = np.array(value, dtype=object)
+    if not all(item == value[0] for item in value) and array.ndim > 1:
+        what = "The camera moves: its calibration differs from frame to frame."
+        raise CalibrationInvalid(what, where=place, hint="Only fixed cameras are solved.")
+    return value[0] if array.ndim > 1 else value
+
+
+def _pose(values: Values, place: str) -> tuple[np.ndarray, np.ndarray]:
+    keys = ("rotation", "translation", "extrinsics", "pose")
+    rotation, translation, extrinsics, pose = (find(values, key) for key in keys)
+    if rotation is not None and translation is not None:
+        t = numbers(translation, place).reshape(-1)
+        if t.shape != (3,):
+            raise CalibrationInvalid(f"The translation has {t.size} numbers; 3 are expected.", where=place)
+        R = _rotation(rotation, place)
+        return (R.T, -R.T @ t) if values.get("world2cam") is False else (R, t)
+    if extrinsics is not None:
+        return _rigid(extrinsics, place)
+    if pose is not None:
+        R, centre = _rigid(pose, place)
+        return R.T, -R.T @ centre
+    lacking = "rotation" if rotation is None else "translation"
+    hint = "Calibrate the extrinsics too, so that all cameras share one world."
+    what = f"The camera has no {lacking}. It has the keys {', '.join(map(str, values))}."
+    raise CalibrationInvalid(what, where=place, hint=hint)
+
+
+def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
+    E = numbers(value, place)
+    E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
+    if E.shape not in ((3, 4), (4, 4)):
+        raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}; (3, 4) is expected.", where=place)
+    return E[:3, :3], E[:3, 3]
+
+
+def _rotation(value: Any, place: str) -> np.ndarray:
+    R = numbers(value, place)
+    if R.size == 3:
+        return np.asarray(exp_so3(R.reshape(3)))
+    if R.size != 9:
+        hint = "Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4)
+        what = f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected."
+        raise CalibrationInvalid(what, where=place, hint=hint)
+    return R.reshape(3, 3)
+
+
+def _size(values: Values, place: str) -> tuple[int, int] | None:
+    size, width, height = (find(values, key) for key in ("size", "width", "height"))
+    if size is None and (width is None or height is None):
+        return None
+    parts = [width, height] if size is None else [size]
+    found = np.concatenate([numbers(part, place).reshape(-1) for part in parts])
+    if found.shape != (2,) or not np.isfinite(found).all():
+        raise CalibrationInvalid("The image size is not a width and a height.", where=place)
+    return round(float(found[0])), round(float(found[1]))
