@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import bpy
 
-from .._exchange.diagnostics import Diagnostic
+from .._exchange.diagnostics import Diagnostic, notes_in, warnings_in
 from ..conventions.kept_findings import findings_in
 from ..conventions.naming import MARKERS
 from ..conventions.skeleton import JOINTS
@@ -21,20 +23,6 @@ _NAME_ITEMS = (
     ("NONE", "No Marker", "The point is not a marker of the person"),
     *((name, name, f"The point is {name}") for name in MARKERS),
 )
-
-
-class MocapMessage(bpy.types.PropertyGroup):
-    """A finding about a capture."""
-
-    text: str
-    is_problem: bool
-    cameras: str  # Names, one per line.
-    diagnostic: str  # JSON text of ``findings_text``.
-
-    @property
-    def found(self) -> tuple[Diagnostic, ...]:
-        """The diagnostics of this message."""
-        return findings_in(self.diagnostic)
 
 
 class MocapCamera(bpy.types.PropertyGroup):
@@ -185,8 +173,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     left_out: Items[MocapLeftOut]
     checked: str  # Results of the calibration check, one per line.
     check_findings: str  # JSON text of the diagnostics of the calibration check.
-    suspect_cameras: str  # Names from the calibration check, one per line.
-    messages: Items[MocapMessage]
+    findings: str  # JSON text of the diagnostics of the reading.
     collection_tag: str
     floor_tag: str
     floor = TaggedObject("floor_tag")
@@ -222,6 +209,21 @@ class MocapCapture(bpy.types.PropertyGroup):
             if item.name not in unused and last >= 0 and first < self.frames and first <= last:
                 ranges.append(f"{item.name}:{max(0, first)}-{last}")
         return unused + ranges
+
+    @property
+    def problems(self) -> Sequence[Diagnostic]:
+        """Warnings and errors of the reading."""
+        return warnings_in(findings_in(self.findings))
+
+    @property
+    def notes(self) -> Sequence[Diagnostic]:
+        """Notes of the reading."""
+        return notes_in(findings_in(self.findings))
+
+    @property
+    def suspect_cameras(self) -> set[str]:
+        """Names of the cameras in problems and in the findings of the calibration check."""
+        return {name for item in (*self.problems, *findings_in(self.check_findings)) for name in item.where.cameras}
 
     @property
     def measured(self) -> str:

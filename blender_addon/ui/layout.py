@@ -8,6 +8,7 @@ from typing import Any
 import blf
 import bpy
 
+from .._exchange.plain_text import plain
 from .translation import CONTEXT
 
 _NARROW_PX = 280  # Below this width there is no room for labels and values in one row.
@@ -63,11 +64,11 @@ def draw_button(layout: bpy.types.UILayout, operator: str, icon: str, scale: flo
 def wrapped(
     layout: bpy.types.UILayout, context: bpy.types.Context, text: str, icon: str = "NONE", *, alert: bool = False
 ) -> None:
-    """Draw a text on as many lines as needed, with an icon on the first one."""
+    """Draw a text, perhaps of a file, on as many lines as needed, with an icon on the first one."""
     column = layout.column(align=True)
     column.alert = alert
     column.scale_y = 0.8
-    for number, line in enumerate(_lines(context, text, with_icon=icon != "NONE")):
+    for number, line in enumerate(_lines(context, plain(text), with_icon=icon != "NONE")):
         column.label(text=line, icon=icon if number == 0 else "BLANK1" if icon != "NONE" else "NONE", translate=False)
 
 

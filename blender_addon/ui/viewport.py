@@ -123,8 +123,7 @@ def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) ->
     """Return the colour of a camera: unused, suspect after a problem or check, or good."""
     if not item.use:
         return UNUSED
-    named = [message.cameras for message in capture.messages if message.is_problem] + [capture.suspect_cameras]
-    return SUSPECT if any(item.name in names.split("\n") for names in named) else GOOD
+    return SUSPECT if item.name in capture.suspect_cameras else GOOD
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import io
 import sys
-from types import SimpleNamespace
 
 import pytest
 
 from solver_backend.exchange.command import Report
-from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress
@@ -38,16 +36,3 @@ def test_terminal_and_page_show_it_plain(capsys: pytest.CaptureFixture[str]) -> 
     shown = stream.getvalue() + capsys.readouterr().err + str(FileMissing(HOSTILE)) + text(HOSTILE)
     assert not set(shown) & set("\x1b\r\x07\x9b\u202e\u2066\u2028\x00\ud800")
     assert stream.getvalue().splitlines()[1] == "  next"
-
-
-def test_a_message_of_a_capture_is_plain_in_the_panel() -> None:
-    pytest.importorskip("bpy")
-    from blender_addon.ui.operators import import_results
-
-    message = SimpleNamespace(text="", is_problem=False)
-    import_results._add_message(
-        SimpleNamespace(messages=SimpleNamespace(add=lambda: message)),
-        diagnostic("scene_message", text=HOSTILE),
-        is_problem=True,
-    )
-    assert "\x1b" not in message.text and message.is_problem

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import bpy
@@ -140,7 +141,8 @@ def armature_alone(user: Any) -> Any:
 
 def of_another_file(user: Any) -> Any:
     """Open a new file: no notice or error of the former one is left; a body appended and linked gets its panels."""
-    mocap().capture.messages.add().text = "A problem of the former file."
+    found = [{"code": "scene_message", "values": {"text": "A problem of the former file."}}]
+    mocap().capture.findings = json.dumps(found)
     home = mocap().capture.collection.name
     for link in (False, True):
         bpy.ops.wm.read_homefile()

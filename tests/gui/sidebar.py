@@ -6,6 +6,7 @@ other scripts click on them.
 
 from __future__ import annotations
 
+import json
 from typing import Any
 
 import bpy
@@ -32,9 +33,9 @@ def steps(user: Any) -> Any:
     yield from user.press("mocap.solve()")
     yield from user.until(lambda: mocap().review.take, "it is solved", 900)
     yield from pictures(user, "solved")
-    for word in ("Camera cam02 is turned by 4°.", "Camera cam03 starts 12 frames late."):
-        message = mocap().capture.messages.add()
-        message.text, message.is_problem = word, True
+    words = ("Camera cam02 is turned by 4°.", "Camera cam03 starts 12 frames late.")
+    found = [{"code": "scene_message", "values": {"text": word}} for word in words]
+    mocap().capture.findings = json.dumps(found)
     mocap().review.take["warnings"] = "The feet are 6 cm above the floor."
     yield from pictures(user, "problems", "CAPTURE", "EDIT")
 

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
+from inspect import isgeneratorfunction
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import bpy
 from bpy.app.handlers import persistent
@@ -43,7 +44,7 @@ class Need:
 CAPTURE = Need("Import a capture first", lambda context: context.scene.mocap.capture.file)
 CAMERAS = Need(
     "Import a capture with cameras first",
-    lambda context: context.scene.mocap.capture.file and len(context.scene.mocap.capture.cameras),
+    lambda context: CAPTURE.is_met(context) and len(context.scene.mocap.capture.cameras),
 )
 MARKERS = Need("Import a marker recording first", lambda context: len(context.scene.mocap.capture.marker_items))
 BODY = Need("Solve a capture first", lambda context: context.scene.mocap.review.armature is not None)
@@ -115,16 +116,23 @@ class MocapOperator(Operator):
         return {"CANCELLED"}
 
 
-def operator(label: str, *needs: Need, options: set[str] = UNDOABLE, **properties: Any) -> Callable[..., Any]:
+def operator(
+    label: str, *needs: Need, options: set[str] = UNDOABLE, invoke: Any = None, draw: Any = None, **properties: Any
+) -> Callable[..., Any]:
     """Return a decorator that makes an operator of the function that does its work, ``MOCAP_OT_<function>``.
 
-    The function takes the operator, which has the properties, and the context. Its docstring is the tooltip.
+    The function takes the operator, which has the properties, and the context. Its docstring is the tooltip. A
+    generator is the ``steps`` of a ``SolverOperator``, which can start while nothing else runs.
     """
 
-    def make(work: Callable[..., Answer]) -> type:
+    def make(work: Callable[..., Any]) -> type:
+        waits = isgeneratorfunction(work)
         members = {"__doc__": work.__doc__, "__module__": work.__module__, "__annotations__": properties}
-        members |= {"bl_label": label, "bl_options": options, "needs": needs, "work": work}
-        return type(f"MOCAP_OT_{work.__name__}", (MocapOperator, bpy.types.Operator), members)
+        members |= {"bl_label": label, "bl_options": options, "needs": (*needs, IDLE) if waits else needs}
+        members |= {name: method for name, method in (("invoke", invoke), ("draw", draw)) if method is not None}
+        members["steps" if waits else "work"] = work
+        mixin = SolverOperator if waits else MocapOperator
+        return type(f"MOCAP_OT_{work.__name__}", (mixin, bpy.types.Operator), members)
 
     return make
 
@@ -181,8 +189,7 @@ class Current:
 
     def finish(self) -> None:
         """Make the run in progress the last one."""
-        self.run, self.last = None, self.run
-        following.solver_reads = False
+        self.run, self.last, following.solver_reads = None, self.run, False
 
     def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
         """Kill the run, and keep the reason for the scene that started it."""
@@ -196,8 +203,8 @@ class Current:
         """Kill the run and forget everything, when the file or the add-on is closed."""
         if self.run is not None:
             self.run.process.kill()
-        self.run = self.last = None
-        following.solver_reads = False
+        self.finish()
+        self.last = None
 
     def last_for(self, scene: bpy.types.Scene, verbs: tuple[str, ...]) -> Run | None:
         """Return the last run if it was of one of these verbs and about this scene and its current capture."""
@@ -220,14 +227,26 @@ def after_load(*_: object) -> None:
     following.failure = ""
 
 
-@dataclass(frozen=True)
-class Call:
+class Call(NamedTuple):
     """The command line of one run."""
 
+    verb: str
     words: Sequence[str]
     folder: Path  # Working folder and place of the log.
-    through_blender: bool = False
-    """Run the verb of the add-on's command line in a second Blender instead of the solver's verb."""
+    through_blender: bool = False  # Run the verb of the add-on's command line in a second Blender.
+    of_capture: bool = True  # The result belongs to the capture that was current when the run started.
+    watch: Callable[[], None] = lambda: None  # Called while the run goes on.
+
+
+Steps = Generator["Call | Run", Any, Answer]
+"""Steps of an operator: it yields its one run, gets the result or a ``RunFailed``, and returns its answer.
+
+After a failure, a returned text tells what of the run is finished and arrived in the scene.
+"""
+
+
+class RunFailed(Exception):
+    """The run that an operator waits for has failed."""
 
 
 def options(**values: Any) -> list[str]:
@@ -237,54 +256,52 @@ def options(**values: Any) -> list[str]:
 
 
 class SolverOperator(MocapOperator):
-    """Mixin of modal operators that run one verb: ``call`` gives its command line, ``received`` takes its result.
+    """Mixin of modal operators whose ``steps`` wait for a run that leaves Blender free.
 
     Escape passes through, so only the Cancel button ends a run.
     """
 
     needs = (IDLE,)
-    verb = ""
-    is_of_capture = True  # Whether the result belongs to the capture that was current when the run started.
-    _held = -1
-    _timer = None
-    _shown = 0.0
-    _scene = ""
+    _held, _timer, _shown, _scene = -1, None, 0.0, ""
+    _watch = staticmethod(lambda: None)
 
-    def call(self, context: bpy.types.Context) -> Call:
-        """Return the command line of the run. A ``MocapError`` is reported."""
+    def steps(self, context: bpy.types.Context) -> Steps:
+        """Yield the run, take its result into the scene, and return the answer. A ``MocapError`` is reported."""
         raise NotImplementedError
-
-    def received(self, context: bpy.types.Context, result: Any) -> Answer:
-        """Take the result into the scene."""
-        raise NotImplementedError
-
-    def rescue(self, context: bpy.types.Context) -> str:
-        """Take the finished parts of a failed run into the scene, and return a sentence about them or ""."""
-        return ""
 
     def work(self, context: bpy.types.Context) -> Answer:
-        return self.begin(context, self.call(context))
+        self._steps = self.steps(context)
+        try:
+            call = next(self._steps)
+        except StopIteration as end:
+            return end.value
+        try:
+            return self._begin(context, call)
+        except BaseException:
+            self._steps.close()
+            raise
 
-    def begin(self, context: bpy.types.Context, call: Call) -> set[str]:
-        """Start a run of the operator's verb."""
+    def _begin(self, context: bpy.types.Context, call: Call | Run) -> set[str]:
+        self._scene, is_call = context.scene.name, isinstance(call, Call)
+        self._held = context.scene.mocap.capture_index if is_call and call.of_capture else -1
+        if not is_call:
+            return self.follow(context, call)
+        self._watch = call.watch
         if not call.through_blender:
-            return self.launch(context, self.verb, list(call.words), call.folder)
+            return self.launch(context, call.verb, list(call.words), call.folder)
         from ...headless.children import start_verb
 
         words = [*call.words, *options(python=chosen_python(context))]
-        return self.follow(context, start_verb(self.verb, words, call.folder))
+        return self.follow(context, start_verb(call.verb, words, call.folder))
 
     def launch(self, context: bpy.types.Context, verb: str, arguments: list[str], folder: Path) -> set[str]:
         """Start the solver and follow it."""
         from ...solving.run import start
 
-        self._hold(context)
         return self.follow(context, start(verb, arguments, chosen_python(context), folder))
 
     def follow(self, context: bpy.types.Context, run: Run) -> set[str]:
         """Follow a run. Without a window, wait for it."""
-        if not self._scene:
-            self._hold(context)
         current.run = run
         following.solver_reads = True
         if bpy.app.background:
@@ -297,26 +314,21 @@ class SolverOperator(MocapOperator):
         manager.modal_handler_add(self)
         return {"RUNNING_MODAL"}
 
-    def _hold(self, context: bpy.types.Context) -> None:
-        self._scene = context.scene.name
-        self._held = context.scene.mocap.capture_index if self.is_of_capture else -1
-
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         run = current.run
         if run is None:  # abandoned
-            self._stop_timer(context)
+            self._stop(context)
             _show(context, None)
             return {"CANCELLED"}
-        if event.type == "TIMER" and run.poll() and time.monotonic() - self._shown > _REDRAW_S:
-            self._shown = time.monotonic()
-            _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
-        if not run.finished:
-            return {"PASS_THROUGH"}
-        self._stop_timer(context)
-        return self._ended(context)
+        if event.type == "TIMER":
+            self._watch()
+            if run.poll() and time.monotonic() - self._shown > _REDRAW_S:
+                self._shown = time.monotonic()
+                _show(context, f"Motion capture: {run.headline} ({run.share:.0%})")
+        return self._ended(context) if run.finished else {"PASS_THROUGH"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        self._stop_timer(context)
+        self._stop(context)
         hint = "Start it again from a window that stays open."
         error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
         scene = bpy.data.scenes.get(self._scene)
@@ -325,43 +337,49 @@ class SolverOperator(MocapOperator):
     def _ended(self, context: bpy.types.Context) -> set[str]:
         """Take the outcome into the scene that started the run, even if another one is shown now."""
         scene, shown, window = bpy.data.scenes.get(self._scene), context.scene, context.window
-        if scene is None or scene == shown or window is None:
-            return self._outcome(context)
-        window.scene = scene
-        try:
-            return self._outcome(context)
-        finally:
-            window.scene = shown
-
-    def _outcome(self, context: bpy.types.Context) -> set[str]:
+        elsewhere = scene is not None and scene != shown and window is not None
+        if elsewhere:
+            window.scene = scene
         context.scene.mocap.held = self._held
         try:
-            return self._taken_in(context)
+            return self._outcome(context)
         finally:
             current.about = _subject(context.scene)
             context.scene.mocap.held = -1
+            self._stop(context)
+            if elsewhere:
+                window.scene = shown
 
-    def _taken_in(self, context: bpy.types.Context) -> set[str]:
+    def _outcome(self, context: bpy.types.Context) -> set[str]:
         run = current.run
         assert run is not None
         current.finish()
         _show(context, None)
         try:
             if run.result is not None:
-                return self.answer(self.received(context, run.result))
+                return self.answer(self.resume(run.result))
             error = run.error or {}
-            if error.get("code") == "cancelled":
-                self.report({"INFO"}, sentence(error))
-            elif rescued := self.rescue(context):
+            was_cancelled = error.get("code") == "cancelled"
+            if not was_cancelled and (rescued := self.resume(RunFailed())):
                 return self.finish(f"{sentence(error)} {rescued}", warn=True)
-            else:
-                self.report({"ERROR"}, sentence(error))
+            self.report({"INFO"} if was_cancelled else {"ERROR"}, sentence(error))
         except MocapError as error:
             run.error = error.as_event()
             self.report({"ERROR"}, str(error))
         return {"CANCELLED"}
 
-    def _stop_timer(self, context: bpy.types.Context) -> None:
+    def resume(self, result: Any) -> Answer:
+        """Pass a result or a ``RunFailed`` to the steps, and return their answer."""
+        try:
+            self._steps.throw(result) if isinstance(result, RunFailed) else self._steps.send(result)
+        except StopIteration as end:
+            return end.value
+        except RunFailed:
+            pass  # nothing can be rescued
+        return None
+
+    def _stop(self, context: bpy.types.Context) -> None:
+        self._steps.close()
         if self._timer is not None:
             context.window_manager.event_timer_remove(self._timer)
             self._timer = None

@@ -15,7 +15,7 @@ from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
 from ...conventions.naming import next_path
 from ..viewport import name_places
-from .base import CAMERAS, IDLE, MARKERS, Call, MocapOperator, Need, SolverOperator, operator, options
+from .base import CAMERAS, IDLE, MARKERS, Call, MocapOperator, Need, Steps, operator, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, CheckResult, RefineResult
@@ -47,78 +47,55 @@ def use_range(self: Any, context: bpy.types.Context) -> None:
     context.scene.mocap.capture.left_out.remove(self.index)
 
 
-class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
+@operator("Check Calibration", CAMERAS)
+def check_cameras(self: Any, context: bpy.types.Context) -> Steps:
     """Compare each camera, the scale and the up axis of the calibration with the take, without any change."""
+    from ..scene_job import capture_file
 
-    bl_label = "Check Calibration"
-    verb = "check-cameras"
-    needs = (CAMERAS, IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        from ..scene_job import capture_file
-
-        source = capture_file(context.scene.mocap.capture)
-        return Call([str(source)], source.parent)
-
-    def received(self, context: bpy.types.Context, result: CheckResult) -> set[str]:
-        capture, verdict = context.scene.mocap.capture, result["verdict"]
-        lines = [
-            f"{verdict[:1].upper()}{verdict[1:]}",
-            f"Its scale makes the person {result['stature_m']:.2f} m tall.",
-            f"Up differs by {result['tilt_deg']:.1f}° from the upright person (± {result['tilt_sigma_deg']:.1f}°).",
-        ]
-        capture.checked = "\n".join(map(plain, lines))
-        found = read_diagnostics(result.get("diagnostics"))
-        capture.check_findings = findings_text(found) if found else ""
-        capture.suspect_cameras = "\n".join(dict.fromkeys(name for item in found for name in item.where.cameras))
-        return self.finish(lines[0], warn=result["findings"])
+    source = capture_file(context.scene.mocap.capture)
+    result: CheckResult = yield Call("check-cameras", [str(source)], source.parent)
+    capture, verdict = context.scene.mocap.capture, result["verdict"]
+    lines = [
+        f"{verdict[:1].upper()}{verdict[1:]}",
+        f"Its scale makes the person {result['stature_m']:.2f} m tall.",
+        f"Up differs by {result['tilt_deg']:.1f}° from the upright person (± {result['tilt_sigma_deg']:.1f}°).",
+    ]
+    capture.checked = "\n".join(map(plain, lines))
+    found = read_diagnostics(result.get("diagnostics"))
+    capture.check_findings = findings_text(found) if found else ""
+    return self.finish(lines[0], warn=result["findings"])
 
 
-class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
+@operator("Refine Calibration", CAMERAS)
+def refine_cameras(self: Any, context: bpy.types.Context) -> Steps:
     """Correct the camera calibration with the people in the images, to solve the capture again."""
+    from ..scene_job import capture_file, folder_of_takes
 
-    bl_label = "Refine Calibration"
-    verb = "refine-cameras"
-    needs = (CAMERAS, IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        from ..scene_job import capture_file, folder_of_takes
-
-        source = capture_file(context.scene.mocap.capture)
-        folder = folder_of_takes(context.scene, source.parent)
-        return Call([str(source), *options(out=next_path(folder, "capture_refined", ".npz"))], folder)
-
-    def received(self, context: bpy.types.Context, result: RefineResult) -> str:
-        capture = context.scene.mocap.capture
-        rows = {row["name"]: row for row in result["refined"]}
-        original = capture.original or capture.file
-        capture = _replace_cameras(context.scene, capture, result)
-        capture.original = original
-        for item in capture.cameras:
-            row = rows[item.name]
-            item.before_px, item.after_px = row["before_px"] or 0.0, row["after_px"] or 0.0
-        return f"Refined: {capture.refined_text()}. Solve again to use it"
+    source = capture_file(context.scene.mocap.capture)
+    folder = folder_of_takes(context.scene, source.parent)
+    words = [str(source), *options(out=next_path(folder, "capture_refined", ".npz"))]
+    result: RefineResult = yield Call("refine-cameras", words, folder)
+    capture = context.scene.mocap.capture
+    original = capture.original or capture.file
+    capture = _replace_cameras(context.scene, capture, result)
+    capture.original = original
+    rows = {row["name"]: row for row in result["refined"]}
+    for item in capture.cameras:
+        item.before_px, item.after_px = (rows[item.name][key] or 0.0 for key in ("before_px", "after_px"))
+    return f"Refined: {capture.refined_text()}. Solve again to use it"
 
 
-class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
+@operator("Restore Calibration", _REFINED)
+def restore_cameras(self: Any, context: bpy.types.Context) -> Steps:
     """Restore the recording's own calibration."""
-
-    bl_label = "Restore Calibration"
-    verb = "convert"
-    needs = (_REFINED, IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        source = file_of(context.scene.mocap.capture.original)
-        copy = options(out=source.with_name("capture_restored.npz"), overwrite=True)
-        return Call([str(source), *copy], source.parent)
-
-    def received(self, context: bpy.types.Context, result: CaptureResult) -> str:
-        capture = context.scene.mocap.capture
-        Path(result["capture"]).unlink(missing_ok=True)
-        original = str(file_of(capture.original))
-        capture = _replace_cameras(context.scene, capture, {**result, "capture": original})
-        capture.original = ""
-        return "The cameras are restored to the recording's calibration"
+    source = file_of(context.scene.mocap.capture.original)
+    copy = options(out=source.with_name("capture_restored.npz"), overwrite=True)
+    result: CaptureResult = yield Call("convert", [str(source), *copy], source.parent)
+    Path(result["capture"]).unlink(missing_ok=True)
+    capture = context.scene.mocap.capture
+    capture = _replace_cameras(context.scene, capture, {**result, "capture": str(file_of(capture.original))})
+    capture.original = ""
+    return "The cameras are restored to the recording's calibration"
 
 
 def _replace_cameras(
@@ -132,7 +109,7 @@ def _replace_cameras(
     take_capture(scene, result, file_of(source) if source else None)  # the footage is in the recording's folder
     capture = scene.mocap.capture
     capture.source = source
-    capture.checked = capture.check_findings = capture.suspect_cameras = ""
+    capture.checked = capture.check_findings = ""
     return capture
 
 

@@ -26,6 +26,7 @@ from .base import (
     MocapOperator,
     Need,
     SolverOperator,
+    Steps,
     choose_file,
     operator,
     options,
@@ -155,7 +156,6 @@ class MOCAP_OT_export_markers(
 
     bl_label = "Export Markers"
     bl_options = PRESETS
-    verb = "export-markers"
     needs = (_MARKER_TAKE, IDLE)
 
     format: choice("Format", "File format", _MARKER_FORMATS, "c3d")
@@ -169,17 +169,13 @@ class MOCAP_OT_export_markers(
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return self.browse(context, event, context.scene.mocap.review.take.name)
 
-    def call(self, context: bpy.types.Context) -> Call:
+    def steps(self, context: bpy.types.Context) -> Steps:
         from ...animation.takes import take_file
 
-        path = self.output()
-        motion = take_file(context.scene.mocap.review.take, "motion_file")
-        words = options(out=path, contents=self.contents, overwrite=self.overwrite)
-        return Call([str(motion), *words], usable(path.parent))
-
-    def received(self, context: bpy.types.Context, result: MarkersResult) -> str:
-        count = f"{result['frames']} frames of {result['markers']} {self.contents} markers"
-        return f"Wrote {count} to {absolute(self.filepath).name}"
+        path, motion = self.output(), take_file(context.scene.mocap.review.take, "motion_file")
+        words = [str(motion), *options(out=path, contents=self.contents, overwrite=self.overwrite)]
+        result: MarkersResult = yield Call("export-markers", words, usable(path.parent))
+        return f"Wrote {result['frames']} frames of {result['markers']} {self.contents} markers to {path.name}"
 
 
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

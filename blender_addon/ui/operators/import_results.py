@@ -13,7 +13,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
-from ..._exchange.diagnostics import Diagnostic, diagnostic, notes_in, read_diagnostics, sentence, warnings_in
+from ..._exchange.diagnostics import diagnostic, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
 from ...animation.layers import aside_note, playing_actions
@@ -95,14 +95,9 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     capture.joint_set = result["joint_set"] or ""
     _take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
-    capture.messages.clear()
-    capture.checked = capture.check_findings = capture.suspect_cameras = ""
-    found = read_diagnostics(result["diagnostics"])
+    capture.checked = capture.check_findings = ""
     shown = [diagnostic("scene_message", text=text) for text in (*stage.notes, *refused)]
-    for item in (*warnings_in(found), *shown):
-        _add_message(capture, item, is_problem=True)
-    for item in notes_in(found):
-        _add_message(capture, item, is_problem=False)
+    capture.findings = findings_text([*read_diagnostics(result["diagnostics"]), *shown])
     unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
@@ -131,6 +126,14 @@ def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy
         for overlay in stage.overlays
     ]
     return [*(item and item.object for item in cameras), *overlays, capture.floor]
+
+
+def bring_capture(context: bpy.types.Context, result: CaptureResult, source: Path) -> CaptureStage:
+    """Set up a capture of a recording, and present it."""
+    stage = take_capture(context.scene, result, source)
+    context.scene.mocap.capture.source = stored(source)
+    present_capture(context, stage)
+    return stage
 
 
 def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
@@ -283,9 +286,3 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
     if take_over:
         return f"the scene was set to {rate}, frames {scene.frame_start} to {scene.frame_end}"
     return f"resampled to the scene's {rate}"
-
-
-def _add_message(capture: bpy.types.PropertyGroup, found: Diagnostic, *, is_problem: bool) -> None:
-    message = capture.messages.add()
-    message.text, message.is_problem = plain(sentence(found)), is_problem
-    message.cameras, message.diagnostic = "\n".join(found.where.cameras), findings_text([found])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -25,11 +25,13 @@ from .base import (
     Call,
     Need,
     SolverOperator,
+    Steps,
     ViewportDrop,
     choose_file,
     chosen_files,
     current,
     is_chosen,
+    operator,
     options,
 )
 
@@ -43,35 +45,25 @@ MOTIONS = (".npz", ".bvh", ".mvnx", ".c3d", *THROUGH_BLENDER)
 GLOVES = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 
 
-class BringsMotion(SolverOperator):
-    """Mixin of operators that fit a clip and bake it on a body of its own."""
+def _bring(
+    self: Any, context: bpy.types.Context, clip: Path, name: str, settings: Callable[[], BakeSettings], *more: str
+) -> Steps:
+    """Fit a clip into the motion file of a name, with further options of the verb, and bake it on its own body."""
+    from ...scene.session import undisturbed
+    from .import_results import add_motion, frame_body
 
-    verb = "motion"
-    is_of_capture = False
-
-    def bake_settings(self, context: bpy.types.Context) -> BakeSettings:
-        """Return the settings of the bake."""
-        raise NotImplementedError
-
-    def bring(self, context: bpy.types.Context, clip: Path, name: str, more: Sequence[str] = ()) -> Call:
-        """Return the command line that fits a clip into the motion file of a name, with further options of the verb."""
-        folder = usable(files_folder(context.scene))
-        out = options(out=next_path(folder, safe_name(name), ".npz"))
-        return Call([str(clip), *out, *more], folder, clip.suffix.lower() in THROUGH_BLENDER)
-
-    def received(self, context: bpy.types.Context, result: ClipResult) -> str:
-        """Bake the motion and report the findings."""
-        from ...scene.session import undisturbed
-        from .import_results import add_motion, frame_body
-
-        with undisturbed(context):
-            take = add_motion(context, Path(result["motion"]), self.bake_settings(context))
-        frame_body(context, take.armature)
-        bring_home()
-        self.tell(*remarks(result), *take.notes, kind="WARNING")
-        off_mm = result.get("distance_mm")
-        near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
-        return f"Baked '{take.action.name}'{near}"
+    folder = usable(files_folder(context.scene))
+    words = [str(clip), *options(out=next_path(folder, safe_name(name), ".npz")), *more]
+    through_blender = clip.suffix.lower() in THROUGH_BLENDER
+    result: ClipResult = yield Call("motion", words, folder, through_blender, of_capture=False)
+    with undisturbed(context):
+        take = add_motion(context, Path(result["motion"]), settings())
+    frame_body(context, take.armature)
+    bring_home()
+    self.tell(*remarks(result), *take.notes, kind="WARNING")
+    off_mm = result.get("distance_mm")
+    near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
+    return f"Baked '{take.action.name}'{near}"
 
 
 def remarks(result: Remarks) -> tuple[str, ...]:
@@ -89,7 +81,7 @@ _HANDS = (
 )
 
 
-class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIONS), ImportHelper):
+class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, choose_file(MOTIONS), ImportHelper):
     """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS) to our body."""
 
     bl_label = "Import Motion"
@@ -105,43 +97,42 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, choose_file(MOTIO
     scene_setup: SCENE_SETUP
     floor: switch("Floor", "Add a floor of metre tiles", on=True)
 
-    def work(self, context: bpy.types.Context) -> Any:
-        """Bake one of our motions at once, or start the fit of a clip."""
+    def steps(self, context: bpy.types.Context) -> Steps:
+        """Bake one of our motions at once, or fit a clip."""
         from ..._exchange.motion_file import is_motion
-
-        file = absolute(self.filepath)
-        return self._bake(context, file) if not file.is_file() or is_motion(file) else super().work(context)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        file = absolute(self.filepath)
-        named = {"armature": self.armature, "action": self.clip} if file.suffix.lower() in THROUGH_BLENDER else {}
-        body = absolute(self.body_path) if self.body_path else ""
-        given = [f"--{name}={value}" for name, value in {**named, "body": body}.items() if value]
-        return self.bring(context, file, file.stem, [*given, *options(keep_height=self.keep_height)])
-
-    def bake_settings(self, context: bpy.types.Context) -> BakeSettings:
         from ...scene.bake import BakeSettings
         from .import_results import takes_over
 
-        take_over = takes_over(context.scene, self.scene_setup)
-        return BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over, floor=self.floor)
+        file = absolute(self.filepath)
 
-    def _bake(self, context: bpy.types.Context, file: Path) -> str:
-        from .import_results import add_motion, set_up_said
+        def settings() -> BakeSettings:
+            take_over = takes_over(context.scene, self.scene_setup)
+            return BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over, floor=self.floor)
 
-        settings = self.bake_settings(context)
-        paths = (absolute(text) if text else None for text in (self.capture_path, self.body_path))
-        take = add_motion(context, file, settings, *paths)
-        current.last = None
-        self.tell(*take.notes, kind="WARNING")
-        message = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
-        return f"{message}; {set_up_said(context.scene, take_over=settings.set_scene)}"
+        capture, body = (absolute(text) if text else None for text in (self.capture_path, self.body_path))
+        if not file.is_file() or is_motion(file):
+            return _bake_motion(self, context, file, settings(), capture, body)
+        named = {"armature": self.armature, "action": self.clip} if file.suffix.lower() in THROUGH_BLENDER else {}
+        given = [f"--{name}={value}" for name, value in {**named, "body": body}.items() if value]
+        given += options(keep_height=self.keep_height)
+        return (yield from _bring(self, context, file, file.stem, settings, *given))
+
+
+def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: BakeSettings, *paths: Path | None) -> str:
+    """Bake one of our motions, with its capture and body files if they are given."""
+    from .import_results import add_motion, set_up_said
+
+    take = add_motion(context, file, settings, *paths)
+    current.last = None
+    self.tell(*take.notes, kind="WARNING")
+    cameras = f" with {counted(len(take.cameras), 'camera')}" if paths else ""
+    return f"Baked '{take.action.name}'{cameras}; {set_up_said(context.scene, take_over=settings.set_scene)}"
 
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
     text = "Motion onto Body (.npz, .bvh, .fbx, .glb, .vrm, .mvnx, .c3d)"
-    self.layout.operator(MOCAP_OT_import_motion.bl_idname, text=text)
+    self.layout.operator("mocap.import_motion", text=text)
 
 
 def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -154,61 +145,30 @@ def foreign_actor(context: bpy.types.Context) -> bpy.types.Object | None:
     return None if rig is None or rig.type != "ARMATURE" or rig == settings.target or is_actor(rig) else rig
 
 
-class MOCAP_OT_motion_from_rig(BringsMotion, bpy.types.Operator):
+@operator("Bring onto Body", Need("Select the armature with the motion, or choose it as the actor", foreign_actor))
+def motion_from_rig(self: Any, context: bpy.types.Context) -> Steps:
     """Add a body with the actor's proportions and motion, to clean up, edit and export like a solved take."""
+    from ..._exchange.skeleton_file import write_skeleton
+    from ...retarget.rig_actor import played_frames, skeleton_of_rig
+    from ...scene.bake import BakeSettings
 
-    bl_label = "Bring onto Body"
-    needs = (Need("Select the armature with the motion, or choose it as the actor", foreign_actor), IDLE)
-
-    _skeleton = None  # Input of the solver, removed after the run.
-
-    def call(self, context: bpy.types.Context) -> Call:
-        from ..._exchange.skeleton_file import write_skeleton
-        from ...retarget.rig_actor import played_frames, skeleton_of_rig
-
-        rig = foreign_actor(context)
-        assert rig is not None  # see needs
-        _, times = played_frames(rig)
-        self._start = round(float(times[0]))
-        skeleton = skeleton_of_rig(rig, context.scene)
-        folder = usable(files_folder(context.scene))
-        self._skeleton = next_path(folder, f"{safe_name(skeleton.name)} skeleton", ".npz")
-        write_skeleton(self._skeleton, skeleton)
-        return self.bring(context, self._skeleton, skeleton.name)
-
-    def begin(self, context: bpy.types.Context, call: Call) -> set[str]:
-        try:
-            return super().begin(context, call)
-        except BaseException:
-            self._remove()
-            raise
-
-    def bake_settings(self, context: bpy.types.Context) -> BakeSettings:
-        """Start with the actor's motion, and keep the scene as it is."""
-        from ...scene.bake import BakeSettings
-
-        return BakeSettings(frame_start=self._start, set_scene=False, floor=False)
-
-    def cancel(self, context: bpy.types.Context) -> None:
-        super().cancel(context)
-        self._remove()
-
-    def _ended(self, context: bpy.types.Context) -> set[str]:
-        try:
-            return super()._ended(context)
-        finally:
-            self._remove()
-
-    def _remove(self) -> None:
-        if self._skeleton is not None:
-            self._skeleton.unlink(missing_ok=True)
+    rig = foreign_actor(context)
+    assert rig is not None  # see its need
+    start = round(float(played_frames(rig)[1][0]))
+    skeleton = skeleton_of_rig(rig, context.scene)
+    path = next_path(usable(files_folder(context.scene)), f"{safe_name(skeleton.name)} skeleton", ".npz")
+    try:
+        write_skeleton(path, skeleton)
+        settings = BakeSettings(frame_start=start, set_scene=False, floor=False)
+        return (yield from _bring(self, context, path, skeleton.name, lambda: settings))
+    finally:
+        path.unlink(missing_ok=True)
 
 
 class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES, several=True), ImportHelper):
     """Add the fingers of glove recordings (BVH, FBX, glTF, MANUS or Rokoko CSV) to this take as a new take."""
 
     bl_label = "Add Gloves"
-    verb = "add-hands"
     needs = (TAKE, IDLE)
 
     side: choice("Hand", "Hand of a file with one hand", _HANDS)
@@ -216,34 +176,26 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
     offset: number("Gloves Start At", "Time of the first glove frame in the take", 0.0, *_TIMES, unit="TIME_ABSOLUTE")
     armature: _ARMATURE
 
-    def call(self, context: bpy.types.Context) -> Call:
-        from ...animation.takes import take_file
-
-        take, recordings = context.scene.mocap.review.take, chosen_files(self)
-        motion = take_file(take, "motion_file")
-        for path in (motion, *recordings):
-            if not path.is_file():
-                raise FileMissing("This file does not exist.", where=str(path), hint="Choose a glove recording.")
-        self._take = take.name
-        folder = usable(files_folder(context.scene))
-        self._out = next_path(folder, f"{motion.stem} gloves", ".npz")
-        words = [str(motion), *map(str, recordings), *options(out=self._out)]
-        if self.side != "NAMED":
-            words.append(f"--side={self.side.lower()}")
-        if self.states_offset:
-            words.append(f"--offset={self.offset:g}")
-        through_blender = any(path.suffix.lower() in THROUGH_BLENDER for path in recordings)
-        if through_blender and self.armature:
-            words.append(f"--armature={self.armature}")
-        return Call(words, folder, through_blender)
-
-    def received(self, context: bpy.types.Context, result: GlovesResult) -> str:
+    def steps(self, context: bpy.types.Context) -> Steps:
         from ...animation.takes import SolveFiles, take_file
         from .import_results import take_motion
 
-        before = bpy.data.actions.get(self._take)
+        take, recordings = context.scene.mocap.review.take, chosen_files(self)
+        name, motion = take.name, take_file(take, "motion_file")
+        for path in (motion, *recordings):
+            if not path.is_file():
+                raise FileMissing("This file does not exist.", where=str(path), hint="Choose a glove recording.")
+        folder = usable(files_folder(context.scene))
+        out = next_path(folder, f"{motion.stem} gloves", ".npz")
+        words = [str(motion), *map(str, recordings), *options(out=out)]
+        words += [f"--side={self.side.lower()}"] if self.side != "NAMED" else []
+        words += [f"--offset={self.offset:g}"] if self.states_offset else []
+        through_blender = any(path.suffix.lower() in THROUGH_BLENDER for path in recordings)
+        words += [f"--armature={self.armature}"] if through_blender and self.armature else []
+        result: GlovesResult = yield Call("add-hands", words, folder, through_blender)
+        before = bpy.data.actions.get(name)
         source = None if before is None or not before.get("capture_file") else take_file(before, "capture_file")
-        action = take_motion(context, SolveFiles(self._out, source, None, None), tell=self.tell)
+        action = take_motion(context, SolveFiles(out, source, None, None), tell=self.tell)
         self.tell(*remarks(result), kind="WARNING")
         hands = sum(len(recording["sides"]) for recording in result["gloves"])
         return f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}"
@@ -261,55 +213,42 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
     """Import a folder of detections and a calibration, or a marker recording, with cameras, footage and floor."""
 
     bl_label = "Import Capture"
-    verb = "convert"
-    is_of_capture = False
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         return self.execute(context) if is_chosen(self) else ImportHelper.invoke(self, context, event)
 
-    def work(self, context: bpy.types.Context) -> Any:
-        """Start reading, or bake a solved motion at once."""
+    def steps(self, context: bpy.types.Context) -> Steps:
+        """Set up the scene for each capture, or bake a solved motion. The longest trial sets the frame range."""
         from ..._exchange.motion_file import is_motion
         from ...scene.bake import BakeSettings
-        from .import_results import add_motion, set_up_said, takes_over
-
-        chosen = chosen_files(self)[0]
-        if not is_motion(chosen):
-            return super().work(context)
-        take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-        take = add_motion(context, chosen, BakeSettings(frame_start=context.scene.frame_start, set_scene=take_over))
-        current.last = None
-        return f"Baked '{take.action.name}'; {set_up_said(context.scene, take_over=take_over)}"
-
-    def call(self, context: bpy.types.Context) -> Call:
-        settings = context.scene.mocap
-        self._source = source = capture_root(chosen_files(self)[0])
-        folder = usable(capture_folder(files_folder(context.scene), source))
-        if not settings.capture.file:
-            settings.capture.source = stored(source)  # so that Read Again works if reading fails
-        out = options(out=folder if is_session(source) else folder / "capture.npz", overwrite=True)
-        return Call([str(source), *out, *settings.reading.arguments(), f"--sync={settings.solve.sync}"], folder)
-
-    def received(self, context: bpy.types.Context, result: Any) -> None:
-        """Set up the scene for each capture. The longest trial of a session sets the frame range."""
         from .import_results import takes_over
 
-        scene = context.scene
+        chosen, settings = chosen_files(self)[0], context.scene.mocap
+        if is_motion(chosen):
+            take_over = takes_over(context.scene, settings.reading.scene_setup)
+            start = context.scene.frame_start
+            return _bake_motion(self, context, chosen, BakeSettings(frame_start=start, set_scene=take_over))
+        root = capture_root(chosen)
+        folder = usable(capture_folder(files_folder(context.scene), root))
+        if not settings.capture.file:
+            settings.capture.source = stored(root)  # so that Read Again works if reading fails
+        out = options(out=folder if is_session(root) else folder / "capture.npz", overwrite=True)
+        words = [str(root), *out, *settings.reading.arguments(), f"--sync={settings.solve.sync}"]
+        result = yield Call("convert", words, folder, of_capture=False)
+        scene, last = context.scene, 1
         take_over = takes_over(scene, scene.mocap.reading.scene_setup)
-        last = 1
         for part in result.get("captures", [result]):
-            self._set_up(context, part, Path(part.get("source", self._source)))
+            self._set_up(context, part, Path(part.get("source", root)))
             last = max(last, scene.mocap.capture.review.last)
         if take_over:
             scene.frame_end = max(scene.frame_end, last)
+        return None
 
     def _set_up(self, context: bpy.types.Context, result: CaptureResult, source: Path) -> None:
-        from .import_results import present_capture, set_up_said, take_capture, takes_over
+        from .import_results import bring_capture, set_up_said, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-        stage = take_capture(context.scene, result, source)
-        context.scene.mocap.capture.source = stored(source)
-        present_capture(context, stage)
+        stage = bring_capture(context, result, source)
         problems, cameras = len(result["problems"]), len(stage.cameras)
         look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
         seen_by = counted(cameras, "camera") if cameras else counted(result["markers"] or 0, "marker")
@@ -317,26 +256,16 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
         self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 
-class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
+@operator("Try the Demo Capture", kind=choice("Kind", "Kind of capture", _KINDS))
+def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     """Make a synthetic capture of a moving person to try the add-on without your own data."""
+    from .import_results import bring_capture
 
-    bl_label = "Try the Demo Capture"
-    verb = "demo-capture"
-    is_of_capture = False
-
-    kind: choice("Kind", "Kind of capture", _KINDS)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        markers = self.kind == "MARKERS"
-        folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
-        return Call(options(out=folder / "capture.npz", overwrite=True, markers=markers), folder)
-
-    def received(self, context: bpy.types.Context, result: CaptureResult) -> None:
-        from .import_results import present_capture, take_capture
-
-        stage = take_capture(context.scene, result)
-        context.scene.mocap.capture.source = stored(result["capture"])
-        present_capture(context, stage)
+    markers = self.kind == "MARKERS"
+    folder = usable(capture_folder(files_folder(context.scene), Path("demo_markers" if markers else "demo")))
+    words = options(out=folder / "capture.npz", overwrite=True, markers=markers)
+    result: CaptureResult = yield Call("demo-capture", words, folder, of_capture=False)
+    bring_capture(context, result, Path(result["capture"]))
 
 
 class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):
@@ -350,4 +279,4 @@ class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):
 
 def draw_capture_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
-    self.layout.operator(MOCAP_OT_import_capture.bl_idname, text="Motion Capture (.npz, .c3d, .trc, .csv, folder)")
+    self.layout.operator("mocap.import_capture", text="Motion Capture (.npz, .c3d, .trc, .csv, folder)")

@@ -21,7 +21,7 @@ from ..layout import redraw
 from ..preferences import chosen_python, detector_for
 from ..project_files import files_folder, usable
 from ..setting_properties import choice
-from .base import IDLE, INTERNAL, OBJECT_MODE, Call, MocapOperator, Need, SolverOperator, operator, options
+from .base import INTERNAL, OBJECT_MODE, Call, MocapOperator, Need, Steps, operator, options
 from .retarget import chosen_settings, chosen_target, table_map
 
 if TYPE_CHECKING:
@@ -291,23 +291,15 @@ _PARTS = tuple((name, *texts[:2]) for name, texts in PARTS.items())
 _SENSORS = Need("Choose a recording of sensors, or find cameras", lambda context: context.scene.mocap.sensors.sensors())
 
 
-class MOCAP_OT_find_sensors(SolverOperator, bpy.types.Operator):
+@operator("Find Cameras")
+def find_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     """List the OAK cameras on USB and the network."""
-
-    bl_label = "Find Cameras"
-    verb = "oaks"
-    is_of_capture = False
-
-    def call(self, context: bpy.types.Context) -> Call:
-        return Call([], usable(files_folder(context.scene)))
-
-    def received(self, context: bpy.types.Context, result: OaksResult) -> set[str]:
-        """Add the cameras that are not listed."""
-        sensors, found = context.scene.mocap.sensors, list(result["oaks"])
-        known = {oak.partition("=")[0] for oak in sensors.oaks.split()}
-        sensors.oaks = " ".join([*sensors.oaks.split(), *(oak for oak in found if oak not in known)])
-        message = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera was found"
-        return self.finish(message, warn=not found)
+    result: OaksResult = yield Call("oaks", [], usable(files_folder(context.scene)), of_capture=False)
+    sensors, found = context.scene.mocap.sensors, list(result["oaks"])
+    known = {oak.partition("=")[0] for oak in sensors.oaks.split()}
+    sensors.oaks = " ".join([*sensors.oaks.split(), *(oak for oak in found if oak not in known)])
+    message = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera was found"
+    return self.finish(message, warn=not found)
 
 
 class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
@@ -338,31 +330,23 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
 
 
-class MOCAP_OT_calibrate_sensors(SolverOperator, bpy.types.Operator):
+_WAVED = Need("Wave the wand first, or choose a recording of it", lambda context: context.scene.mocap.sensors.wand)
+
+
+@operator("Calibrate", _WAVED)
+def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
     """Calibrate the sensors with the wand, and set origin and up axis with the Γ on the floor."""
-
-    bl_label = "Calibrate"
-    verb = "calibrate-wand"
-    is_of_capture = False
-    needs = (
-        Need("Wave the wand first, or choose a recording of it", lambda context: context.scene.mocap.sensors.wand),
-        IDLE,
-    )
-
-    def call(self, context: bpy.types.Context) -> Call:
-        sensors = context.scene.mocap.sensors
-        _require_there(sensors.wand, sensors.gamma)
-        folder = usable(files_folder(context.scene))
-        out = options(out=next_path(folder, "sensor_array", ".toml"))
-        return Call([*sensors.calibrating(), *out], folder)
-
-    def received(self, context: bpy.types.Context, result: SensorsResult) -> set[str]:
-        sensors = context.scene.mocap.sensors
-        sensors.calibration = stored(Path(result["calibration"]))
-        remarks = [*result.get("findings", ()), *result.get("notes", ())]
-        sensors.findings = "\n".join(str(sentence) for sentence in remarks)
-        look = f"; {counted(len(remarks), 'remark')}, see the panel" if remarks else ""
-        return self.finish(f"The sensors are calibrated{look}", warn=result.get("findings"))
+    sensors = context.scene.mocap.sensors
+    _require_there(sensors.wand, sensors.gamma)
+    folder = usable(files_folder(context.scene))
+    words = [*sensors.calibrating(), *options(out=next_path(folder, "sensor_array", ".toml"))]
+    result: SensorsResult = yield Call("calibrate-wand", words, folder, of_capture=False)
+    sensors = context.scene.mocap.sensors
+    sensors.calibration = stored(Path(result["calibration"]))
+    remarks = [*result.get("findings", ()), *result.get("notes", ())]
+    sensors.findings = "\n".join(str(sentence) for sentence in remarks)
+    look = f"; {counted(len(remarks), 'remark')}, see the panel" if remarks else ""
+    return self.finish(f"The sensors are calibrated{look}", warn=result.get("findings"))
 
 
 def _keep_recording(scene: str, part: str, recorded: str) -> None:

@@ -15,7 +15,7 @@ from ...solving.take_paths import next_subject
 from ..preferences import chosen_python, preferences_of
 from ..project_files import bring_home
 from ..setting_properties import choice
-from .base import CAPTURE, IDLE, INTERNAL, MARKERS, TAKE, Call, Need, SolverOperator, current, operator, options
+from .base import CAPTURE, INTERNAL, MARKERS, TAKE, Call, Need, RunFailed, Steps, current, operator, options
 from .review import pin_frame
 
 if TYPE_CHECKING:
@@ -49,84 +49,66 @@ def _write_job(
     return path, SolveFiles(job.out, job.capture, job.report, path), part and (part.first, part.last)
 
 
-class _Solves(SolverOperator):
-    """Mixin of operators that solve a take or a range of its frames."""
+def _solve(self: Any, context: bpy.types.Context, frames: SceneRange | None) -> Steps:
+    """Solve a take, or a range of its frames again. If only the report failed, the motion arrives."""
+    from ...animation.takes import SolvedAgain
+    from .import_results import take_motion
 
-    verb = "solve"
-
-    def job(self, context: bpy.types.Context, frames: SceneRange | None) -> Call:
-        """Write the job and return its command line."""
-        from ...animation.takes import SolvedAgain
-
-        path, self._files, part = _write_job(context, frames)
-        self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, *part)
-        return Call(options(job=path), path.parent)
-
-    def received(self, context: bpy.types.Context, result: SolveResult) -> str:
-        from .import_results import take_motion
-
-        action = take_motion(context, self._files, again=self._again, result=result, tell=self.tell)
-        to_review = result["unseen_frames"] + result["unsure_frames"]
-        look = f"; review {counted(to_review, 'frame')}" if to_review else ""
-        return f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}"
-
-    def rescue(self, context: bpy.types.Context) -> str:
-        """Bake a complete motion if only the report failed."""
-        from .import_results import take_motion
-
-        if not self._files.motion.is_file():
+    path, files, part = _write_job(context, frames)
+    again = None if frames is None or part is None else SolvedAgain(frames.action.name, *part)
+    try:
+        result: SolveResult = yield Call("solve", options(job=path), path.parent)
+    except RunFailed:
+        if not files.motion.is_file():
             return ""
-        action = take_motion(context, replace(self._files, report=None), again=self._again, tell=self.tell)
+        action = take_motion(context, replace(files, report=None), again=again, tell=self.tell)
         return f"The motion itself is complete and was added as '{action.name}'."
+    action = take_motion(context, files, again=again, result=result, tell=self.tell)
+    to_review = result["unseen_frames"] + result["unsure_frames"]
+    look = f"; review {counted(to_review, 'frame')}" if to_review else ""
+    return f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}"
 
 
-class MOCAP_OT_solve(_Solves, bpy.types.Operator):
+@operator("Solve", CAPTURE)
+def solve(self: Any, context: bpy.types.Context) -> Steps:
     """Solve the capture into a new take without blocking Blender, and keep all earlier takes."""
-
-    bl_label = "Solve"
-    needs = (CAPTURE, IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        return self.job(context, None)
+    return (yield from _solve(self, context, None))
 
 
-class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
+def _ask_about_edits(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    """Ask about edits inside the range, if there are any."""
+    try:
+        frames = edited_in_range(context)
+    except MocapError:
+        frames = []  # the solve reports the error
+    if not frames:
+        return self.execute(context)
+    self.edited = f"{counted(len(frames), 'frame')} edited by hand: {spans(frames)}"
+    return context.window_manager.invoke_props_dialog(self, width=360)
+
+
+def _draw_edits(self: Any, context: bpy.types.Context) -> None:
+    self.layout.label(text=self.edited, icon="QUESTION", translate=False)
+    self.layout.prop(self, "edits", expand=True)
+
+
+_KEPT = choice("Edits in the Range", "Treatment of the edits", _EDITS, options={"SKIP_SAVE"})
+
+
+@operator("Solve Range Again", TAKE, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
+def resolve_range(self: Any, context: bpy.types.Context) -> Steps:
     """Solve the frames from First to Last again with the pinned poses, and keep all other frames and edits."""
+    from ...review.ranges import SceneRange
 
-    bl_label = "Solve Range Again"
-    needs = (TAKE, IDLE)
-
-    edits: choice("Edits in the Range", "Treatment of the edits", _EDITS, options={"SKIP_SAVE"})
-    edited: str
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask about edits inside the range, if there are any."""
-        try:
-            frames = edited_in_range(context)
-        except MocapError:
-            return self.execute(context)  # which reports the error
-        if not frames:
-            return self.execute(context)
-        self.edited = f"{counted(len(frames), 'frame')} edited by hand: {spans(frames)}"
-        return context.window_manager.invoke_props_dialog(self, width=360)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        self.layout.label(text=self.edited, icon="QUESTION", translate=False)
-        self.layout.prop(self, "edits", expand=True)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        """Pin the edited frames, if the user wants to keep them."""
-        from ...review.ranges import SceneRange
-
-        scene, review = context.scene, context.scene.mocap.review
-        if self.edits == "PIN" and (frames := edited_in_range(context)):
-            shown = scene.frame_current, scene.frame_subframe
-            for frame in frames:
-                scene.frame_set(frame)
-                pin_frame(review, frame)
-            scene.frame_set(shown[0], subframe=shown[1])
-        pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
-        return self.job(context, SceneRange(review.take, review.first, review.last, pins))
+    scene, review = context.scene, context.scene.mocap.review
+    if self.edits == "PIN" and (frames := edited_in_range(context)):
+        shown = scene.frame_current, scene.frame_subframe
+        for frame in frames:
+            scene.frame_set(frame)
+            pin_frame(review, frame)
+        scene.frame_set(shown[0], subframe=shown[1])
+    pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
+    return (yield from _solve(self, context, SceneRange(review.take, review.first, review.last, pins)))
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:
@@ -153,74 +135,55 @@ def spans(frames: list[int]) -> str:
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
-class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
+@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", _SCOPES))
+def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     """Solve all people one after another, each as an action of their own body."""
+    from .import_results import take_motion
 
-    bl_label = "Solve All"
-    verb = "solve"
-    needs = (CAPTURE, IDLE)
+    settings = context.scene.mocap
+    jobs = [
+        _write_job(context, None, capture, person)
+        for capture in (list(settings.captures) if self.scope == "SCENE" else [settings.capture])
+        for person in range(max(1, len(capture.people)))
+    ]
+    by_motion = {files.motion: files for _, files, _ in jobs}
 
-    scope: choice("Scope", "Captures to solve", _SCOPES)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        settings = context.scene.mocap
-        captures = list(settings.captures) if self.scope == "SCENE" else [settings.capture]
-        self._files: dict[Path, SolveFiles] = {}
-        words: list[str] = []
-        folder = Path()
-        for capture in captures:
-            for person in range(max(1, len(capture.people))):
-                path, files, _ = _write_job(context, None, capture, person)
-                self._files[files.motion] = files
-                words += options(job=path)
-                folder = path.parent
-        return Call(words, folder)
-
-    def received(self, context: bpy.types.Context, result: TakesResult | TakeResult) -> set[str]:
-        takes = result.get("takes", [result])
-        for take in takes:
-            self._bake(context, Path(take["motion"]), take)
-        failed = result.get("failed", [])
-        message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-        more = f"; {len(failed)} failed: {message}" if failed else ""
-        return self.finish(f"Solved {counted(len(takes), 'take')}{more}", warn=failed)
-
-    def rescue(self, context: bpy.types.Context) -> str:
-        """Bake the motions that were finished before the run failed."""
-        done = [motion for motion in self._files if motion.is_file()]
-        for motion in done:
-            self._bake(context, motion)
-        return f"{len(done)} of {counted(len(self._files), 'take')} finished and arrived." if done else ""
-
-    def _bake(self, context: bpy.types.Context, motion: Path, result: SolveResult | None = None) -> None:
-        from .import_results import take_motion
-
-        files = self._files[motion]
-        captures = context.scene.mocap.captures
+    def bake(motion: Path, result: SolveResult | None = None) -> None:
+        files = by_motion[motion]
+        captures = context.scene.mocap.captures  # undo may have replaced the former ones
         capture = next((item for item in captures if file_of(item.file) == files.capture), None)
         take_motion(context, files, capture, result=result, tell=self.tell)
 
+    words = [word for path, _, _ in jobs for word in options(job=path)]
+    try:
+        result: TakesResult | TakeResult = yield Call("solve", words, jobs[-1][0].parent)
+    except RunFailed:
+        done = [motion for motion in by_motion if motion.is_file()]
+        for motion in done:
+            bake(motion)
+        return f"{len(done)} of {counted(len(by_motion), 'take')} finished and arrived." if done else ""
+    takes, failed = result.get("takes", [result]), result.get("failed", [])
+    for take in takes:
+        bake(Path(take["motion"]), take)
+    message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
+    more = f"; {len(failed)} failed: {message}" if failed else ""
+    return self.finish(f"Solved {counted(len(takes), 'take')}{more}", warn=failed)
 
-class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
+
+@operator("Calibrate Subject", MARKERS)
+def calibrate_subject(self: Any, context: bpy.types.Context) -> Steps:
     """Estimate the person's shape and marker positions from a recording with much movement, for all their takes."""
+    from ..scene_job import capture_file, folder_of_takes, write_layout
 
-    bl_label = "Calibrate Subject"
-    verb = "calibrate"
-    needs = (MARKERS, IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        from ..scene_job import capture_file, folder_of_takes, write_layout
-
-        settings = context.scene.mocap
-        capture = capture_file(settings.capture)
-        out = next_subject(folder_of_takes(context.scene, capture.parent))
-        layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
-        return Call([str(capture), *options(out=out, body=settings.solve.body, layout=layout)], out.parent)
-
-    def received(self, context: bpy.types.Context, result: PersonResult) -> str:
-        context.scene.mocap.solve.subject = stored(result["subject"])
-        bring_home()
-        return f"Calibrated: {calibrated(result)}"
+    settings = context.scene.mocap
+    capture = capture_file(settings.capture)
+    out = next_subject(folder_of_takes(context.scene, capture.parent))
+    layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
+    words = [str(capture), *options(out=out, body=settings.solve.body, layout=layout)]
+    result: PersonResult = yield Call("calibrate", words, out.parent)
+    context.scene.mocap.solve.subject = stored(result["subject"])
+    bring_home()
+    return f"Calibrated: {calibrated(result)}"
 
 
 def calibrated(result: PersonResult) -> str:

@@ -13,7 +13,7 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ...conventions.naming import counted, next_path
 from ..acquisition_properties import FAULTS, OWN
 from ..project_files import files_folder, usable
-from .base import IDLE, OPENS, Call, Need, SolverOperator, operator
+from .base import OPENS, Call, Need, Steps, operator
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import BenchmarkResult, DataSetPlan
@@ -25,86 +25,59 @@ _BENCHMARK_WIDTH = 400
 """Pixels of the widest benchmark image. The simulated errors are in millimetres and do not depend on it."""
 
 
-class _Films(SolverOperator):
-    """Mixin of operators that run the studio in a second Blender."""
-
-    verb = "studio"
-    is_of_capture = False
-
-    def film(self, description: Path, out: Path, *more: str) -> Call:
-        """Return the command line that films a description."""
-        return Call([str(description), "--out", str(out), *more], description.parent, through_blender=True)
+def _film(description: Path, out: Path, *more: str) -> Call:
+    """Return the command line that films a description in a second Blender."""
+    words = [str(description), "--out", str(out), *more]
+    return Call("studio", words, description.parent, through_blender=True, of_capture=False)
 
 
-class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
+@operator("Benchmark")
+def benchmark(self: Any, context: bpy.types.Context) -> Steps:
     """Simulate a take with these cameras and detector errors, solve it, and compare it with the truth."""
+    from ...studio.places import read_places, rows_of
 
-    bl_label = "Benchmark"
-
-    def call(self, context: bpy.types.Context) -> Call:
-        settings = context.scene.mocap.studio
-        folder = _next_folder(context.scene, "benchmark")
-        path = _write_description(benchmark_description(context), folder.with_suffix(".json"))
-        self._faults = next(label for value, label, _ in FAULTS if value == settings.faults)
-        return self.film(path, folder, "--benchmark", *sorted(settings.methods), "--places")
-
-    def received(self, context: bpy.types.Context, result: BenchmarkResult) -> str:
-        """Add a row per array, and show the map of the first one on the floor."""
-        from ...studio.places import read_places, rows_of
-
-        settings = context.scene.mocap.studio
-        file = result.get("places", "")
-        places = read_places(Path(file))
-        first = len(settings.rows)
-        for array, reached in rows_of(result["rows"], [item.array for item in places]):
-            row = settings.rows.add()
-            row.array, row.reached, row.faults = array, reached, self._faults
-            median = next(item.median_mm for item in places if item.array == array)
-            row.median_mm = -1.0 if median is None else median
-            row.page, row.places = stored(result["page"]), stored(file)
-        _show_row(context, first)
-        return f"{settings.rows[first].array}: {settings.rows[first].reached}"
+    settings = context.scene.mocap.studio
+    folder = _next_folder(context.scene, "benchmark")
+    path = _write_description(benchmark_description(context), folder.with_suffix(".json"))
+    faults = next(label for value, label, _ in FAULTS if value == settings.faults)
+    more = "--benchmark", *sorted(settings.methods), "--places"
+    result: BenchmarkResult = yield _film(path, folder, *more)
+    settings, file = context.scene.mocap.studio, result.get("places", "")
+    places, first = read_places(Path(file)), len(settings.rows)
+    for array, reached in rows_of(result["rows"], [item.array for item in places]):
+        row = settings.rows.add()
+        row.array, row.reached, row.faults = array, reached, faults
+        median = next(item.median_mm for item in places if item.array == array)
+        row.median_mm = -1.0 if median is None else median
+        row.page, row.places = stored(result["page"]), stored(file)
+    _show_row(context, first)
+    return f"{settings.rows[first].array}: {settings.rows[first].reached}"
 
 
-class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
+@operator("Check Data Set")
+def check_data_set(self: Any, context: bpy.types.Context) -> Steps:
     """Check the settings, and report the number of images and the disk space."""
-
-    bl_label = "Check Data Set"
-
-    def call(self, context: bpy.types.Context) -> Call:
-        settings = context.scene.mocap.studio
-        out = absolute(settings.out) if settings.out else _next_folder(context.scene, "data_set")
-        if settings.planned:  # nothing has changed, so an unfinished run can continue
-            out = file_of(settings.planned_out)
-        description = _next_folder(context.scene, "data_set").with_name("data_set.json")
-        path = _write_description(data_set_description(context), description)
-        self._checked = stored(path), stored(out)
-        return self.film(path, out, "--plan")
-
-    def received(self, context: bpy.types.Context, result: DataSetPlan) -> str:
-        """Keep the plan until a setting changes."""
-        settings = context.scene.mocap.studio
-        settings.planned = (
-            f"{counted(len(result['shots']), 'shot')}, {counted(result['frames'], 'frame')}, "
-            f"{counted(result['pictures'], 'image')}: "
-            f"about {_size(result['needed_mb'])}; {_size(result['free_mb'])} are free"
-        )
-        settings.planned_file, settings.planned_out = self._checked
-        return settings.planned
+    settings = context.scene.mocap.studio
+    out = absolute(settings.out) if settings.out else _next_folder(context.scene, "data_set")
+    if settings.planned:  # nothing has changed, so an unfinished run can continue
+        out = file_of(settings.planned_out)
+    description = _next_folder(context.scene, "data_set").with_name("data_set.json")
+    path = _write_description(data_set_description(context), description)
+    result: DataSetPlan = yield _film(path, out, "--plan")
+    settings = context.scene.mocap.studio
+    images = f"{counted(len(result['shots']), 'shot')}, {counted(result['frames'], 'frame')}"
+    images += f", {counted(result['pictures'], 'image')}"
+    settings.planned = f"{images}: about {_size(result['needed_mb'])}; {_size(result['free_mb'])} are free"
+    settings.planned_file, settings.planned_out = stored(path), stored(out)
+    return settings.planned
 
 
-class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
+@operator("Make Data Set", Need("Check the settings first", lambda context: context.scene.mocap.studio.planned))
+def make_data_set(self: Any, context: bpy.types.Context) -> Steps:
     """Film all shots without blocking Blender, and continue a run that was cancelled."""
-
-    bl_label = "Make Data Set"
-    needs = (Need("Check the settings first", lambda context: context.scene.mocap.studio.planned), IDLE)
-
-    def call(self, context: bpy.types.Context) -> Call:
-        settings = context.scene.mocap.studio
-        return self.film(file_of(settings.planned_file), file_of(settings.planned_out))
-
-    def received(self, context: bpy.types.Context, result: DataSetPlan) -> str:
-        return f"{counted(len(result['shots']), 'shot')} in {result['data_set']}"
+    settings = context.scene.mocap.studio
+    result: DataSetPlan = yield _film(file_of(settings.planned_file), file_of(settings.planned_out))
+    return f"{counted(len(result['shots']), 'shot')} in {result['data_set']}"
 
 
 @operator("Show on the Floor", index=int)

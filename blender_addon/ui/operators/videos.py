@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,78 +20,61 @@ from ..project_files import files_folder, usable
 from ..properties import STEPS
 from ..setting_properties import choice, path, switch
 from . import base
-from .base import Call, Need, SolverOperator, current, is_chosen, options
+from .base import Call, Need, RunFailed, SolverOperator, Steps, is_chosen, options
 
 if TYPE_CHECKING:
-    from ..._exchange.verb_results import CaptureResult, DetectorResult, TakeOfVideos, VideosResult
+    from ..._exchange.verb_results import DetectorResult, TakeOfVideos, VideosResult
 
 SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mts")
 _LAST = list(STEPS)[-1]
 
 
-class VideosOperator(SolverOperator):
-    """Mixin of operators that run steps from videos, and show each finished step at once."""
+def _run_steps(self: Any, context: bpy.types.Context, until: str, redo: str = "") -> Steps:
+    """Run steps of the scene's folder of videos, show each finished step, and set up the scene for ready takes."""
+    from .import_results import bring_capture
 
-    verb = "from-videos"
-    is_of_capture = False
-    _seen = 0
-
-    def run_steps(self, context: bpy.types.Context, until: str, redo: str = "") -> Call:
-        """Return the command line for the scene's folder of videos."""
-        videos = context.scene.mocap.videos
-        results = file_of(videos.results)
-        words = [str(file_of(videos.folder)), *options(out=usable(results), until=until), *videos.arguments()]
-        hands = litert_python(context) if videos.hands else None
-        words += options(python=detector_for(context), hand_python=hands, redo=redo)
-        return Call(words, results)
-
-    def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if event.type == "TIMER" and current.run is not None:
-            self._show_steps(context)
-        return super().modal(context, event)
-
-    def received(self, context: bpy.types.Context, result: VideosResult) -> set[str]:
-        """Set up the scene for each take that is ready."""
-        takes = list(result["takes"].values())
-        self._show_steps(context, takes)
-        read = [(take["read"], Path(take["source"])) for take in takes]
-        names = [self._set_up(context, capture, source) for capture, source in read if capture is not None]
-        failed = [f"{name}: {failure_sentence(error)}" for name, error in result.get("failed", {}).items()]
-        found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished; see the panel"
-        return self.finish(". ".join([found, *failed]), warn=failed)
-
-    def rescue(self, context: bpy.types.Context) -> str:
-        """Show the steps before the one that failed."""
-        self._show_steps(context)
+    videos = context.scene.mocap.videos
+    results, shown = file_of(videos.results), _ShownSteps(context)
+    words = [str(file_of(videos.folder)), *options(out=usable(results), until=until), *videos.arguments()]
+    hands = litert_python(context) if videos.hands else None
+    words += options(python=detector_for(context), hand_python=hands, redo=redo)
+    try:
+        result: VideosResult = yield Call("from-videos", words, results, of_capture=False, watch=shown.update)
+    except RunFailed:
+        shown.update()
         done = [STEPS[step.name][0].lower() for step in context.scene.mocap.videos.steps]
         return f"Finished before: {', '.join(done)}." if done else ""
-
-    def _show_steps(self, context: bpy.types.Context, takes: list[TakeOfVideos] | None = None) -> None:
-        """Read the reports of the steps if they have changed. Of several takes, show the last one."""
-        videos = context.scene.mocap.videos
-        folders = [Path(take["folder"]) for take in takes or ()] or _with_reports(file_of(videos.results))
-        if not folders:
-            return
-        latest = max(folders, key=_changed)
-        if takes is not None or _changed(latest) != self._seen:
-            self._seen = _changed(latest)
-            videos.take_steps(str(latest))
-
-    def _set_up(self, context: bpy.types.Context, read: CaptureResult, source: Path) -> str:
-        from .import_results import present_capture, take_capture
-
-        settings = context.scene.mocap
+    takes, settings, names = list(result["takes"].values()), context.scene.mocap, []
+    shown.update(takes)
+    for read, source in [(take["read"], Path(take["source"])) for take in takes if take["read"] is not None]:
         for capture in settings.captures:
             if capture.source and file_of(capture.source) == source:
                 capture.file = stored(read["capture"])  # saving the .blend file may have moved it
-        stage = take_capture(context.scene, read, source)
-        settings.capture.source = stored(source)
-        present_capture(context, stage)
-        return settings.capture.name
+        bring_capture(context, read, source)
+        names.append(settings.capture.name)
+    failed = [f"{name}: {failure_sentence(error)}" for name, error in result.get("failed", {}).items()]
+    found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished; see the panel"
+    return self.finish(". ".join([found, *failed]), warn=failed)
+
+
+class _ShownSteps:
+    """The steps of a run from videos as the panel shows them."""
+
+    def __init__(self, context: bpy.types.Context) -> None:
+        self._context, self._seen = context, 0
+
+    def update(self, takes: Sequence[TakeOfVideos] = ()) -> None:
+        """Read the reports of the steps if they have changed. Of several takes, show the last one."""
+        videos = self._context.scene.mocap.videos
+        folders = [Path(take["folder"]) for take in takes] or _with_reports(file_of(videos.results))
+        latest = max(folders, key=_changed, default=None)
+        if latest is not None and (takes or _changed(latest) != self._seen):
+            self._seen = _changed(latest)
+            videos.take_steps(str(latest))
 
 
 class MOCAP_OT_capture_from_videos(
-    VideosOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
+    SolverOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
 ):
     """Detect keypoints in a folder of one video per camera, synchronise and calibrate the cameras, and import it."""
 
@@ -108,7 +92,7 @@ class MOCAP_OT_capture_from_videos(
         self.layout.prop(self, "one_camera")
         draw_video_settings(self.layout, context)
 
-    def call(self, context: bpy.types.Context) -> Call:
+    def steps(self, context: bpy.types.Context) -> Steps:
         """Start with the folder of the chosen file, or with one video."""
         chosen = absolute(self.filepath or self.directory)
         if self.files and self.files[0].name and self.directory:
@@ -120,21 +104,18 @@ class MOCAP_OT_capture_from_videos(
         results = _results(context, folder, f"{chosen.stem}_mocap" if self.one_camera else "mocap")
         videos.folder, videos.results = stored(chosen if self.one_camera else folder), stored(results)
         videos.steps.clear()
-        return self.run_steps(context, _LAST)
+        return (yield from _run_steps(self, context, _LAST))
 
 
-class MOCAP_OT_video_step(VideosOperator, bpy.types.Operator):
+_FOLDER = Need("Choose a folder of videos first", lambda context: context.scene.mocap.videos.folder)
+
+
+@base.operator("Run This Step", _FOLDER, step=str)
+def video_step(self: Any, context: bpy.types.Context) -> Steps:
     """Run this step with the current settings, and repeat the steps that depend on it."""
-
-    bl_label = "Run This Step"
-    needs = (Need("Choose a folder of videos first", lambda context: context.scene.mocap.videos.folder), base.IDLE)
-
-    step: str
-
-    def call(self, context: bpy.types.Context) -> Call:
-        done = {step.name for step in context.scene.mocap.videos.steps}
-        until = _LAST if _LAST in done else self.step
-        return self.run_steps(context, until, self.step if self.step in done else "")
+    done = {step.name for step in context.scene.mocap.videos.steps}
+    until = _LAST if _LAST in done else self.step
+    return (yield from _run_steps(self, context, until, self.step if self.step in done else ""))
 
 
 @base.operator("Open Image", options=base.INTERNAL, filepath=str)
@@ -192,7 +173,7 @@ def _changed(folder: Path) -> int:
 
 def draw_import_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Import."""
-    self.layout.operator(MOCAP_OT_capture_from_videos.bl_idname, text="Motion Capture from Videos (folder)")
+    self.layout.operator("mocap.capture_from_videos", text="Motion Capture from Videos (folder)")
 
 
 SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a verb of the solver.
@@ -220,8 +201,6 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL
-    verb = SET_UP_DETECTOR
-    is_of_capture = False
 
     kind: choice("Detector", "Detector to install", _KINDS)
     wheels: path("Wheels", "Folder of wheels to install from, empty for the package registry", folder=True)
@@ -242,7 +221,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
             column.label(text=line, translate=False)
         column.prop(self, "wheels")
 
-    def work(self, context: bpy.types.Context) -> set[str]:
+    def steps(self, context: bpy.types.Context) -> Steps:
         import sys
 
         from ...solving import make_environment, pythons
@@ -257,9 +236,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         words = [str(folder), self.kind, *([str(absolute(self.wheels))] if self.wheels else [])]
         own = python if python != Path(sys.executable) else None
         script = Path(make_environment.__file__)
-        return self.follow(context, start_script(self.verb, script, words, own, folder.parent))
-
-    def received(self, context: bpy.types.Context, result: DetectorResult) -> str:
+        result: DetectorResult = yield start_script(SET_UP_DETECTOR, script, words, own, folder.parent)
         found = note_detector(context, Path(result["python"]))
         videos = context.scene.mocap.videos
         hands = [path for path in result["models"] if Path(path).name == _HAND_MODEL]

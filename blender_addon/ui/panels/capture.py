@@ -9,12 +9,12 @@ import bpy
 from ...conventions.kept_findings import findings_in
 from ...conventions.naming import counted
 from ..layout import TALLEST, draw_button, draw_lines, draw_next, draw_settings, is_narrow, wrapped
-from ..operators.base import current
+from ..operators.base import CAPTURE, MARKERS, current
 from ..operators.capture import in_camera_view
 from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import READING_ROWS
-from .parts import draw_finding, draw_progress, has_capture, has_markers, panel
+from .parts import draw_finding, draw_progress, panel
 
 MEANINGS = {
     "known": "CHECKMARK",
@@ -86,29 +86,23 @@ def _draw_problem_icon(layout: bpy.types.UILayout, context: bpy.types.Context) -
 
 
 def _has_problems(context: bpy.types.Context) -> bool:
-    return any(message.is_problem for message in context.scene.mocap.capture.messages)
+    return bool(context.scene.mocap.capture.problems)
 
 
 @panel("Problems", "CAPTURE", parent="capture", needs=_has_problems, draw_header=_draw_problem_icon)
 def problems(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    for message in context.scene.mocap.capture.messages:
-        for found in message.found if message.is_problem else ():
-            draw_finding(layout, context, found)
+    for found in context.scene.mocap.capture.problems:
+        draw_finding(layout, context, found)
 
 
 def _has_notes(context: bpy.types.Context) -> bool:
-    return has_capture(context) and not has_markers(context)
+    return CAPTURE.is_met(context) and not MARKERS.is_met(context)
 
 
 @panel("Notes", "CAPTURE", parent="capture", order=1, closed=True, needs=_has_notes)
 def notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    _draw_notes(layout, context)
-
-
-def _draw_notes(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    for message in context.scene.mocap.capture.messages:
-        if not message.is_problem:
-            wrapped(layout, context, message.text, "DOT")
+    for found in context.scene.mocap.capture.notes:
+        draw_finding(layout, context, found)
 
 
 class MOCAP_UL_markers(bpy.types.UIList):
@@ -125,12 +119,13 @@ class MOCAP_UL_markers(bpy.types.UIList):
             gaps.label(text=f"{counted(item.gaps, 'gap')}, {item.missing_percent:.1f} %", translate=False)
 
 
-@panel("Markers", "CAPTURE", parent="capture", order=1, needs=has_markers)
+@panel("Markers", "CAPTURE", parent="capture", order=1, needs=MARKERS.is_met)
 def markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     item = context.scene.mocap.capture
     for line in summarise(item):
         wrapped(layout, context, line)
-    _draw_notes(layout, context)
+    for found in item.notes:
+        draw_finding(layout, context, found)
     row = layout.row(align=True)
     row.prop(item, "show_names", icon="FONT_DATA")
     colours = row.row(align=True)
@@ -155,7 +150,7 @@ def summarise(capture: MocapCapture) -> list[str]:
     return lines
 
 
-@panel("Labels", "CAPTURE", parent="capture", order=2, closed=True, needs=has_markers)
+@panel("Labels", "CAPTURE", parent="capture", order=2, closed=True, needs=MARKERS.is_met)
 def labels(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     item = context.scene.mocap.capture
     lists = (MOCAP_UL_markers.__name__, "", item, "marker_items", item, "marker_index")

@@ -7,16 +7,17 @@ import bpy
 from ..._exchange.marker_formats import MARKER_FORMATS
 from ...export.formats import DESTINATIONS, FORMATS
 from ..layout import draw_button, draw_lines, draw_next, is_slim, wrapped
+from ..operators.base import BODY, MARKERS
 from ..operators.export import exported_armature
 from ..operators.imports import foreign_actor
 from ..operators.retarget import actor_object
 from ..translation import CONTEXT
-from .parts import draw_progress, has_body, has_markers, panel
+from .parts import draw_progress, panel
 
 _LEFT, _RIGHT = "left", "right"  # Prefixes of roles with two sides.
 
 
-@panel("Export", "DELIVER", order=5, needs=has_body)
+@panel("Export", "DELIVER", order=5, needs=BODY.is_met)
 def export(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     armature = exported_armature(context)
     if armature is None:
@@ -30,7 +31,7 @@ def export(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         button.root, button.fingers, button.node = item.layout.root, item.layout.fingers, item.layout.node
 
 
-@panel("Formats", "DELIVER", parent="export", closed=True, needs=has_body)
+@panel("Formats", "DELIVER", parent="export", closed=True, needs=BODY.is_met)
 def formats(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     columns = 1 if is_slim(context) else 2
     grid = layout.grid_flow(row_major=True, columns=columns, even_columns=True, align=True)
@@ -39,7 +40,7 @@ def formats(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     wrapped(layout, context, "File > Export would also write the body's helper bones.", "INFO")
 
 
-@panel("Markers", "DELIVER", parent="export", needs=has_markers)
+@panel("Markers", "DELIVER", parent="export", needs=MARKERS.is_met)
 def export_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if draw_progress(layout, ("export-markers",)):
         return

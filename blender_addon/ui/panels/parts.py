@@ -70,26 +70,6 @@ def panel(
     return make
 
 
-def has_capture(context: bpy.types.Context) -> bool:
-    """Return whether there is a capture."""
-    return bool(context.scene.mocap.capture.file)
-
-
-def has_markers(context: bpy.types.Context) -> bool:
-    """Return whether the capture has markers."""
-    return bool(len(context.scene.mocap.capture.marker_items))
-
-
-def has_body(context: bpy.types.Context) -> bool:
-    """Return whether there is a solved body."""
-    return context.scene.mocap.review.armature is not None
-
-
-def has_take(context: bpy.types.Context) -> bool:
-    """Return whether there is a solved take."""
-    return context.scene.mocap.review.take is not None
-
-
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the button that solves, with the person's name if there are several."""
     person = context.scene.mocap.capture.person

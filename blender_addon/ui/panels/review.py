@@ -9,19 +9,19 @@ from ..._exchange.solve_settings import CLEAN_UP
 from ...body.controls.limbs import LIMBS, ROOT, finger_control, fist_control, has_finger_controls, has_limbs
 from ...conventions.naming import counted
 from ..layout import draw_button, is_narrow, is_slim, wrapped
-from ..operators.base import current
+from ..operators.base import BODY, TAKE, current
 from ..operators.takes import takes_of_person
 from ..properties import MocapReview
 from ..setting_properties import names_of
 from ..translation import CONTEXT
-from .parts import has_body, has_take, panel
+from .parts import panel
 
 _CURL, _SPREAD = 0, 2  # Axes of a finger control.
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
 """Share of a row for the slider of a limb, and in a narrow sidebar. The button has the rest."""
 
 
-@panel("Review", "EDIT", order=4, needs=has_body)
+@panel("Review", "EDIT", order=4, needs=BODY.is_met)
 def review(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap.review
     take = settings.take
@@ -75,7 +75,7 @@ def _draw_worst(layout: bpy.types.UILayout, settings: MocapReview, frame: int) -
     layout.row().label(text=f"{worst.replace('_', ' ')} {spread}", icon=icon, translate=False)
 
 
-@panel("Fix a Range", "EDIT", parent="review", needs=has_take)
+@panel("Fix a Range", "EDIT", parent="review", needs=TAKE.is_met)
 def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap.review
     layout.enabled = not current.busy
@@ -93,7 +93,7 @@ def resolve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     draw_button(layout, "mocap.resolve_range", "FILE_REFRESH", 1.3)
 
 
-@panel("Clean Up", "EDIT", parent="review", order=2, closed=True, needs=has_take)
+@panel("Clean Up", "EDIT", parent="review", order=2, closed=True, needs=TAKE.is_met)
 def clean_up(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap
     if settings.capture.file:
@@ -114,7 +114,7 @@ def clean_up(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     row.operator("mocap.clear_marks", text="", icon="X")
 
 
-@panel("Take", "EDIT", parent="review", order=3, closed=True, needs=has_take)
+@panel("Take", "EDIT", parent="review", order=3, closed=True, needs=TAKE.is_met)
 def take(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     action = context.scene.mocap.review.take
     if "keys_deviation" in action:
@@ -179,7 +179,7 @@ def _draw_switch(layout: bpy.types.UILayout, to: str, limb: str, text: str) -> N
 
 
 def _has_fingers(context: bpy.types.Context) -> bool:
-    return has_take(context) or has_finger_controls(context.scene.mocap.review.armature)
+    return TAKE.is_met(context) or has_finger_controls(context.scene.mocap.review.armature)
 
 
 @panel("Fingers", "EDIT", parent="review", order=5, closed=True, needs=_has_fingers)

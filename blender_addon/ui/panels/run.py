@@ -95,9 +95,8 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
         wrapped(column, context, f"{take.name}{error}", "ACTION")
         _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
-    problems = [found for message in capture.messages if message.is_problem for found in message.found]
     warnings = () if take is None else warnings_of_take(take)
-    for found, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
+    for found, word, stage in ((capture.problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
         if found:
             row = column.column(align=True) if is_slim(context) else column.row(align=True)
             row.alert = True

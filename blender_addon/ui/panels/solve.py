@@ -12,16 +12,16 @@ from ..._exchange.solve_settings import RECORDING, RESOURCES
 from ...conventions.naming import counted
 from ...solving.presets import PRESETS
 from ..layout import draw_field, draw_settings, is_narrow, wrapped
-from ..operators.base import current
+from ..operators.base import CAPTURE, current
 from ..operators.solve import calibrated
 from ..setting_properties import CHOSEN_BY_PRESETS, names_of
-from .parts import draw_finding, draw_progress, draw_waiting, has_capture, panel
+from .parts import draw_finding, draw_progress, draw_waiting, panel
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult, TakesResult
 
 
-@panel("Solve", "SOLVE", order=2, needs=has_capture)
+@panel("Solve", "SOLVE", order=2, needs=CAPTURE.is_met)
 def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap
     row = layout.row()
@@ -50,7 +50,7 @@ def solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
         wrapped(layout, context, f"Calibrated: {calibrated(run.result)}", "CHECKMARK")
 
 
-@panel("Advanced", "SOLVE", parent="solve", closed=True, needs=has_capture)
+@panel("Advanced", "SOLVE", parent="solve", closed=True, needs=CAPTURE.is_met)
 def solve_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.mocap.solve
     column = layout.column()

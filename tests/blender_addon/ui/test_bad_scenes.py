@@ -171,7 +171,7 @@ def test_a_run_whose_window_is_closed_ends_and_the_other_window_shows_why(mocap,
     killed: list[bool] = []
     process = SimpleNamespace(kill=lambda: killed.append(True), cancelling=False)
     monkeypatch.setattr(current, "run", SimpleNamespace(process=process, verb="solve", error=None, log=[]))
-    closed = SimpleNamespace(_stop_timer=lambda context: None, _scene=scene.name)
+    closed = SimpleNamespace(_stop=lambda context: None, _scene=scene.name)
     SolverOperator.cancel(closed, bpy.context)
     assert killed and not current.busy
     assert "was closed" in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, 283).drawn)

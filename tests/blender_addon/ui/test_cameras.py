@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.takes import takes_of
+from blender_addon.conventions.kept_findings import findings_text
 from blender_addon.ui import viewport
 from blender_addon.ui.scene_job import prepare_job
 from solver_backend.exchange.diagnostics import diagnostic
@@ -54,9 +55,9 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
     turned[2] = exp_so3(np.array([0.01, 0.03, 0.0])) @ turned[2]
     moved = replace(demo.cameras, R=turned, t=-np.einsum("cij,cj->ci", turned, demo.cameras.centres))
     for name, cameras, wrong, doubted in (
-        ("fits", demo.cameras, False, ""),
-        ("small", small, True, ""),
-        ("moved", moved, False, demo.cameras.names[2]),
+        ("fits", demo.cameras, False, []),
+        ("small", small, True, []),
+        ("moved", moved, False, [demo.cameras.names[2]]),
     ):
         capture = replace(demo, name=name, cameras=cameras, keypoints=demo.keypoints.frames(0, 60), truth={})
         source = write_capture(tmp_path / f"{name}.npz", capture)
@@ -67,9 +68,7 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
         shown = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_cameras, 400).drawn)
         assert ("squares do not have the stated size" in shown) == wrong
-        assert mocap.capture.suspect_cameras == doubted and (mocap.capture.check_findings != "") == (
-            wrong or doubted != ""
-        )
+        assert mocap.capture.suspect_cameras == {*doubted} and bool(mocap.capture.check_findings) == (wrong or doubted)
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 
 
@@ -119,8 +118,8 @@ def test_a_camera_is_doubtful_where_a_diagnostic_names_it_and_not_where_its_name
     )  # fmt: skip
     source = write_capture(tmp_path / "words.npz", capture)
     assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
-    told = [(message.is_problem, message.cameras) for message in mocap.capture.messages]
-    assert (True, "left") in told and (False, "right") in told
+    assert ("left",) in [item.where.cameras for item in mocap.capture.problems]
+    assert ("right",) in [item.where.cameras for item in mocap.capture.notes]
     shades = [viewport.shade_of(mocap.capture, item) for item in mocap.capture.cameras]
     assert shades == [viewport.GOOD, viewport.GOOD, viewport.SUSPECT, viewport.GOOD]
 
@@ -130,14 +129,14 @@ def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> 
     first, second, third, fourth = capture.cameras
     scene.camera = fourth.object
     third.use = False
-    message = capture.messages.add()
-    message.text, message.cameras, message.is_problem = "The image is mirrored.", second.name, True
+    capture.findings = findings_text([diagnostic("image_mirrored", cameras=[second.name])])
     shades = [shade for _, shade in viewport.shaded_cameras(bpy.context)]
     assert shades == [viewport.GOOD, viewport.SUSPECT, viewport.UNUSED]
-    message.is_problem = False
-    capture.suspect_cameras = f"{first.name}1"
+    capture.findings = ""
+    capture.check_findings = findings_text([diagnostic("image_mirrored", cameras=[f"{first.name}1"])])
     assert viewport.shade_of(capture, first) == viewport.GOOD
-    capture.suspect_cameras = f"{second.name}1\n{first.name}"
+    cameras = [f"{second.name}1", first.name]
+    capture.check_findings = findings_text([diagnostic("camera_sees_elsewhere", cameras=cameras)])
     assert viewport.shade_of(capture, first) == viewport.SUSPECT
     assert viewport.shade_of(capture, second) == viewport.GOOD
     capture.show_agreement = False

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import MappingProxyType
 
 import bpy
 import pytest
 
-from blender_addon.ui.operators.base import SolverOperator
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.io.markers.c3d import write_c3d
 from solver_backend.synthesis.embedded.demo import record_markers
@@ -83,12 +83,13 @@ def test_a_run_ends_in_the_capture_it_was_started_for(both, solved, monkeypatch)
     assert bpy.ops.mocap.show_capture(index=0) == {"FINISHED"}
     taken: list[bpy.types.Action] = []
 
-    def received(self: SolverOperator, context: bpy.types.Context, result: dict) -> set[str]:
+    def arrive(context: bpy.types.Context, *_: object, **__: object) -> bpy.types.Action:
         taken.append(take_motion(context, solved.files))
-        return {"FINISHED"}
+        return taken[0]
 
     class Run:
-        result, error, finished, headline, share = {"event": "result"}, None, True, "", 1.0
+        result = MappingProxyType({"event": "result", "unseen_frames": 0, "unsure_frames": 0, "solve_s": 1.0})
+        error, finished, headline, share = None, True, "", 1.0
 
         class process:
             wait = kill = staticmethod(lambda: None)
@@ -98,7 +99,7 @@ def test_a_run_ends_in_the_capture_it_was_started_for(both, solved, monkeypatch)
         return Run()
 
     monkeypatch.setattr("blender_addon.solving.run.start", started)
-    monkeypatch.setattr("blender_addon.ui.operators.solve._Solves.received", received)
+    monkeypatch.setattr("blender_addon.ui.operators.import_results.take_motion", arrive)
     body = both.captures[0].review.armature
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     assert both.captures[0].review.take == taken[0] and both.captures[0].review.armature == body

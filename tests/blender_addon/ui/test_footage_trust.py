@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.capture_file import read_capture
+from blender_addon._exchange.diagnostics import sentence
 from blender_addon._exchange.progress import silent
 from blender_addon.headless.bake import run_bake
 from blender_addon.headless.verb_table import VERBS
@@ -74,7 +75,7 @@ def test_a_foreign_captures_footage_is_asked_for(
     path = foreign(tmp_path / "foreign", str(tmp_path / "elsewhere.png"), solved)
     assert bpy.ops.mocap.import_capture(filepath=str(path)) == {"FINISHED"}
     assert asked == [] and not mocap.capture.cameras[0].has_footage
-    assert any("was not looked for" in message.text and message.is_problem for message in mocap.capture.messages)
+    assert any("was not looked for" in sentence(item) for item in mocap.capture.problems)
     mocap.reading.footage_anywhere = True
     assert bpy.ops.mocap.import_capture(filepath=str(path)) == {"FINISHED"}
     assert asked == [tmp_path / "elsewhere.png"] and mocap.capture.cameras[0].has_footage
@@ -98,7 +99,7 @@ def test_footage_beside_the_recording_stays_where_cameras_are_refined_or_restore
     mocap.capture.original = mocap.capture.file  # as after a refinement
     assert bpy.ops.mocap.restore_cameras() == {"FINISHED"}
     assert mocap.capture.cameras[0].has_footage
-    assert not any("was not looked for" in message.text for message in mocap.capture.messages)
+    assert not any("was not looked for" in sentence(item) for item in mocap.capture.problems)
 
 
 @pytest.mark.slow

@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.diagnostics import sentence
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.scene.overlay import labels_of
 from blender_addon.ui.operators.base import SolverOperator
@@ -71,7 +72,7 @@ def test_a_c3d_is_recognised_and_stands_in_the_scene(imported, take, cloud):
     assert kinds["Demo:ARMBAND"] == "unknown" and list(kinds.values()).count("known") == 41
     lines = summarise(imported)
     assert lines[:2] == ["41 known, 1 unknown", "Subjects: Demo"] and "gaps in" in lines[2]
-    said = [message.text for message in imported.messages]
+    said = [sentence(item) for item in (*imported.problems, *imported.notes)]
     assert any("Lengths are in mm" in text for text in said) and any("Z points up" in text for text in said)
     hidden = int(np.isnan(cloud.positions[:, :, 0]).sum())
     total = sum(item.missing_percent for item in imported.marker_items) / 100 * FRAMES

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from blender_addon._exchange.diagnostics import diagnostic, sentence
+from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon.conventions.kept_findings import findings_text
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.translation import german
@@ -95,12 +95,11 @@ def test_several_captures_people_and_left_out_cameras(mocap, solved_take) -> Non
         person.name, person.views, person.frames = name, 3.4, 1200
     left_out = capture.left_out.add()
     left_out.name, left_out.first, left_out.last = "cam03", 100, 2000
-    for found in (
+    found = (
         diagnostic("camera_sees_elsewhere", cameras=["cam_03"]),
         diagnostic("floor_off", lowest=0.6),
         diagnostic("calibration_corrected", result="never", meanings="0.5 times as large"),
         diagnostic("takes_joined", cuts=[20000], first_end=19999, last_start=20000, end=40000),
-    ):
-        problem = capture.messages.add()
-        problem.text, problem.is_problem, problem.diagnostic = sentence(found), True, findings_text([found])
+    )
+    capture.findings = findings_text(found)
     assert not cut_off() and not taken_for_blenders()

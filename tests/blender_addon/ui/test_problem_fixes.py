@@ -38,7 +38,7 @@ def half_size(tmp_path: Path) -> Path:
 @pytest.mark.slow
 def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> None:
     assert bpy.ops.mocap.import_capture(filepath=str(half_size)) == {"FINISHED"}
-    [found] = [item for message in mocap.capture.messages for item in message.found if "corrected" in item.code]
+    [found] = [item for item in mocap.capture.problems if "corrected" in item.code]
     fix = fix_of(found)
     assert fix is not None and fix.text in drawn("problems")
     assert "Show" in drawn("run") and "Fix" not in drawn("run"), "to take a correction back is no remedy"
@@ -46,7 +46,7 @@ def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> Non
     module, name = fix.operator.split(".")
     assert getattr(getattr(bpy.ops, module), name)(**dict(fix.values)) == {"FINISHED"}
     assert mocap.reading.as_calibrated and len(mocap.captures) == 1
-    assert not any("corrected" in item.code for message in mocap.capture.messages for item in message.found)
+    assert not any("corrected" in item.code for item in (*mocap.capture.problems, *mocap.capture.notes))
 
 
 @pytest.mark.parametrize(
@@ -110,7 +110,7 @@ def test_what_the_check_of_cameras_finds_has_its_button(mocap, solved, scene, mo
     words = {"verdict": "does not fit", "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 0.1, "findings": ["x"]}
     operator = bpy.types.MOCAP_OT_check_cameras
     monkeypatch.setattr(
-        operator, "launch", lambda self, context, *_: self.received(context, words | {"diagnostics": [found.as_dict()]})
+        operator, "launch", lambda self, *_: self.answer(self.resume(words | {"diagnostics": [found.as_dict()]}))
     )
     assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
     shown = drawn("cameras")
@@ -147,7 +147,7 @@ def test_cameras_by_other_names_and_a_range_are_read_from_the_panel(mocap, tmp_p
     mocap.reading.frames = "5 24"
     assert bpy.ops.mocap.import_capture(filepath=str(tmp_path / "trial")) == {"FINISHED"}
     assert mocap.capture.frames == 20
-    assert not any(item.code == "cameras_assigned_by_views" for m in mocap.capture.messages for item in m.found)
+    assert "cameras_assigned_by_views" not in mocap.capture.findings
     mocap.reading.frames = "24 5"
     with pytest.raises(RuntimeError, match="frames"):
         bpy.ops.mocap.import_capture(filepath=str(tmp_path / "trial"))
@@ -155,5 +155,8 @@ def test_cameras_by_other_names_and_a_range_are_read_from_the_panel(mocap, tmp_p
 
 def test_json_of_messages_is_plain(mocap, solved, scene) -> None:
     take_capture(scene, solved.read | {"diagnostics": [diagnostic("floor_off", lowest=np.float64(0.6)).as_dict()]})
-    [message] = [m for m in mocap.capture.messages if m.is_problem]
-    assert json.loads(message.diagnostic)[0]["code"] == "floor_off" and [i.code for i in message.found] == ["floor_off"]
+    assert [item["code"] for item in json.loads(mocap.capture.findings)] == ["floor_off"]
+    assert [item.code for item in mocap.capture.problems] == ["floor_off"]
+    hostile = diagnostic("scene_message", text="a \x1b[31m\rb")
+    take_capture(scene, solved.read | {"diagnostics": [hostile.as_dict()]})
+    assert any("b" in text for text in drawn("problems")) and not set("".join(drawn("problems"))) & set("\x1b\r")

@@ -80,11 +80,9 @@ def test_the_take_keeps_its_error_and_its_warnings(mocap, solved, scene) -> None
 
 
 def test_problems_of_the_capture_are_one_line_with_a_way_there(mocap, solved_take) -> None:
-    for percent in (61.0, 62.0):
-        message = mocap.capture.messages.add()
-        found = diagnostic("views_disagree_with_result", percent=percent)
-        message.diagnostic, message.is_problem = findings_text([found]), True
-    count = sum(message.is_problem for message in mocap.capture.messages)
+    found = [diagnostic("views_disagree_with_result", percent=percent) for percent in (61.0, 62.0)]
+    mocap.capture.findings = findings_text(found)
+    count = len(mocap.capture.problems)
     assert f"{count} problems" in on_top() and "Show" in on_top()
     mocap.stage = "CAPTURE"
     assert "Show" not in on_top() and "Problems" in labels()
