@@ -24,6 +24,7 @@ QUAT_BODY_ARMATURE = np.array([np.sqrt(0.5), -np.sqrt(0.5), 0.0, 0.0])
 
 SENSOR_WIDTH_MM = 36.0  # Nominal sensor width. Only its ratio to the focal length has an effect.
 
+_EVEN = 1e-3  # Relative difference of scales that is ignored.
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
@@ -70,6 +71,34 @@ def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
     """Return points at depth 1 m in a Blender camera's frame: (..., 2) normalised image to (..., 3) metres."""
     x, y = xy_normalised[..., 0], xy_normalised[..., 1]
     return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)
+
+
+def even_scale(matrices: np.ndarray) -> np.ndarray:
+    """Return the scale (...) of matrices (..., 4, 4), NaN for those that are stretched or flat."""
+    R = np.asarray(matrices, np.float64)[..., :3, :3]
+    scale = np.linalg.norm(R, axis=-2).mean(-1)
+    axes = R / np.maximum(scale, 1e-9)[..., None, None]
+    off = np.abs(axes.swapaxes(-1, -2) @ axes - np.eye(3)).max((-2, -1))
+    return np.where(off < _EVEN, scale, np.nan)
+
+
+def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
+    """Return Euler angles about x, y and z in radians (F, ..., 3) of rotations (F, ..., 3, 3), continuous in time.
+
+    ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. Of the two triples for a rotation, (a, b, c) and
+    (a + π, π - b, c + π), each frame has the one nearer to the frame before.
+    """
+    i, j, k = ("XYZ".index(letter) for letter in order)
+    sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
+    b = np.arcsin(np.clip(-sign * R[..., k, i], -1.0, 1.0))
+    a = np.arctan2(sign * R[..., k, j], R[..., k, k])
+    c = np.arctan2(sign * R[..., j, i], R[..., i, i])
+    one, other = np.stack([a, b, c], axis=-1), np.stack([a + np.pi, np.pi - b, c + np.pi], axis=-1)
+    stays, changes = (np.abs((next_[1:] - one[:-1] + np.pi) % (2 * np.pi) - np.pi).sum(-1) for next_ in (one, other))
+    flipped = np.concatenate([np.zeros((1, *stays.shape[1:]), bool), np.cumsum(changes < stays, axis=0) % 2 == 1])
+    angles = np.empty_like(one)
+    angles[..., [i, j, k]] = np.unwrap(np.where(flipped[..., None], other, one), axis=0)
+    return angles
 
 
 def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:

@@ -12,28 +12,27 @@ class Format:
     suffix: str  # Of the file, with its dot.
     label: str  # For people.
     description: str  # Contents of the file.
-    is_sampled: bool = True
-    """The motion is sampled, at any frame rate and in any range. Otherwise its own keys are written."""
+    writer: str  # Module and function in ``writers`` that write a take to a path.
     keeps: tuple[str, ...] = ()  # Fields of ``FileLayout`` that can be chosen. The format states all others itself.
+    is_sampled: bool = True  # The motion is sampled, at any rate and in any range. Otherwise its own keys are written.
 
 
+_SKINNED, _BONES = "Skeleton, skinned mesh and motion", ("root", "fingers")
+_RIGGED = "Rig, controls, skin and take, to append or link"
+_POSES = "The same with jaw and eyes at rest, as SMPL-X has them"
 FORMATS: dict[str, Format] = {
-    "bvh": Format(".bvh", "BVH", "Skeleton and rotations; centimetres, Y up", keeps=("root", "fingers")),
-    "fbx": Format(
-        ".fbx", "FBX", "Skeleton, skinned mesh and motion; Y up", keeps=("unit", "up", "root", "fingers", "node")
-    ),
-    "gltf": Format(".glb", "glTF", "Skeleton, skinned mesh and motion; metres, Y up", keeps=("root", "fingers")),
-    "usd": Format(".usdc", "USD", "Skeleton, skinned mesh and motion; metres, Z up", keeps=("root", "fingers")),
-    "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up"),
-    "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body; Z up"),
-    "amass-x": Format(".npz", "AMASS, SMPL-X", "The same with jaw and eyes at rest, as SMPL-X has them; Z up"),
-    "blend": Format(".blend", "Blend", "Rig, controls, skin and take, to append or link; Z up", is_sampled=False),
-    "trc": Format(".trc", "TRC", "Joint positions for OpenSim; millimetres, Y up"),
-    "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up"),
+    "bvh": Format(".bvh", "BVH", "Skeleton and rotations; centimetres, Y up", "joint_tables.export_bvh", _BONES),
+    "fbx": Format(".fbx", "FBX", f"{_SKINNED}; Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
+    "gltf": Format(".glb", "glTF", f"{_SKINNED}; metres, Y up", "blender_exporters.export_gltf", _BONES),
+    "usd": Format(".usdc", "USD", f"{_SKINNED}; metres, Z up", "blender_exporters.export_usd", _BONES),
+    "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up", "alembic.export_alembic"),
+    "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body; Z up", "amass.export_amass"),
+    "amass-x": Format(".npz", "AMASS, SMPL-X", f"{_POSES}; Z up", "amass.export_amass_x"),
+    "blend": Format(".blend", "Blend", f"{_RIGGED}; Z up", "blend.export_blend", is_sampled=False),
+    "trc": Format(".trc", "TRC", "Joint positions for OpenSim; millimetres, Y up", "joint_tables.export_trc"),
+    "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up", "joint_tables.export_csv"),
 }
 """By the names that settings and command lines use."""
-
-
 ROOT_MOTIONS = (
     ("body", "On Hips", "The hips carry the travel over the ground"),
     ("root", "On Root", "A root bone carries the travel and the heading, smoothed"),
@@ -77,24 +76,15 @@ class Destination:
     layout: FileLayout
 
 
+_UNREAL = FileLayout(unit="cm", root="root", node="Armature")
+_UNITY = "FBX in metres, with the travel on the hips as humanoid rigs expect it"
+_BLENDER = "Blender file with the rig, its controls, its skin and the take, to append or link"
 DESTINATIONS: dict[str, Destination] = {
-    "unreal": Destination(
-        "Unreal", "fbx", "FBX in centimetres with root motion on a root bone",
-        FileLayout(unit="cm", root="root", node="Armature"),
-    ),
-    "unity": Destination(
-        "Unity", "fbx", "FBX in metres, with the travel on the hips as humanoid rigs expect it", FileLayout()
-    ),
-    "maya": Destination(
-        "Maya", "fbx", "FBX in centimetres, Y up, with the travel on the hips", FileLayout(unit="cm")
-    ),
-    "godot": Destination(
-        "Godot", "gltf", "glTF in metres with root motion on a root bone", FileLayout(root="root")
-    ),
-    "blender": Destination(
-        "Blender", "blend", "Blender file with the rig, its controls, its skin and the take, to append or link",
-        FileLayout(up="Z"),
-    ),
-}  # fmt: skip
+    "unreal": Destination("Unreal", "fbx", "FBX in centimetres with root motion on a root bone", _UNREAL),
+    "unity": Destination("Unity", "fbx", _UNITY, AS_RECORDED),
+    "maya": Destination("Maya", "fbx", "FBX in centimetres, Y up, with the travel on the hips", FileLayout("cm")),
+    "godot": Destination("Godot", "gltf", "glTF in metres with root motion on a root bone", FileLayout(root="root")),
+    "blender": Destination("Blender", "blend", _BLENDER, FileLayout(up="Z")),
+}
 """By the names that settings and command lines use. Unreal's importer passes over an object named Armature, so that the
 root bone is the skeleton's root."""

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 
 import bpy
@@ -23,7 +23,7 @@ from ..body.shape import all_sliders, shaped_vertices
 from ..conventions.skeleton import BodyLayout, layout_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
-from .take import ExportTake, PoseSamples, sample_joints, uniform_scale
+from .take import ExportTake, PoseSamples, against_parents, sample_joints, uniform_scale
 
 
 def plain_copy(
@@ -53,14 +53,13 @@ def plain_copy(
     bones = _copy_armature(armature, collection, root, fingers)
     if mesh is None or vertices is None:
         return (bones,)
-    return bones, _copy_skin(mesh, vertices, bones, layout_of(armature.data.bones), collection)
+    return bones, _copy_skin(local_copy(mesh, collection), vertices, bones, layout_of(armature.data.bones))
 
 
 def _copy_skin(
-    source: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout,
-    collection: bpy.types.Collection,
-) -> bpy.types.Object:  # fmt: skip
-    mesh = local_copy(source, collection)
+    mesh: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout
+) -> bpy.types.Object:
+    """Turn a copy of a skin into one without shape keys and correctives on a plain armature."""
     keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
     if keys in bpy.data.shape_keys:  # before Blender 5 they outlive their mesh
@@ -181,35 +180,59 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
             raise NothingToExport("Only a body of this add-on can be resampled here.", where=take.name, hint=hint)
         yield take
         return
-    pose = sample_joints(take, progress)
-    active = bpy.context.view_layer.objects.active
-    collection = bpy.data.collections.new("Export")
-    take.scene.collection.children.link(collection)
-    action, originals = None, (take.armature, *take.meshes)
-    names = [obj.name for obj in originals]
-    called = [take.layout.node or names[0], *names[1:]]
-    in_the_way = [obj for name in called if (obj := bpy.data.objects.get(name)) is not None and obj not in originals]
-    renamed = {obj: obj.name for obj in (*originals, *in_the_way)}
+    pose, layout = sample_joints(take, progress), take.layout
+    active, originals, action = bpy.context.view_layer.objects.active, (take.armature, *take.meshes), None
+    names = [layout.node or take.armature.name, *(mesh.name for mesh in take.meshes)]
+    in_the_way = [obj for obj in map(bpy.data.objects.get, names) if obj is not None and obj not in originals]
+    replaced, skin = [*originals, *in_the_way], next(iter(take.meshes), None)
     try:
-        armature, *skins = copies = plain_copy(
-            take.armature, next(iter(take.meshes), None), collection, take.layout.root == "root", take.layout.fingers
-        )
-        armature.parent = None
-        armature.matrix_world.identity()
-        plain = replace(take, armature=armature, meshes=tuple(skins), first=take.frame_start, step=1.0, is_plain=True)
-        scale = take.metres_a_unit * uniform_scale(take) / plain.metres_a_unit
-        if scale != 1.0:
-            for copy in copies:
+        with temporary_copies(take.scene, replaced) as collection:
+            copies = plain_copy(take.armature, skin, collection, layout.root == "root", layout.fingers)
+            armature, *skins = copies
+            armature.parent = None
+            armature.matrix_world.identity()
+            copied = {"armature": armature, "meshes": tuple(skins)}
+            plain = replace(take, **copied, first=take.frame_start, step=1.0, is_plain=True)
+            scale = take.metres_a_unit * uniform_scale(take) / plain.metres_a_unit
+            for copy in copies if scale != 1.0 else ():
                 copy.data.transform(Matrix.Scale(scale, 4))
-        action = _bake(plain, pose)
-        _swap_names(renamed, copies, called)
-        yield plain
+            action = _bake(plain, pose)
+            swap_names(replaced, copies, names)
+            yield plain
     finally:
-        _remove(collection, action)
-        for obj, name in renamed.items():
-            if obj.name != name:
-                obj.name = name
+        if action is not None:
+            bpy.data.actions.remove(action)
         bpy.context.view_layer.objects.active = active
+
+
+@contextmanager
+def temporary_copies(scene: bpy.types.Scene, replaced: Sequence[bpy.types.Object]) -> Iterator[bpy.types.Collection]:
+    """Yield a collection for copies of objects, even incomplete ones, and restore the objects' names afterwards."""
+    names = {obj: obj.name for obj in replaced}
+    collection = bpy.data.collections.new("Export")
+    scene.collection.children.link(collection)
+    try:
+        yield collection
+    finally:
+        objects = list(collection.objects)
+        data = {obj.data for obj in objects}
+        for obj in objects:
+            bpy.data.objects.remove(obj)
+        bpy.data.batch_remove([item for item in data if item.users == 0])
+        bpy.data.collections.remove(collection)
+        for obj, name in names.items():
+            with suppress(ReferenceError):
+                if obj.name != name:
+                    obj.name = name
+
+
+def swap_names(replaced: Sequence[bpy.types.Object], copies: Sequence[bpy.types.Object], names: Sequence[str]) -> None:
+    """Give copies names that other objects have."""
+    for obj in replaced:
+        if obj.library is None:  # a linked object has names of its own
+            obj.name = f"{obj.name} (source)"
+    for copy, name in zip(copies, names, strict=False):
+        copy.name = name
 
 
 def is_body(take: ExportTake) -> bool:
@@ -238,17 +261,16 @@ def _key_joints(
 ) -> None:
     """Key the joints by (F, J, 3, 3) rotations from rest and (F, 3) places of the pelvis, in units of the file."""
     bones, times = plain.armature.data.bones, _times(plain)
-    types = key_type_values(None, len(times))
-    for j, (joint, parent) in enumerate(zip(pose.names, pose.parents, strict=True)):
+    types, local = key_type_values(None, len(times)), against_parents(turns, pose.parents)
+    for j, joint in enumerate(pose.names):
         if joint not in bones:
             continue  # a finger that is left out
         rest = np.array(bones[joint].matrix_local, np.float64)
         axes = rest[:3, :3]
-        local = turns[:, j] if parent < 0 else turns[:, parent].swapaxes(-1, -2) @ turns[:, j]
-        if parent < 0:
+        if pose.parents[j] < 0:
             location = (heads - rest[:3, 3]) @ axes
             write_curves(target, f'pose.bones["{joint}"].location', joint, times, location, types)
-        quaternions = sign_continuous(quat_from_matrix(axes.T @ local @ axes))
+        quaternions = sign_continuous(quat_from_matrix(axes.T @ local[:, j] @ axes))
         write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions, types)
 
 
@@ -265,24 +287,3 @@ def _key_root(target: CurveTarget, plain: ExportTake, path: GroundPath) -> None:
 
 def _times(plain: ExportTake) -> np.ndarray:
     return np.arange(plain.frame_start, plain.frame_end + 1)
-
-
-def _swap_names(taken: dict[bpy.types.Object, str], copies: tuple, names: list[str]) -> None:
-    """Give the copies names that other objects have."""
-    for obj, name in taken.items():
-        if obj.library is None:  # what is linked has names of its own
-            obj.name = f"{name} (source)"
-    for copy, name in zip(copies, names, strict=False):
-        copy.name = name
-
-
-def _remove(collection: bpy.types.Collection, action: bpy.types.Action | None) -> None:
-    """Remove the copies, even incomplete ones, and their collection."""
-    objects = list(collection.objects)
-    data = {obj.data for obj in objects}
-    for obj in objects:
-        bpy.data.objects.remove(obj)
-    bpy.data.batch_remove([item for item in data if item.users == 0])
-    if action is not None:
-        bpy.data.actions.remove(action)
-    bpy.data.collections.remove(collection)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -14,14 +14,15 @@ from .._exchange.diagnostics import Diagnostic
 from .._exchange.progress import Progress
 from ..animation.curves import current_action, is_take, laid_rate, same_rate
 from ..animation.takes import warnings_of_take
+from ..conventions.coordinates import even_scale
 from ..conventions.skeleton import layout_of
-from ..conventions.timing import go_to_frame, scene_frame_rate, set_scene_frame_rate
+from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
-from ..scene.session import alone
+from ..scene.session import sample_poses
 from .formats import AS_RECORDED, FileLayout
 
 _WHOLE = 1e-3  # Difference of frames, and relative one of rates, that is none.
-_EVEN = 1e-4  # Relative difference of scales that is none.
+_SAME_SIZE = 1e-4  # Relative difference of scales that is none.
 _SLACK = 0.01  # Tolerance of keys in frames, as Blender stores them in single precision; chosen by hand.
 
 
@@ -156,25 +157,16 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         scene.frame_set(frames[2], subframe=frames[3])
 
 
-@contextmanager
-def staged(take: ExportTake) -> Iterator[tuple[bpy.types.Scene, bpy.types.Depsgraph]]:
-    """Put the armature alone into a scene of its own while the block runs, so that frames pass without its meshes."""
-    with alone(take.armature, take.scene) as stage:
-        yield stage
-
-
 def uniform_scale(take: ExportTake) -> float:
     """Return how many times as large the world shows the armature, its parents' scale included.
 
     Raises ``NothingToExport`` if it is stretched, mirrored or flat, which bones cannot show.
     """
-    matrix = np.array(take.armature.matrix_world)[:3, :3]
-    lengths = np.linalg.norm(matrix, axis=0)
-    scale = float(lengths.mean())
-    if scale <= 0 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN or np.linalg.det(matrix) < 0:
+    scale = float(even_scale(take.armature.matrix_world))
+    if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Give it and its parents the same scale in all directions."
         raise NothingToExport("The armature is stretched.", where=take.name, hint=hint)
-    return 1.0 if abs(scale - 1) < _EVEN else scale
+    return 1.0 if abs(scale - 1) < _SAME_SIZE else scale
 
 
 def _armature(obj: bpy.types.Object | None) -> bpy.types.Object:
@@ -215,38 +207,33 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
     Args:
         names: bones, None for all that deform.
     """
-    bones = {bone.name: bone for bone in _parents_first(take.armature)}
-    names = tuple(name for name, bone in bones.items() if bone.use_deform) if names is None else names
-    missing = [name for name in names if name not in bones]
+    data = take.armature.data.bones
+    roots = [bone for bone in data if bone.parent is None]
+    names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)
+    missing = [name for name in names if name not in data]
     if missing or not names:
-        raise NothingToExport(
-            f"The armature lacks the bones {', '.join(missing)}."
-            if missing
-            else "The armature has no deforming bones.",
-            where=take.name,
-            hint="Export an armature that this add-on baked.",
-        )
+        lacks = f"lacks the bones {', '.join(missing)}" if missing else "has no deforming bones"
+        hint = "Export an armature that this add-on baked."
+        raise NothingToExport(f"The armature {lacks}.", where=take.name, hint=hint)
     index = {name: i for i, name in enumerate(names)}
-    rest = np.array([bones[name].matrix_local for name in names], np.float64)
-    posed = np.empty((take.num_frames, len(names), 4, 4))
-    metres, times = take.metres_a_unit, take.times
-    with staged(take) as (stage, depsgraph):
-        for f in range(take.num_frames):
-            go_to_frame(stage, float(times[f]))
-            shown = take.armature.evaluated_get(depsgraph)
-            posed[f] = np.array(shown.matrix_world) @ np.array([shown.pose.bones[name].matrix for name in names])
-            if f % _PROGRESS_STEP == 0:
-                progress("sampling the pose", f, take.num_frames)
+    above = [next((b.name for b in data[name].parent_recursive if b.name in index), "") for name in names]
+
+    def report(frame: int) -> None:
+        if frame % _PROGRESS_STEP == 0:
+            progress("sampling the pose", frame, take.num_frames)
+
+    worlds, poses = sample_poses(take.armature, take.scene, names, take.times, report)
     progress("sampling the pose", take.num_frames, take.num_frames)
-    scale = metres * uniform_scale(take)
+    posed, rest = worlds[:, None] @ poses, np.array([data[name].matrix_local for name in names], np.float64)
+    scale = take.metres_a_unit * uniform_scale(take)
     rotated = posed[..., :3, :3] / np.linalg.norm(posed[..., :3, :3], axis=-2, keepdims=True)
     return PoseSamples(
         names=names,
-        parents=tuple(_parent(bones[name], index) for name in names),
+        parents=tuple(index.get(name, -1) for name in above),
         rest_heads=scale * rest[:, :3, 3],
-        rest_tails=scale * np.array([bones[name].tail_local for name in names], np.float64),
+        rest_tails=scale * np.array([data[name].tail_local for name in names], np.float64),
         rotations=rotated @ rest[:, :3, :3].swapaxes(1, 2),
-        heads=metres * posed[..., :3, 3],
+        heads=take.metres_a_unit * posed[..., :3, 3],
         fps=take.fps,
     )
 
@@ -256,13 +243,10 @@ def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
     return sample_pose(take, progress, layout_of(take.armature.data.bones).joints)
 
 
-def _parents_first(armature: bpy.types.Object) -> list[bpy.types.Bone]:
-    roots = [bone for bone in armature.data.bones if bone.parent is None]
-    return [bone for root in roots for bone in (root, *root.children_recursive)]
-
-
-def _parent(bone: bpy.types.Bone, index: dict[str, int]) -> int:
-    above = bone.parent
-    while above is not None and above.name not in index:
-        above = above.parent
-    return -1 if above is None else index[above.name]
+def against_parents(turns: np.ndarray, parents: Sequence[int]) -> np.ndarray:
+    """Return rotations (F, J, 3, 3) against their parents, those of roots unchanged."""
+    local = turns.copy()
+    for j, parent in enumerate(parents):
+        if parent >= 0:
+            local[:, j] = turns[:, parent].swapaxes(1, 2) @ turns[:, j]
+    return local

@@ -12,6 +12,7 @@ from .._exchange.rigs.skeleton import HELPER_OF, LIMBS
 from .._exchange.so3 import quat_from_matrix, rotvec_from_quat, sign_continuous
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..animation.takes import push_down
+from ..conventions.coordinates import euler_from_matrix
 from ..conventions.timing import TakeTiming
 from ..errors import TargetUnsuitable
 from ..scene.session import alone
@@ -67,30 +68,6 @@ def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
         axis = np.where(angle > 1e-9, rotvec / np.maximum(angle, 1e-9), np.array([0.0, 1.0, 0.0]))
         return Channel(bone, "rotation_axis_angle", np.concatenate([angle, axis], axis=1))
     return Channel(bone, "rotation_euler", euler_from_matrix(R, mode))
-
-
-def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
-    """Return continuous Euler angles about x, y and z in radians (F, 3) of rotations (F, 3, 3).
-
-    ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as in Blender. Of the two triples for a rotation, (a, b, c) and
-    (a + π, π - b, c + π), each frame has the one nearer to the frame before.
-    """
-    i, j, k = ("XYZ".index(letter) for letter in order)
-    sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
-    b = np.arcsin(np.clip(-sign * R[:, k, i], -1.0, 1.0))
-    a = np.arctan2(sign * R[:, k, j], R[:, k, k])
-    c = np.arctan2(sign * R[:, j, i], R[:, i, i])
-    one = np.stack([a, b, c], axis=1)
-    other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=1)
-    stays, changes = (np.abs(_wrapped(next_[1:] - one[:-1])).sum(1) for next_ in (one, other))
-    flipped = np.concatenate([[False], np.cumsum(changes < stays) % 2 == 1])
-    angles = np.empty_like(one)
-    angles[:, [i, j, k]] = np.unwrap(np.where(flipped[:, None], other, one), axis=0)
-    return angles
-
-
-def _wrapped(angle: np.ndarray) -> np.ndarray:
-    return (angle + np.pi) % (2 * np.pi) - np.pi
 
 
 _CHECKED_FRAMES = 6

@@ -18,12 +18,12 @@ from ..animation.takes import take_file
 from ..body.armature import bone_axes
 from ..body.body_file import default_body_path, read_body
 from ..body.shape import body_mesh, shaped_vertices
-from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.coordinates import R_ARMATURE_BODY, even_scale
 from ..conventions.skeleton import SMPL, layout_of
-from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
+from ..conventions.timing import TakeTiming, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.limb_modes import sample_bones
-from ..scene.session import alone
+from ..scene.session import sample_poses
 from .hanging import Hanging, bone_rotations
 from .motion.figures import Actor, Target, by_part, own_hands, parts_of_joints
 from .motion.foreign_actor import actor_of_bones
@@ -31,8 +31,6 @@ from .motion.map_pose import map_pose
 from .recognition import map_rig
 from .rest_stage import heaviest, stand_on_stage
 from .rig_map import RigMap
-
-_EVEN = 1e-3  # Relative difference of scales that is ignored.
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
@@ -54,23 +52,15 @@ def _played_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included."""
-    worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(names), len(times), 4, 4))
-    with alone(armature, scene) as (stage, depsgraph):
-        for f, time in enumerate(times):
-            go_to_frame(stage, float(time))
-            shown = armature.evaluated_get(depsgraph)
-            worlds[f] = shown.matrix_world
-            poses[:, f] = [shown.pose.bones[name].matrix for name in names]
+    worlds, poses = sample_poses(armature, scene, names, times)
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
         message = "The actor's bones have values that are not numbers on some frames."
         hint = "Look for keys that are not numbers in the Graph Editor."
         raise ActorMissing(message, where=armature.name, hint=hint)
-    scale = np.linalg.norm(worlds[:, :3, :3], axis=1).mean(1)[:, None, None]
-    axes = worlds[:, :3, :3] / np.maximum(scale, 1e-12)
-    if np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() > _EVEN:
+    if np.isnan(even_scale(worlds)).any():
         hint = "Apply its scale (Object > Apply > Scale), or give it the same scale in all directions."
         raise ActorMissing("The actor's armature is stretched or flat.", where=armature.name, hint=hint)
-    return worlds, poses
+    return worlds, np.moveaxis(poses, 1, 0)
 
 
 _UPRIGHT = np.cos(np.radians(30.0))  # Cosine of the largest lean of a rest pose with its own floor.

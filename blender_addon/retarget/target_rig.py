@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 
 from .._exchange.rigs.skeleton import HELPER_OF, JOINT_OF, LIMBS, is_of_a_finger
+from ..conventions.coordinates import even_scale
 from ..errors import MapInvalid, TargetUnsuitable
 from .hanging import Hanging, hanging_of
 from .motion.figures import Target
@@ -76,9 +77,6 @@ def _chain(bone: bpy.types.PoseBone, count: int) -> list[str]:
     return chain
 
 
-_EVEN = 1e-3  # Relative difference of scales that is ignored.
-
-
 @dataclass(frozen=True)
 class TargetRig:
     """A rig as a target."""
@@ -138,10 +136,8 @@ def _check_object(armature: bpy.types.Object) -> None:
 
 def _scale(armature: bpy.types.Object) -> float:
     """Return the scale of the armature in the world."""
-    matrix = np.array(armature.matrix_world)[:3, :3]
-    lengths = np.linalg.norm(matrix, axis=0)
-    scale = float(lengths.mean())
-    if scale < 1e-9 or np.abs(matrix.T @ matrix / scale**2 - np.eye(3)).max() > _EVEN:
+    scale = float(even_scale(armature.matrix_world))
+    if np.isnan(scale):
         hint = "Give it and its parents the same scale in all directions; moved, turned and mirrored it may be."
         raise TargetUnsuitable("The armature is stretched or flat.", where=armature.name, hint=hint)
     return scale

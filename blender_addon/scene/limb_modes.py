@@ -21,8 +21,7 @@ from ..animation.curves import (
     write_curves,
 )
 from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
-from ..conventions.timing import go_to_frame
-from .session import alone
+from .session import sample_poses
 
 _SAME = 1e-3  # Scene frames within which two keys are on the same frame.
 
@@ -128,14 +127,8 @@ def sample_bones(
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
         return {name: np.array(bones[name].matrix, np.float64)[None] for name in names}
-    found = {name: np.empty((len(times), 4, 4)) for name in names}
-    with alone(armature, scene) as (stage, depsgraph):
-        for f, time in enumerate(times):
-            go_to_frame(stage, float(time))
-            bones = armature.evaluated_get(depsgraph).pose.bones
-            for name in names:
-                found[name][f] = bones[name].matrix
-    return found
+    _, poses = sample_poses(armature, scene, names, times)
+    return {name: poses[:, k] for k, name in enumerate(names)}
 
 
 def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent_pose: np.ndarray) -> np.ndarray:

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
+import numpy as np
 from mathutils import Vector
 
 from .._exchange.errors import OutputNotWritable
-from ..conventions.timing import scene_frame_rate
+from ..conventions.timing import go_to_frame, scene_frame_rate
 
 _WORLD = (0.24, 0.25, 0.28)  # Linear RGB of the ambient light, chosen by hand.
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
@@ -113,3 +114,25 @@ def alone(armature: bpy.types.Object, scene: bpy.types.Scene) -> Iterator[tuple[
             yield stage, bpy.context.evaluated_depsgraph_get()
     finally:
         bpy.data.scenes.remove(stage)
+
+
+def sample_poses(
+    armature: bpy.types.Object,
+    scene: bpy.types.Scene,
+    names: Sequence[str],
+    times: np.ndarray,
+    report: Callable[[int], None] = lambda frame: None,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) matrices at scene frames (F,).
+
+    Constraints, drivers and hand edits are included. ``report`` is called with the number of each frame.
+    """
+    worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(times), len(names), 4, 4))
+    with alone(armature, scene) as (stage, depsgraph):
+        for f, time in enumerate(times):
+            go_to_frame(stage, float(time))
+            shown = armature.evaluated_get(depsgraph)
+            worlds[f] = shown.matrix_world
+            poses[f] = [shown.pose.bones[name].matrix for name in names]
+            report(f)
+    return worlds, poses

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from pathlib import Path
+from struct import Struct
 
 import bpy
 import numpy as np
@@ -15,12 +16,12 @@ from ..._exchange.progress import Progress
 from ...body.mesh import positions
 from ...conventions.timing import go_to_frame
 from ...errors import NothingToExport
+from ..plain_take import swap_names, temporary_copies
 from ..take import ExportTake, chosen
 from .blender_exporters import require_space, require_whole, run_exporter
 
 _CACHE = "vertices_{}.pc2"
-_HEADER = np.dtype([("sign", "S12"), ("version", "<i4"), ("points", "<i4"), ("first", "<f4"), ("rate", "<f4"),
-                    ("samples", "<i4")])  # fmt: skip
+_HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames per sample and samples.
 
 
 @contextmanager
@@ -33,35 +34,20 @@ def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
         yield take
         return
     names = [mesh.name for mesh in take.meshes]
-    collection = bpy.data.collections.new("Export")
-    take.scene.collection.children.link(collection)
-    copies: list[bpy.types.Object] = []
-    with temporary_folder() as folder:
-        try:
-            files = [folder / _CACHE.format(number) for number in range(len(names))]
-            _sample(take, files)
-            for mesh, path in zip(take.meshes, files, strict=True):
-                copies.append(_player(mesh, path, take, collection))
-            for mesh, copy, name in zip(take.meshes, copies, names, strict=True):
-                mesh.name = f"{name} (source)"
-                copy.name = name
-            yield replace(take, meshes=tuple(copies), first=take.frame_start, step=1.0, is_plain=True)
-        finally:
-            for copy in copies:
-                data = copy.data
-                bpy.data.objects.remove(copy)
-                bpy.data.meshes.remove(data)
-            for mesh, name in zip(take.meshes, names, strict=True):
-                with suppress(ReferenceError):
-                    mesh.name = name
-            bpy.data.collections.remove(collection)
+    with temporary_folder() as folder, temporary_copies(take.scene, take.meshes) as collection:
+        files = [folder / _CACHE.format(number) for number in range(len(names))]
+        _sample(take, files)
+        copies = [_player(mesh, path, take, collection) for mesh, path in zip(take.meshes, files, strict=True)]
+        swap_names(take.meshes, copies, names)
+        yield replace(take, meshes=tuple(copies), first=take.frame_start, step=1.0, is_plain=True)
 
 
 def _sample(take: ExportTake, files: list[Path]) -> None:
     """Write the world's vertices in metres of each mesh to a file (PC2, as 3ds Max has it)."""
     scene, shown = take.scene, (take.scene.frame_current, take.scene.frame_subframe)
-    streams = [path.open("wb") for path in files]
-    try:
+    with ExitStack() as stack:
+        stack.callback(scene.frame_set, shown[0], subframe=shown[1])
+        streams = [stack.enter_context(path.open("wb")) for path in files]
         for f, time in enumerate(take.times):
             go_to_frame(scene, float(time))
             depsgraph = bpy.context.evaluated_depsgraph_get()
@@ -70,13 +56,8 @@ def _sample(take: ExportTake, files: list[Path]) -> None:
                 world = take.metres_a_unit * np.array(evaluated.matrix_world)[:3]
                 vertices = positions(evaluated.data.vertices) @ world[:, :3].T + world[:, 3]
                 if f == 0:
-                    header = (b"POINTCACHE2", 1, len(vertices), take.frame_start, 1.0, take.num_frames)
-                    stream.write(np.array(header, _HEADER).tobytes())
+                    stream.write(_HEADER.pack(b"POINTCACHE2", 1, len(vertices), take.frame_start, 1.0, take.num_frames))
                 stream.write(vertices.astype("<f4").tobytes())
-    finally:
-        for stream in streams:
-            stream.close()
-        scene.frame_set(shown[0], subframe=shown[1])
 
 
 def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -103,7 +84,6 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
     if not take.meshes:
         hint = "Alembic holds vertices: choose a format with bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)
-    progress("exporting Alembic", 0, 1)
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_VERTEX * vertices * take.num_frames)
     with sampled_meshes(take) as sampled, chosen(sampled):
@@ -111,4 +91,3 @@ def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
         parts = {"selected": True, "global_scale": 1.0, "uvs": True, "normals": True, "face_sets": True}
         run_exporter(bpy.ops.wm.alembic_export, path, {**frames, **parts})
     require_whole(path)
-    progress("exporting Alembic", 1, 1)

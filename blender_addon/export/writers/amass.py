@@ -16,7 +16,7 @@ from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...errors import NothingToExport
 from ..plain_take import is_body
-from ..take import ExportTake, PoseSamples, sample_joints, uniform_scale
+from ..take import ExportTake, PoseSamples, against_parents, sample_joints, uniform_scale
 
 _BODY = 1 + SMPL.num_solved  # Joints that AMASS shares with SMPL.
 _SCALED = 1e-3  # Deviation from a scale of 1 that counts as scaled, chosen by hand.
@@ -53,10 +53,8 @@ def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarr
     _require_own_size(take)
     pose = sample_joints(take, progress)
     rotvec, frames = local_rotvec(pose), pose.num_frames
-    arrays = {
-        "trans": pose.heads[:, 0] - rest_pelvis, "betas": betas, "gender": np.array("neutral"),
-        "mocap_framerate": np.array(pose.fps), "joints": pose.heads, "body": np.array(take.armature["body"]),
-    }  # fmt: skip
+    arrays = {"trans": pose.heads[:, 0] - rest_pelvis, "betas": betas, "gender": np.array("neutral")}
+    arrays |= {"mocap_framerate": np.array(pose.fps), "joints": pose.heads, "body": np.array(take.armature["body"])}
     beyond, fingers = rotvec[:, _BODY:], np.zeros((frames, SMPL_HANDS.num_joints - _BODY, 3))
     if rotvec.shape[1] == SMPL_HANDS.num_joints:
         fingers = _fingers(beyond, str(take.armature["body"]))
@@ -77,9 +75,8 @@ def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
 def _require_own_size(take: ExportTake) -> None:
     """Check that the world shows the body as large as its shape states."""
     if abs(take.metres_a_unit * uniform_scale(take) - 1) > _SCALED:
-        raise NothingToExport(
-            "The armature is scaled.", where=take.name, hint="AMASS knows no scale: set it, and its parents', to 1."
-        )
+        hint = "AMASS knows no scale: set it, and its parents', to 1."
+        raise NothingToExport("The armature is scaled.", where=take.name, hint=hint)
 
 
 def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
@@ -100,9 +97,4 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:
     """Return the (F, J, 3) axis-angles in the body's frame: the root's to the world, the others' to their parents'."""
-    world = pose.rotations @ R_ARMATURE_BODY
-    local = world.copy()
-    for j, parent in enumerate(pose.parents):
-        if parent >= 0:
-            local[:, j] = world[:, parent].swapaxes(1, 2) @ world[:, j]
-    return rotvec_from_matrix(local)
+    return rotvec_from_matrix(against_parents(pose.rotations @ R_ARMATURE_BODY, pose.parents))

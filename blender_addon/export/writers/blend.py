@@ -28,7 +28,6 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
         raise NothingToExport("A Blender file holds the keys that the take has.", where=take.name, hint=hint)
-    progress("exporting a Blender file", 0, 1)
     collection = bpy.data.collections.new(take.name)
     try:
         for obj in (take.armature, *take.meshes):
@@ -42,7 +41,6 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
         raise OSError(errno.EIO, why_not_written(error)) from error
     finally:
         bpy.data.collections.remove(collection)
-    progress("exporting a Blender file", 1, 1)
 
 
 @contextmanager

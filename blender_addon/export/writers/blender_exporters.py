@@ -46,9 +46,8 @@ def run_exporter(
         _raise_if_disk(str(error), error)
         raise ExportFailed(f"Blender's exporter failed: {str(error).strip()}", where=path.name) from error
     if done != {"FINISHED"} or not path.is_file():
-        raise ExportFailed(
-            "Blender's exporter wrote nothing.", where=path.name, hint="Its messages are in the console."
-        )
+        hint = "Its messages are in the console."
+        raise ExportFailed("Blender's exporter wrote nothing.", where=path.name, hint=hint)
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
@@ -92,22 +91,27 @@ _FORWARD = {"Y": "-Z", "Z": "Y"}  # Blender's Y by the axis that points up.
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write FBX: metres or centimetres as the file's unit, deforming bones without leaves, a key on every frame."""
-    progress("exporting FBX", 0, 1)
-    settings = {"use_selection": True, "object_types": {"ARMATURE", "MESH"}, "use_mesh_modifiers": False}
-    settings |= {"add_leaf_bones": False, "use_armature_deform_only": True}
-    # The unit as the file's own, so that no object is scaled.
-    settings |= {"apply_scale_options": "FBX_SCALE_ALL"}
-    settings |= {"axis_forward": _FORWARD[take.layout.up], "axis_up": take.layout.up}
-    settings |= {"bake_anim": True, "bake_anim_use_nla_strips": False, "bake_anim_use_all_actions": False}
-    settings |= {"bake_anim_force_startend_keying": True, "bake_anim_simplify_factor": 0.0}
+    settings = {
+        "use_selection": True,
+        "object_types": {"ARMATURE", "MESH"},
+        "use_mesh_modifiers": False,
+        "add_leaf_bones": False,
+        "use_armature_deform_only": True,
+        "apply_scale_options": "FBX_SCALE_ALL",  # the unit as the file's own, so that no object is scaled
+        "axis_forward": _FORWARD[take.layout.up],
+        "axis_up": take.layout.up,
+        "bake_anim": True,
+        "bake_anim_use_nla_strips": False,
+        "bake_anim_use_all_actions": False,
+        "bake_anim_force_startend_keying": True,
+        "bake_anim_simplify_factor": 0.0,
+    }
     with plain_take(take, progress) as plain, chosen(plain):
         run_exporter(bpy.ops.export_scene.fbx, path, settings)
-    progress("exporting FBX", 1, 1)
 
 
 def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write binary glTF: metres, Y up, deforming bones, a key on every frame, time from zero."""
-    progress("exporting glTF", 0, 1)
     settings = {"use_selection": True, "export_format": "GLB", "export_yup": True, "export_def_bones": True}
     settings |= {"export_influence_nb": 4, "export_animations": True, "export_animation_mode": "SCENE"}
     settings |= {"export_anim_scene_split_object": False, "export_anim_slide_to_zero": True}
@@ -116,7 +120,6 @@ def export_gltf(path: Path, take: ExportTake, progress: Progress) -> None:
         # The exporter takes fps * fps_base for the frame rate, which is fps / fps_base.
         scene.render.fps_base = 1 / scene.render.fps_base
         run_exporter(bpy.ops.export_scene.gltf, path, settings, {"export_leaf_bone": False})
-    progress("exporting glTF", 1, 1)
 
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
@@ -129,7 +132,6 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
 
     Raises ``OSError`` if the disk is too full for it.
     """
-    progress("exporting USD", 0, 1)
     settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}
     newer = {"export_armatures": True, "only_deform_bones": True, "export_shapekeys": True, "allow_unicode": True}
     newer |= {"convert_orientation": False, "convert_world_material": False, "root_prim_path": "/root"}
@@ -140,4 +142,3 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
             plain.armature.pop(_UNWRITABLE, None)
         run_exporter(bpy.ops.wm.usd_export, path, settings, newer)
     require_whole(path)
-    progress("exporting USD", 1, 1)

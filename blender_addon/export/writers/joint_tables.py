@@ -11,8 +11,9 @@ import numpy as np
 from ..._exchange.progress import Progress
 from ...animation.curves import current_action
 from ...animation.lanes import resting_at
+from ...conventions.coordinates import euler_from_matrix
 from ..plain_take import plain_take
-from ..take import ExportTake, PoseSamples, sample_joints, sample_pose
+from ..take import ExportTake, PoseSamples, against_parents, sample_joints, sample_pose
 
 R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 """(x, y, z) becomes (x, z, -y). Blender's front, -Y, becomes +Z."""
@@ -34,34 +35,11 @@ def export_bvh(path: Path, take: ExportTake, progress: Progress) -> None:
 
 def channels(pose: PoseSamples) -> np.ndarray:
     """Return (F, 3 + 3 J): root position in centimetres, then Z, X, Y degrees of each joint against its parent."""
-    world = R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T
-    local = world.copy()
-    for j, parent in enumerate(pose.parents):
-        if parent >= 0:
-            local[:, j] = world[:, parent].swapaxes(1, 2) @ world[:, j]
-    root = pose.heads[:, pose.parents.index(-1)] @ R_YUP_ZUP.T * UNITS_PER_METRE
-    degrees = np.degrees(euler_zxy(local))[:, _depth_first(pose, pose.parents.index(-1))]
-    return np.concatenate([root, degrees.reshape(pose.num_frames, -1)], axis=1)
-
-
-def euler_zxy(R: np.ndarray) -> np.ndarray:
-    """Return (F, J, 3) angles z, x, y in radians with ``R = Rz Rx Ry``, continuous in time where they can be.
-
-    (z, x, y) and (z + pi, pi - x, y + pi) are one rotation. Each frame takes the one nearer to the frame before.
-    """
-    x = np.arcsin(np.clip(R[..., 2, 1], -1, 1))
-    z = np.arctan2(-R[..., 0, 1], R[..., 1, 1])
-    y = np.arctan2(-R[..., 2, 0], R[..., 2, 2])
-    first = np.stack([z, x, y], axis=-1)
-    second = np.stack([z + np.pi, np.pi - x, y + np.pi], axis=-1)
-    changes = _distance(second[1:], first[:-1]) < _distance(first[1:], first[:-1])
-    other = np.concatenate([np.zeros((1, *changes.shape[1:]), bool), np.cumsum(changes, axis=0) % 2 == 1])
-    return np.unwrap(np.where(other[..., None], second, first), axis=0)
-
-
-def _distance(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the distance of two sets of angles without whole turns."""
-    return np.abs((a - b + np.pi) % (2 * np.pi) - np.pi).sum(-1)
+    local = against_parents(R_YUP_ZUP @ pose.rotations @ R_YUP_ZUP.T, pose.parents)
+    root = pose.parents.index(-1)
+    path = pose.heads[:, root] @ R_YUP_ZUP.T * UNITS_PER_METRE
+    degrees = np.degrees(euler_from_matrix(local, "YXZ")[..., [2, 0, 1]])[:, _depth_first(pose, root)]
+    return np.concatenate([path, degrees.reshape(pose.num_frames, -1)], axis=1)
 
 
 def _hierarchy(pose: PoseSamples, j: int, depth: int) -> list[str]:
@@ -147,11 +125,8 @@ def _write(
     at = np.arange(len(positions))
     rows = np.column_stack([first + at, at / fps, positions.reshape(len(positions), -1)])
     formats = ["%d", "%.9f", *([f"%.{decimals}f"] * (rows.shape[1] - 2))]
+    text = io.StringIO()
+    np.savetxt(text, rows, fmt=formats, delimiter=delimiter)
     with path.open("w", encoding="utf-8", newline="\n") as stream:
         stream.writelines(f"{line}\n" for line in head)
-        if np.isfinite(rows).all():
-            np.savetxt(stream, rows, fmt=formats, delimiter=delimiter)
-            return
-        text = io.StringIO()
-        np.savetxt(text, rows, fmt=formats, delimiter=delimiter)
         stream.write(text.getvalue().replace("nan", ""))

@@ -8,8 +8,8 @@ from mathutils import Euler
 
 from blender_addon._exchange.rigs.rest_frames import limb_frame
 from blender_addon._exchange.so3 import matrix_from_rotvec
+from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.retarget.motion.limbs import FootPath, bend_to, steadied, swing, within_reach
-from blender_addon.retarget.retarget import euler_from_matrix
 
 RNG = np.random.default_rng(3)
 
