@@ -101,6 +101,18 @@ def bone_axes(armature: bpy.types.Object) -> np.ndarray:
     return np.stack([np.array(bones[joint].matrix_local.to_3x3(), np.float64) for joint in layout_of(bones).joints])
 
 
+def shape_shifts(armature: bpy.types.Object) -> np.ndarray:
+    """Return the (J, 3) shifts of the joints from rest to the sliders' shape, in the armature's frame."""
+    evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    layout = layout_of(armature.data.bones)
+    shifts = np.zeros((layout.num_joints, 3))
+    for j, axes in enumerate(bone_axes(armature)):
+        if (parent := layout.parents[j]) >= 0:
+            location = np.array(evaluated.pose.bones[layout.joints[j]].location, dtype=np.float64)
+            shifts[j] = shifts[parent] + axes @ location
+    return shifts
+
+
 def _add_bones(data: bpy.types.Armature, joints: BodyLayout, layout: BoneLayout) -> None:
     """Called in edit mode."""
     root = add_root(data)

@@ -14,7 +14,7 @@ from .._exchange.progress import Progress
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.curves import CurveTarget, create_action, key_type_values, write_curves
 from ..animation.ground_path import GroundPath, ground_path
-from ..body.armature import bone_axes, deform_bone
+from ..body.armature import deform_bone, shape_shifts
 from ..body.controls.limbs import NAMES, ROOT
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
@@ -113,7 +113,7 @@ def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bp
 def _copy_armature(
     source: bpy.types.Object, collection: bpy.types.Collection, root: bool, fingers: bool
 ) -> bpy.types.Object:
-    moved, layout = _shape_shifts(source), layout_of(source.data.bones)
+    moved, layout = shape_shifts(source), layout_of(source.data.bones)
     joints = [joint for joint in layout.joints if fingers or not is_finger(joint)]
     kept = [*joints, ROOT] if root else joints
     armature = local_copy(source, collection)
@@ -142,18 +142,6 @@ def _copy_armature(
         armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
     _share_action(source, armature)
     return armature
-
-
-def _shape_shifts(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3) shifts of the joints from rest to the sliders' shape, in the armature's frame."""
-    evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    layout = layout_of(armature.data.bones)
-    shifts = np.zeros((layout.num_joints, 3))
-    for j, axes in enumerate(bone_axes(armature)):
-        if (parent := layout.parents[j]) >= 0:
-            location = np.array(evaluated.pose.bones[layout.joints[j]].location, dtype=np.float64)
-            shifts[j] = shifts[parent] + axes @ location
-    return shifts
 
 
 def _share_action(source: bpy.types.Object, target: bpy.types.Object) -> None:

@@ -18,7 +18,7 @@ from .motion.figures import actor_of_poses, body_at_rest
 from .motion.map_pose import map_pose
 from .motion.proportions import measure_proportions, scale_of
 from .motion.transfer import Transferred, transfer
-from .retarget import Channel, RetargetSettings, channels_of, deviation_m, require_near
+from .retarget import Channel, RetargetSettings, channels_of, measure_deviation_mm
 from .rig_map import RigMap
 from .target_rig import read_target
 
@@ -48,8 +48,7 @@ class LiveRig:
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
         """Doubts about the map, and parts of it that cannot be played, one sentence each."""
-        self._target, self._given, self._body = rig.target, rig_map.map_pose, body
-        self._modes = {name: armature.pose.bones[name].rotation_mode for name in rig.target.names}
+        self._target, self._modes, self._given, self._body = rig.target, rig.modes, rig_map.map_pose, body
         roles = zip(rig.target.names, rig.target.roles, strict=True)
         self._fingers = {name for name, role in roles if is_of_a_finger(role)}
         self._moves_fingers = False
@@ -58,10 +57,9 @@ class LiveRig:
         upright = np.zeros((body.layout.num_joints, 3))
         upright[0, 0] = np.pi / 2
         done, channels = self._carried(upright, self._own.standing[0] - self._own.joints[0])
-        switches = {(s.bone, s.key): getattr(s, settings.limbs) for s in rig.switches}
-        require_near(1000.0 * deviation_m(rig, scene, done, channels, switches), done.scale, armature.name)
+        measure_deviation_mm(rig, scene, done, channels)
         push_down(armature)
-        set_switches(armature, switches)
+        set_switches(armature, rig.switches)
 
     def reshape(self, betas: np.ndarray) -> None:
         """Use another shape (10,) of the body. An implausible scale is a ``TargetUnsuitable``."""
@@ -89,8 +87,7 @@ class LiveRig:
 
     def _carried(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[Transferred, list[Channel]]:
         """Return the motion of the controls in a pose of (J, 3) axis-angles, and their channels."""
-        still = self._moves_fingers
-        actor = actor_of_poses("", self._own, rotvec[None], transl[None], 1.0, still_fingers=still)
+        actor = actor_of_poses("", self._own, rotvec[None], transl[None], 1.0, still_fingers=self._moves_fingers)
         done = transfer(actor, self._target, self._A, self._way)
         channels = channels_of(done, self._target, self._modes)
         return done, [c for c in channels if self._moves_fingers or c.bone not in self._fingers]

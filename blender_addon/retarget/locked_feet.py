@@ -44,38 +44,26 @@ def lock_feet(
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))
-    held = _hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
-    if held is None:
+    locked, feet = _hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
+    stands = sum(foot.stands for foot in feet)
+    if not stands:
         return None
-    name = f"{take.name.removesuffix(LOCKED)}{LOCKED}"
-    action = add_edited_take(scene, take, armature, name, held.channels)
-    return LockedFeet(action, held.stands, 1000.0 * held.slid_m)
-
-
-@dataclass(frozen=True)
-class HeldFeet:
-    """Channels with locked feet, the number of contacts and the largest slide before."""
-
-    channels: np.ndarray
-    stands: int
-    slid_m: float
+    action = add_edited_take(scene, take, armature, f"{take.name.removesuffix(LOCKED)}{LOCKED}", locked)
+    return LockedFeet(action, stands, 1000.0 * max(foot.slid_m for foot in feet))
 
 
 def _hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
-) -> HeldFeet | None:
-    """Return channels with heels and balls at the mean place of each contact, None without contacts.
+) -> tuple[np.ndarray, list[_Foot]]:
+    """Return channels with heels and balls at the mean place of each contact, and both feet.
 
     If both touch the floor, the foot turns by the smallest rotation to its mean direction, and the ankle follows. Legs
     bend and swing to it in the plane of hip, knee and ankle, and the pelvis moves if a leg is too short.
     """
     if len(channels) < 3:
-        return None
+        return channels, []
     G, p = posed_joints(channels, heads, axes)
     feet = [_held_foot(G, p, heads, axes, leg, fps, longest_slide_m) for leg in _LEGS]
-    count, slid = sum(foot.stands for foot in feet), max(foot.slid_m for foot in feet)
-    if not count:
-        return None
     way, turned = _bent_legs(G, p, axes, feet)
     changed = channels.copy()
     changed[:, :3] += way @ axes[0]
@@ -84,7 +72,7 @@ def _hold_feet(
             local = axes[joint].T @ axes[parent] @ np.swapaxes(turned[:, parent], -1, -2) @ turned[:, joint]
             changed[:, 3 + 4 * joint : 7 + 4 * joint] = quat_from_matrix(local)
     moved = np.abs(np.stack([foot.ankle for foot in feet], axis=1) - p[:, _ANKLES]).max(axis=(1, 2)) > 0.0
-    return HeldFeet(np.where(moved[:, None], _same_signs(changed, channels), channels), count, slid)
+    return np.where(moved[:, None], _same_signs(changed, channels), channels), feet
 
 
 def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]) -> tuple[np.ndarray, np.ndarray]:

@@ -76,38 +76,29 @@ _REFUSED_MM = 100.0
 _SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has the place of a control.
 
 
-def deviation_m(
-    rig: TargetRig,
-    scene: bpy.types.Scene,
-    done: Transferred,
-    channels: list[Channel],
-    switches: dict[tuple[str, str], float],
-) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before."""
+def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
+    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before.
+
+    Raises ``TargetUnsuitable`` if they are far from their places.
+    """
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
-    if not ends:
-        return 0.0
     names = [_shown_bone(rig, end) for end in ends.values()]
     frames = np.unique(np.linspace(0, done.places.shape[1] - 1, _CHECKED_FRAMES).round().astype(int))
     worst = 0.0
-    with neutral(rig.armature, rig.target.names, switches), alone(rig.armature, scene) as (stage, depsgraph):
-        for f in frames:
+    with neutral(rig.armature, rig.target.names, rig.switches), alone(rig.armature, scene) as (stage, depsgraph):
+        for f in frames if ends else ():
             for channel in channels:
                 setattr(rig.armature.pose.bones[channel.bone], channel.prop, channel.values[f].tolist())
             stage.view_layers[0].update()
             bones = rig.armature.evaluated_get(depsgraph).pose.bones
             heads = _on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
             wanted = np.array([done.goals[role][f] for role in ends])
-            worst = max(worst, float(np.linalg.norm(heads - wanted, axis=1).max()))
-    return worst
-
-
-def require_near(deviation_mm: float, scale: float, name: str) -> None:
-    """Raise ``TargetUnsuitable`` if hands and feet of a rig are far from their places."""
-    if deviation_mm > _REFUSED_MM * scale:
-        message = f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong."
+            worst = max(worst, 1000.0 * float(np.linalg.norm(heads - wanted, axis=1).max()))
+    if worst > _REFUSED_MM * done.scale:
+        message = f"Hands or feet would be up to {worst:.0f} mm from where they belong."
         hint = "Mute constraints and drivers that move the limbs, or correct the map of the bones."
-        raise TargetUnsuitable(message, where=name, hint=hint)
+        raise TargetUnsuitable(message, where=rig.armature.name, hint=hint)
+    return worst
 
 
 def _on_stage(target: Target, points: np.ndarray) -> np.ndarray:
@@ -164,48 +155,39 @@ def retarget(
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
     used = RigMap(rig_map.label, rig_map.bones, rig_map.switches, map_pose_values(rig.target, A))
     done = transfer(actor, rig.target, A, settings.transfer)
-    modes = {name: armature.pose.bones[name].rotation_mode for name in rig.target.names}
-    channels = channels_of(done, rig.target, modes)
-    switches = {(s.bone, s.key): getattr(s, settings.limbs) for s in rig.switches}
-    scale, name = done.scale, f"{actor.name} on {armature.name}"
-    deviation_mm = 1000.0 * deviation_m(rig, scene, done, channels, switches)
-    require_near(deviation_mm, scale, armature.name)
-    action = _bake_channels(name, armature, channels, switches, timing, actor.fps)
+    channels = channels_of(done, rig.target, rig.modes)
+    deviation_mm = measure_deviation_mm(rig, scene, done, channels)
+    action = _bake_channels(f"{actor.name} on {armature.name}", rig, channels, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]
     if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
         notes.append("The rig has no root bone of its own: the hips carry the travel.")
-    if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
+    if deviation_mm > _TOLERATED_MM * max(done.scale, 1.0):
         off = f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong"
         notes.append(f"{off}: constraints, drivers or limits of the rig move them.")
     proportions = measure_proportions(actor, rig.target)
-    return Retargeted(action, used, scale, proportions, rig.soles, deviation_mm, tuple(notes))
+    return Retargeted(action, used, done.scale, proportions, rig.soles, deviation_mm, tuple(notes))
 
 
 def _bake_channels(
-    name: str,
-    armature: bpy.types.Object,
-    channels: list[Channel],
-    switches: dict[tuple[str, str], float],
-    timing: TakeTiming,
-    fps: float,
+    name: str, rig: TargetRig, channels: list[Channel], timing: TakeTiming, fps: float
 ) -> bpy.types.Action:
-    """Write channels, and switches (bone, key) with their values, as a new action and play it.
+    """Write channels and switches of a rig as a new action and play it.
 
     The rig's action goes to a muted NLA track. An animation that cannot be changed is a ``TargetUnsuitable``.
     """
     try:
-        push_down(armature)
-        target = create_action(name, armature)
+        push_down(rig.armature)
+        target = create_action(name, rig.armature)
     except (RuntimeError, AttributeError, TypeError) as error:
         hint = "Make its library override editable, or a local copy."
-        raise TargetUnsuitable(f"The rig cannot be animated ({error}).", where=armature.name, hint=hint) from error
+        raise TargetUnsuitable(f"The rig cannot be animated ({error}).", where=rig.armature.name, hint=hint) from error
     frames = len(channels[0].values)
     times, types = timing.scene_frames(frames, fps), key_type_values(None, frames)
     for channel in channels:
         path = f'pose.bones["{bpy.utils.escape_identifier(channel.bone)}"].{channel.prop}'
         write_curves(target, path, channel.bone, times, channel.values, types)
-    for (bone, key), value in switches.items():
+    for (bone, key), value in rig.switches.items():
         quoted = f'pose.bones["{bpy.utils.escape_identifier(bone)}"]["{bpy.utils.escape_identifier(key)}"]'
         write_curves(target, quoted, bone, times[:1], np.full((1, 1), value), types[:1])
     target.action.use_fake_user = True

@@ -15,7 +15,7 @@ from .._exchange.rigs.rest_frames import bent_at_rest
 from .._exchange.skeleton_file import SkeletonFile
 from ..animation.curves import action_curves, current_action, laid_rate
 from ..animation.takes import take_file
-from ..body.armature import bone_axes
+from ..body.armature import bone_axes, shape_shifts
 from ..body.body_file import default_body_path, read_body
 from ..body.shape import body_mesh, shaped_vertices
 from ..conventions.coordinates import R_ARMATURE_BODY, even_scale
@@ -212,13 +212,7 @@ def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarr
     """Return the (J, 3) joints of the shaped body at rest over the floor, moved there by drivers, and its skin."""
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
-    axes = bone_axes(armature)
-    ways = np.array([armature.pose.bones[joint].location for joint in layout.joints[1:]], np.float64)
-    local = np.concatenate([np.zeros((1, 3)), (axes[1:] @ ways[..., None])[..., 0]])
-    joints = heads.copy()
-    for j, parent in enumerate(layout.parents):
-        if parent >= 0:
-            joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
+    joints = heads + shape_shifts(armature)
     mesh = body_mesh(armature)
     if mesh is None:
         ball = joints[list(_BALLS), 2].min()

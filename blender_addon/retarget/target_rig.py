@@ -16,7 +16,7 @@ from ..errors import MapInvalid, TargetUnsuitable
 from .hanging import Hanging, hanging_of
 from .motion.figures import Target
 from .rest_stage import stand_on_stage
-from .rig_map import RigMap, Switch
+from .rig_map import RigMap
 
 
 def _constraint_ring(armature: bpy.types.Object) -> list[str]:
@@ -83,7 +83,8 @@ class TargetRig:
 
     armature: bpy.types.Object
     target: Target
-    switches: tuple[Switch, ...]
+    switches: dict[tuple[str, str], float]  # Values of custom properties (bone, key) for the chosen limbs.
+    modes: dict[str, str]  # Rotation modes of the controls.
     soles: str  # Source of the height of its soles: ``mesh`` or ``joints``.
     notes: tuple[str, ...]  # Parts of the map that cannot be played, one sentence each.
 
@@ -104,19 +105,20 @@ def read_target(
     _check_object(armature)
     notes: list[str] = []
     bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)
-    switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
-    values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
+    there = armature.pose.bones
+    switches = {(s.bone, s.key): getattr(s, limbs) for s in rig_map.switches if s.key in there[s.bone]}
     posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
-    hanging = hanging_of(armature, scene, posed, values)
+    hanging = hanging_of(armature, scene, posed, switches)
     if stiff := [bone for role, bone in bones.items() if is_of_a_finger(role) and bone in hanging.held]:
         notes.append(f"Fingers that constraints or drivers hold are left alone: {', '.join(stiff)}.")
-        hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], values)
+        hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], switches)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)
     _check_controls(armature, hanging, role_of, notes)
     unit_m = _scale(armature) * scene.unit_settings.scale_length
     target, soles = stand_on_stage(armature, hanging, roles, bones, unit_m)
-    return TargetRig(armature, target, switches, soles, tuple(notes))
+    modes = {name: there[name].rotation_mode for name in target.names}
+    return TargetRig(armature, target, switches, modes, soles, tuple(notes))
 
 
 def _check_object(armature: bpy.types.Object) -> None:
@@ -192,13 +194,11 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
     """Reject controls that do not react, and note those that follow others in part."""
-    carrier = next(name for name in hanging.names if role_of[name] in ("carrier", "pelvis"))
-    carrier = next((name for name in hanging.names if role_of[name] == "carrier"), carrier)
+    by_role = {role_of[name]: name for name in hanging.names}
+    carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:
-        message, hint = (
-            f"Constraints or drivers keep {', '.join(stuck)} from turning.",
-            "Mute what holds them, or map the controls that do turn.",
-        )
+        message = f"Constraints or drivers keep {', '.join(stuck)} from turning."
+        hint = "Mute what holds them, or map the controls that do turn."
         raise TargetUnsuitable(message, where=armature.name, hint=hint)
     if carrier in hanging.unmoved:
         hint = "Disconnect it from its parent, or choose another bone as carrier."

@@ -8,10 +8,9 @@ import numpy as np
 
 from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.skeleton import JOINT_OF, SIDES, chain_roles
-from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...conventions.skeleton import PARENTS
-from .figures import Actor, Target
-from .limbs import hands_of, rig_trunk
+from .figures import Actor, Target, Trunk
+from .limbs import between, hands_of, rig_trunk, turn_at
 
 _SPINE, (_NECK, _HEAD) = SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head")
 _HIPS = SMPL.both("hip")
@@ -69,27 +68,18 @@ def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.nda
 def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
     """Return the (F, 24, 3, 3) rotations of the joints, interpolated for missing ones."""
     G = np.empty((frames, len(PARENTS), 3, 3))
-    line = [own["pelvis"], *(own[role] for role in chain_roles(dict.fromkeys(own, ""), "spine"))]
+    line = np.stack([own["pelvis"], *(own[role] for role in chain_roles(dict.fromkeys(own, ""), "spine"))])
+    trunk = Trunk(np.linspace(0.0, 1.0, len(line)), line)
     for k, joint in enumerate((0, *_SPINE)):
-        G[:, joint] = _along(line, k / len(_SPINE))
+        G[:, joint] = turn_at(trunk, k / len(_SPINE))
     G[:, _HEAD] = own.get("head", G[:, _SPINE[-1]])
     necks = [own[role] for role in chain_roles(dict.fromkeys(own, ""), "neck")]
-    G[:, _NECK] = necks[0] if necks else _along([G[:, _SPINE[-1]], G[:, _HEAD]], 0.5)
+    G[:, _NECK] = necks[0] if necks else between(G[:, _SPINE[-1]], G[:, _HEAD], 0.5)
     role_at = {joint: role for role, joint in JOINT_OF.items()}
     for joint, parent in enumerate(PARENTS):
         if joint not in (0, *_SPINE, _NECK, _HEAD):
             G[:, joint] = own.get(role_at.get(joint, ""), G[:, parent])
     return G
-
-
-def _along(line: list[np.ndarray], share: float) -> np.ndarray:
-    """Return the rotation at a share of a chain, by the geodesic between neighbours."""
-    at = share * (len(line) - 1)
-    low = min(int(at + 1e-9), len(line) - 1)
-    if at - low < 1e-9 or low + 1 >= len(line):
-        return line[low]
-    step = rotvec_from_matrix(np.swapaxes(line[low], -1, -2) @ line[low + 1])
-    return line[low] @ matrix_from_rotvec((at - low) * step)
 
 
 def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

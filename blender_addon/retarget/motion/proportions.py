@@ -40,7 +40,10 @@ def scale_of(proportions: Proportions) -> float:
     Raises:
         TargetUnsuitable: the legs are more than twice or less than half of arms and trunk, or the size is absurd.
     """
-    _require_size(proportions)
+    known = [value for value in vars(proportions).values() if np.isfinite(value)]
+    if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
+        hint = "Set the scale of its armature: one of the two is built in another unit."
+        raise TargetUnsuitable(f"The rig is {np.median(known):.3g} times as large as the actor.", hint=hint)
     others = [value for value in (proportions.arms, proportions.trunk) if np.isfinite(value)]
     if not np.isfinite(proportions.legs):
         if not others:
@@ -52,14 +55,6 @@ def scale_of(proportions: Proportions) -> float:
         message = f"The rig's size is not clear: by the actor's, its lengths are {proportions.describe()}."
         raise TargetUnsuitable(message, hint=hint)
     return proportions.legs
-
-
-def _require_size(proportions: Proportions) -> None:
-    known = [value for value in (proportions.legs, proportions.arms, proportions.trunk) if np.isfinite(value)]
-    if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
-        hint = "Set the scale of its armature: one of the two is built in another unit."
-        message = f"The rig is {np.median(known):.3g} times as large as the actor."
-        raise TargetUnsuitable(message, hint=hint)
 
 
 def length(points: np.ndarray) -> float:
