@@ -18,7 +18,7 @@ from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming
 from .curves import CurveTarget, create_action, key_type_values, mark_laid, write_curves
 from .key_reduction import thin_channels
-from .lanes import write_confidence, write_resting
+from .lanes import write_lanes
 from .layers import keep_users_action, reset_root
 
 _EDITED = 1e-4
@@ -56,8 +56,7 @@ def bake_action(
         for path, joint, part in columns:
             kept = slice(0, 1 if np.ptp(wanted[:, part], axis=0).max() == 0.0 else None)  # one key for what never moves
             write_curves(target, path, joint, times[kept], wanted[kept, part], types[kept])
-        write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
-        write_resting(target, armature, motion, np.arange(motion.num_frames), times)
+        keyed = np.arange(motion.num_frames)
     else:
         count = 1 + round((keys_per_second or 0.0) * motion.num_frames / motion.fps)
         places = motion.keyframes
@@ -68,10 +67,10 @@ def bake_action(
         for path, joint, part in columns:
             smooth = times[curves.frames], curves.values[:, part], key_type_values(None, len(curves.frames))
             write_curves(target, path, joint, *smooth, slopes=slopes[:, part])
-        write_confidence(target, armature, motion, curves.frames, times)
-        write_resting(target, armature, motion, curves.frames, times)
+        keyed = curves.frames
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
+    write_lanes(target, armature, motion, keyed, times)
     _key_switches(target, armature, times[:1])
     armature["betas"], armature["rest_pelvis"] = motion.betas.tolist(), rest_pelvis.tolist()
     armature["body"], armature["provenance"] = motion.body, motion.provenance

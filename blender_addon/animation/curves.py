@@ -122,12 +122,19 @@ def remove_curves(target: CurveTarget, path: str) -> np.ndarray | None:
     if not curves:
         return None
     keys = curves[0].keyframe_points
-    points, types = np.empty(2 * len(keys), np.float32), np.empty(len(keys), np.int32)
-    keys.foreach_get("co", points)
+    types = np.empty(len(keys), np.int32)
     keys.foreach_get("type", types)
+    found = np.stack([key_points(curves[0])[:, 0], types], axis=1)
     for curve in curves:
         target.container.fcurves.remove(curve)
-    return np.stack([points[::2], types], axis=1)
+    return found
+
+
+def key_points(curve: bpy.types.FCurve, field: str = "co") -> np.ndarray:
+    """Return the (K, 2) scene frames and values of a curve's keys, or of one of their handles."""
+    points = np.empty(2 * len(curve.keyframe_points), np.float32)
+    curve.keyframe_points.foreach_get(field, points)
+    return points.reshape(-1, 2)
 
 
 def write_curves(
@@ -235,12 +242,10 @@ def relay_take(action: bpy.types.Action, scene_fps: float) -> None:
     """Move a take's keys, with all hand edits, to another scene frame rate. Its first frame stays."""
     start, ratio = float(action["frame_start"]), scene_fps / laid_rate(action)
     for curve in action_curves(action):
-        keys = curve.keyframe_points
         for name in ("co", "handle_left", "handle_right"):
-            points = np.empty(2 * len(keys), np.float32)
-            keys.foreach_get(name, points)
-            points[::2] = start + (points[::2] - start) * ratio
-            keys.foreach_set(name, points)
+            points = key_points(curve, name)
+            points[:, 0] = start + (points[:, 0] - start) * ratio
+            curve.keyframe_points.foreach_set(name, points.ravel())
         curve.update()
     action[RATE] = scene_fps
     for animation in (obj.animation_data for obj in bpy.data.objects if obj.animation_data is not None):

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 
 import bpy
 import numpy as np
 
 from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE, MotionFile
-from .curves import CurveTarget, action_curves, current_action, key_type_values, write_curves
+from .curves import CurveTarget, action_curves, current_action, key_points, key_type_values, write_curves
 
 HALF_AT_M = 0.03  # Standard deviation at which confidence is one half.
 _UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen by hand.
@@ -34,16 +35,17 @@ def sigma_of(confidence: float) -> float:
     return float(HALF_AT_M * np.sqrt(1.0 / max(confidence, 1e-6) - 1.0))
 
 
-PROPERTY = "confidence"
+PROPERTY, RESTING = "confidence", "resting"  # Custom properties of bones.
 _PATH = f'["{PROPERTY}"]'
-_BONE_PATH = re.compile(r'pose\.bones\["([^"]+)"\]\["confidence"\]')
+_OF_JOINT = "Confidence of the joint at this bone's head, 0 to 1"
+_OF_ALL = "Confidence of the least certain joint, 0 to 1"
 _GROUP = "Confidence"
 
 
-def write_confidence(
+def write_lanes(
     target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
 ) -> None:
-    """Write the confidence of a motion that knows its uncertainty.
+    """Write the confidence of a motion that knows its uncertainty, and 1 for each joint while it is at rest.
 
     The armature's value leaves out joints at rest, which no measurement informs and nobody needs to review.
 
@@ -51,17 +53,39 @@ def write_confidence(
         frames: (N,) frames of the motion that get a key.
         times: (F,) scene frame of each frame of the motion.
     """
-    if motion.joint_sigma is None:
-        return
-    confidence = joint_confidence(motion.joint_sigma, motion.flags)[frames]
-    worst = confidence if motion.resting is None else np.where(motion.resting[frames], 1.0, confidence)
+    bones, at, resting = armature.pose.bones, times[frames], motion.resting
+    for bone in bones:
+        if RESTING in bone:
+            del bone[RESTING]  # of another take, which no curve would change
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
-    _declare(armature, "Confidence of the least certain joint, 0 to 1")
-    write_curves(target, _PATH, _GROUP, times[frames], worst.min(axis=1, keepdims=True), types)
-    bones = armature.pose.bones
-    for j, joint in ((j, joint) for j, joint in enumerate(motion.body_layout.joints) if joint in bones):
-        _declare(bones[joint], "Confidence of the joint at this bone's head, 0 to 1")
-        write_curves(target, f'pose.bones["{joint}"]{_PATH}', joint, times[frames], confidence[:, j : j + 1], types)
+
+    def write(joint: int, name: str, value: float, description: str, values: np.ndarray) -> None:
+        bone = motion.body_layout.joints[joint]
+        if bone in bones:
+            _declare(bones[bone], name, value, description)
+            write_curves(target, f'pose.bones["{bone}"]["{name}"]', bone, at, values[:, None], types)
+
+    if motion.joint_sigma is not None:
+        confidence = joint_confidence(motion.joint_sigma, motion.flags)[frames]
+        worst = confidence if resting is None else np.where(resting[frames], 1.0, confidence)
+        _declare(armature, PROPERTY, 1.0, _OF_ALL)
+        write_curves(target, _PATH, _GROUP, at, worst.min(axis=1, keepdims=True), types)
+        for j in range(motion.body_layout.num_joints):
+            write(j, PROPERTY, 1.0, _OF_JOINT, confidence[:, j])
+    for j in np.flatnonzero(resting.any(axis=0)) if resting is not None else ():
+        write(j, RESTING, 0.0, "1 where nothing measured the joint", resting[frames, j].astype(np.float64))
+
+
+def _declare(owner: bpy.types.Object | bpy.types.PoseBone, name: str, value: float, description: str) -> None:
+    owner[name] = value
+    owner.id_properties_ui(name).update(min=0.0, max=1.0, description=description)
+
+
+def _bone_curves(action: bpy.types.Action | None, name: str) -> Iterator[tuple[str, bpy.types.FCurve]]:
+    """Yield each bone with a curve of one of our custom properties, and the curve."""
+    for curve in action_curves(action) if action is not None else ():
+        if match := re.fullmatch(rf'pose\.bones\["([^"]+)"\]\["{name}"\]', curve.data_path):
+            yield match[1], curve
 
 
 def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
@@ -69,18 +93,13 @@ def read_lane(action: bpy.types.Action) -> tuple[np.ndarray, np.ndarray] | None:
     curve = next((c for c in action_curves(action) if c.data_path == _PATH), None)
     if curve is None:
         return None
-    points = np.empty(2 * len(curve.keyframe_points), np.float32)
-    curve.keyframe_points.foreach_get("co", points)
-    return points[::2].astype(np.float64), points[1::2].astype(np.float64)
+    frames, confidence = key_points(curve).astype(np.float64).T
+    return frames, confidence
 
 
-def confidence_at(action: bpy.types.Action, frame: float) -> dict[str, float]:
+def confidence_at(action: bpy.types.Action | None, frame: float) -> dict[str, float]:
     """Return the confidence of each bone with a curve on a scene frame."""
-    return {
-        match[1]: curve.evaluate(frame)
-        for curve in action_curves(action)
-        if (match := _BONE_PATH.fullmatch(curve.data_path)) is not None
-    }
+    return {bone: curve.evaluate(frame) for bone, curve in _bone_curves(action, PROPERTY)}
 
 
 def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
@@ -88,44 +107,10 @@ def current_confidence(armature: bpy.types.Object) -> dict[str, float]:
     return {bone.name: float(bone[PROPERTY]) for bone in armature.pose.bones if PROPERTY in bone}
 
 
-def _declare(owner: bpy.types.Object | bpy.types.PoseBone, description: str) -> None:
-    owner[PROPERTY] = 1.0
-    owner.id_properties_ui(PROPERTY).update(min=0.0, max=1.0, description=description)
-
-
-RESTING = "resting"
-_RESTING_PATH = re.compile(r'pose\.bones\["([^"]+)"\]\["resting"\]')
-
-
-def write_resting(
-    target: CurveTarget, armature: bpy.types.Object, motion: MotionFile, frames: np.ndarray, times: np.ndarray
-) -> None:
-    """Write 1 for a joint at rest and 0 otherwise, for joints that are ever at rest. See ``write_confidence``."""
-    for bone in armature.pose.bones:
-        if RESTING in bone:
-            del bone[RESTING]  # of another take, which no curve would change
-    if motion.resting is None:
-        return
-    types = key_type_values(motion.keyframes, motion.num_frames)[frames]
-    for j in np.flatnonzero(motion.resting.any(axis=0)):
-        joint = motion.body_layout.joints[j]
-        if joint not in armature.pose.bones:
-            continue
-        bone, share = armature.pose.bones[joint], motion.resting[frames, j : j + 1].astype(np.float64)
-        bone[RESTING] = 0.0
-        bone.id_properties_ui(RESTING).update(min=0.0, max=1.0, description="1 where nothing measured the joint")
-        write_curves(target, f'pose.bones["{joint}"]["{RESTING}"]', joint, times[frames], share, types)
-
-
 def resting_at(action: bpy.types.Action | None, times: np.ndarray) -> dict[str, np.ndarray]:
     """Return (F,) bool at scene frames for each bone with a curve: whether nothing measured its joint."""
-    if action is None:
-        return {}
-    return {
-        match[1]: np.array([curve.evaluate(float(time)) > 0.0 for time in times], dtype=bool)
-        for curve in action_curves(action)
-        if (match := _RESTING_PATH.fullmatch(curve.data_path)) is not None
-    }
+    curves = _bone_curves(action, RESTING)
+    return {bone: np.array([curve.evaluate(float(t)) > 0.0 for t in times], dtype=bool) for bone, curve in curves}
 
 
 def resting_bones(armature: bpy.types.Object, frame: float) -> frozenset[str]:

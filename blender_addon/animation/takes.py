@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,7 +12,7 @@ from .._exchange.diagnostics import Diagnostic, DiagnosticValues, read_diagnosti
 from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import body_mesh, set_betas
 from ..conventions.file_paths import file_of, stored
-from ..conventions.kept_findings import findings_in
+from ..conventions.kept_findings import findings_in, value_in
 from .curves import action_curves, play_action
 from .layers import keep_users_action, lay_aside, restore_place
 
@@ -58,20 +57,13 @@ def take_file(action: bpy.types.Action, key: str) -> Path:
 
 def person_of(provenance: str) -> str:
     """Return the person in a motion's provenance (JSON text), "" if its capture shows only one."""
-    try:
-        person = json.loads(provenance)["person"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return ""
+    person = value_in(provenance, "person")
     return person if isinstance(person, str) else ""
 
 
 def found_in(provenance: str) -> list[DiagnosticValues]:
     """Return the diagnostics in a motion's provenance (JSON text) as plain JSON values."""
-    try:
-        values = json.loads(provenance).get("diagnostics")
-    except (ValueError, AttributeError, TypeError, RecursionError):
-        return []
-    return [item.as_dict() for item in read_diagnostics(values)]
+    return [item.as_dict() for item in read_diagnostics(value_in(provenance, "diagnostics"))]
 
 
 def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:

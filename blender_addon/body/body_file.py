@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from .._exchange.motion_file import MotionFile
 from .._exchange.npz import read_arrays
 from .._exchange.schema import Fields
 from ..backend_environment import PACKAGE, backend_folder
+from ..conventions.kept_findings import value_in
 from ..conventions.skeleton import NUM_BETAS, SMPL, BodyLayout
 from ..errors import BodyMismatch, BodyMissing
 
@@ -279,8 +279,8 @@ def body_path_of(provenance: str) -> Path:
 
     Raises ``BodyMissing`` if the body is neither in the user's folder nor at its path.
     """
-    choice = _choice(provenance)
-    if choice == SHIPPED:
+    choice = value_in(provenance, "settings", "body")
+    if not isinstance(choice, str) or choice in ("", SHIPPED):
         return default_body_path()
     by_name = [bodies_folder() / f"{choice}{end}" for end in SUFFIXES]
     places = [Path(os.path.expanduser(choice))] if is_path(choice) else by_name
@@ -300,11 +300,3 @@ def require_body(motion: MotionFile, body: BodyFile) -> None:
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
-
-
-def _choice(provenance: str) -> str:
-    try:
-        choice = json.loads(provenance)["settings"]["body"]
-    except (ValueError, KeyError, TypeError, RecursionError):
-        return SHIPPED
-    return choice if isinstance(choice, str) and choice else SHIPPED

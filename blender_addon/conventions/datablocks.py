@@ -24,8 +24,11 @@ GLOSSY = ("Skin",)  # Materials with a principled surface. Others are a tenth as
 DETECTION_COLOUR: Colour = (1.0, 0.42, 0.02, 1.0)
 KEYPOINT_COLOUR: Colour = (0.02, 0.75, 0.38, 1.0)
 MARKER_COLOURS: tuple[Colour, ...] = (
-    (0.85, 0.85, 0.9, 1.0), (0.05, 0.62, 0.20, 1.0), (0.95, 0.55, 0.03, 1.0), (0.85, 0.05, 0.04, 1.0),
-)  # fmt: skip
+    (0.85, 0.85, 0.9, 1.0),
+    (0.05, 0.62, 0.20, 1.0),
+    (0.95, 0.55, 0.03, 1.0),
+    (0.85, 0.05, 0.04, 1.0),
+)
 """Optical markers: not solved, near the solved body, off it and far off it."""
 FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.57, 1.0))  # Tiles and lines.
 
@@ -40,14 +43,12 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
-    if bpy.app.version < (5, 0):  # later materials always have nodes, and setting it is deprecated
-        material.use_nodes = True
-    nodes = material.node_tree.nodes
-    shader = next((node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled"), None)
+    shader = shader_of(material)
     if glossy and shader is not None:
         shader.inputs["Base Color"].default_value = colour
         shader.inputs["Roughness"].default_value = roughness
         return material
+    nodes = material.node_tree.nodes
     leave = next((node for node in nodes if node.bl_idname == "ShaderNodeOutputMaterial"), None)
     for node in [node for node in nodes if node != leave]:
         nodes.remove(node)
@@ -56,6 +57,13 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     leave = leave or nodes.new("ShaderNodeOutputMaterial")
     material.node_tree.links.new(diffuse.outputs[0], leave.inputs["Surface"])
     return material
+
+
+def shader_of(owner: bpy.types.Material | bpy.types.World, kind: str = "BsdfPrincipled") -> Any:
+    """Return the shader node of a new material or world, None if it has none of this kind."""
+    if bpy.app.version < (5, 0):  # later ones always have nodes, and setting it is deprecated
+        owner.use_nodes = True
+    return next((node for node in owner.node_tree.nodes if node.bl_idname == f"ShaderNode{kind}"), None)
 
 
 def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
@@ -93,12 +101,8 @@ def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
 
 def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
     """Return a new driver of a property, or of one element of an array, that copies its source."""
-    return plain(owner.driver_add(path, axis))
-
-
-def plain(curve: bpy.types.FCurve) -> bpy.types.Driver:
-    """Return a driver's own, its curve without modifiers (before Blender 5) or keys: which copies its source."""
-    for modifier in tuple(curve.modifiers):
+    curve = owner.driver_add(path, axis)
+    for modifier in tuple(curve.modifiers):  # before Blender 5
         curve.modifiers.remove(modifier)
     curve.keyframe_points.clear()
     return curve.driver

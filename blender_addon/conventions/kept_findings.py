@@ -1,8 +1,9 @@
-"""Diagnostics as texts that a .blend file keeps."""
+"""Diagnostics and provenance as texts that a .blend file keeps."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any
 
 from .._exchange.diagnostics import Diagnostic, read_diagnostics
 
@@ -12,6 +13,19 @@ def findings_text(found: Iterable[Diagnostic]) -> str:
     import json  # a bare Blender has not loaded it when add-ons are registered
 
     return json.dumps([item.as_dict() for item in found])
+
+
+def value_in(provenance: str, *keys: str) -> Any:
+    """Return a value in a motion's provenance (JSON text), None if there is none."""
+    import json
+
+    try:
+        value = json.loads(provenance)
+        for key in keys:
+            value = value[key]
+    except (ValueError, KeyError, TypeError, RecursionError):
+        return None
+    return value
 
 
 def findings_in(text: str) -> tuple[Diagnostic, ...]:

@@ -89,16 +89,22 @@ def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
     render.pixel_aspect_x, render.pixel_aspect_y = max(1.0, 1 / aspect), max(1.0, aspect)
     render.film_transparent = True
     write_targa(scene)
-    scene.display.render_aa = "OFF"
-    shading = scene.display.shading
-    shading.light, shading.color_type = "STUDIO", "MATERIAL"
-    if _STUDIO in bpy.context.preferences.studio_lights:
-        shading.studio_light = _STUDIO
+    shading = light_studio(scene, "MATERIAL")
     shading.show_cavity, shading.show_shadows = look.cavity, look.shadows
     if look.cavity:
         shading.cavity_type = "BOTH"
     shading.shadow_intensity = 0.45
     scene.display.light_direction = (0.35, 0.45, 0.82)
+
+
+def light_studio(scene: bpy.types.Scene, colours: str) -> bpy.types.View3DShading:
+    """Light a scene for Workbench, and return its shading. Its own smoothing moves edges by a fifth of a pixel."""
+    scene.display.render_aa = "OFF"
+    shading = scene.display.shading
+    shading.light, shading.color_type = "STUDIO", colours
+    if _STUDIO in bpy.context.preferences.studio_lights:
+        shading.studio_light = _STUDIO
+    return shading
 
 
 def write_targa(scene: bpy.types.Scene) -> None:

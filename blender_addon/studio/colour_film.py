@@ -21,7 +21,7 @@ from .._exchange.verb_results import ShotRecord, is_shot_record
 from ..body.body_file import body_path_of, read_body
 from ..errors import RenderFailed
 from ..render.picture import Resampling, write_png
-from ..render.stage import render_still, write_targa
+from ..render.stage import light_studio, render_still, write_targa
 from ..scene.cameras import create_camera, look_through
 from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
 from .room import LIGHTS, Light, build_room, light_room
@@ -65,8 +65,6 @@ def lens_picture(camera: CameraFile) -> LensPicture:
 
 _EEVEE = ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE")
 _IDS = {"workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": _EEVEE}
-_BRIGHT = "paint.sl"
-"""The brightest light of Blender."""
 
 
 def engine_id(name: str) -> str:
@@ -87,13 +85,7 @@ def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
     """Set a scene to an engine. Raises ``RenderFailed`` if this Blender was built without it."""
     scene.render.engine = engine_id(name)
     if name == "workbench":
-        display = scene.display
-        # Workbench's smoothing moves edges by a fifth of a pixel, while larger pictures do not.
-        display.render_aa = "OFF"
-        shading = display.shading
-        shading.light, shading.color_type = "STUDIO", "VERTEX"
-        if _BRIGHT in bpy.context.preferences.studio_lights:
-            shading.studio_light = _BRIGHT
+        shading = light_studio(scene, "VERTEX")
         shading.show_shadows = True
         shading.show_specular_highlight = False
     elif name == "cycles":

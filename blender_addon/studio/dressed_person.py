@@ -10,6 +10,7 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from ..body.body_file import BodyFile
 from ..body.posed_body import skin
+from ..conventions.datablocks import shader_of
 from .scene_file import SceneFile
 
 COLOURS = "paint"  # Name of the colour attribute.
@@ -28,15 +29,32 @@ def linear(hue: float, saturation: float, value: float) -> np.ndarray:
 def painted_material(name: str, roughness: float) -> bpy.types.Material:
     """Return a material that shows its mesh's corner colours."""
     material = bpy.data.materials.new(name)
-    if bpy.app.version < (5, 0):
-        material.use_nodes = True
-    tree = material.node_tree
-    shader = next(node for node in tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    shader, tree = shader_of(material), material.node_tree
     shader.inputs["Roughness"].default_value = roughness
     paint = tree.nodes.new("ShaderNodeAttribute")
     paint.attribute_name = COLOURS
     tree.links.new(paint.outputs["Color"], shader.inputs["Base Color"])
     return material
+
+
+def painted_object(
+    name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray, roughness: float, *, smooth: bool = True
+) -> bpy.types.Object:
+    """Return an object with linear RGB colours (C, 3) of its corners."""
+    mesh = bpy.data.meshes.new(name)
+    mesh.from_pydata(points.tolist(), [], faces.tolist())
+    mesh.polygons.foreach_set("use_smooth", np.full(len(faces), smooth))
+    attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
+    attribute.data.foreach_set("color", np.c_[colours, np.ones(len(colours))].astype(np.float32).ravel())
+    mesh.materials.append(painted_material(name, roughness))
+    mesh.update()
+    return bpy.data.objects.new(name, mesh)
+
+
+def move_vertices(obj: bpy.types.Object, vertices: np.ndarray) -> None:
+    """Move the vertices of an object to (V, 3) metres."""
+    obj.data.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
+    obj.data.update()
 
 
 def person_colours(scene: SceneFile, rng: np.random.Generator) -> np.ndarray:
@@ -98,13 +116,7 @@ class DressedPerson:
     ) -> None:
         self._body, self._motion, self._scene = body, motion, scene
         self._known: dict[int, np.ndarray] = {}
-        mesh = bpy.data.meshes.new("person")
-        mesh.from_pydata(self.surface(0).tolist(), [], scene.faces.tolist())
-        mesh.polygons.foreach_set("use_smooth", np.ones(len(scene.faces), dtype=bool))
-        attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
-        attribute.data.foreach_set("color", np.c_[colours, np.ones(len(colours))].astype(np.float32).ravel())
-        mesh.materials.append(painted_material("person", 0.6))
-        self.object = bpy.data.objects.new("person", mesh)
+        self.object = painted_object("person", self.surface(0), scene.faces, colours, 0.6)
         collection.objects.link(self.object)
 
     def pose(self, frame: float) -> None:
@@ -114,9 +126,7 @@ class DressedPerson:
         vertices = self.surface(first)
         if share > 1e-6:
             vertices = (1 - share) * vertices + share * self.surface(first + 1)
-        mesh = self.object.data
-        mesh.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
-        mesh.update()
+        move_vertices(self.object, vertices)
 
     def surface(self, frame: int) -> np.ndarray:
         """Return the (N, 3) vertices in world metres, at the first or last frame if there is no such frame."""
@@ -163,16 +173,9 @@ class MarkerBalls:
     ) -> None:
         points, faces = ball(radius_m)
         self._ball, self._count = points, count
-        mesh = bpy.data.meshes.new("markers")
         every = (np.arange(count)[:, None, None] * len(points) + faces).reshape(-1, 3)
-        mesh.from_pydata(np.tile(points, (count, 1)).tolist(), [], every.tolist())
-        mesh.polygons.foreach_set("use_smooth", np.ones(len(every), dtype=bool))
-        paint = np.tile(_GREY, (count, 1)) if colours is None else colours
-        corner = np.repeat(paint, 3 * len(faces), axis=0)
-        attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
-        attribute.data.foreach_set("color", np.c_[corner, np.ones(len(corner))].astype(np.float32).ravel())
-        mesh.materials.append(painted_material("markers", 0.4))
-        self.object = bpy.data.objects.new("markers", mesh)
+        corner = np.repeat(np.tile(_GREY, (count, 1)) if colours is None else colours, 3 * len(faces), axis=0)
+        self.object = painted_object("markers", np.tile(points, (count, 1)), every, corner, 0.4)
         collection.objects.link(self.object)
 
     def place(self, points: np.ndarray) -> None:
@@ -180,10 +183,7 @@ class MarkerBalls:
         shown = np.isfinite(points).all(axis=1)
         middle = np.where(shown[:, None], points, 0.0)
         size = np.where(shown, 1.0, 0.0)[:, None, None]
-        vertices = middle[:, None] + size * self._ball
-        mesh = self.object.data
-        mesh.vertices.foreach_set("co", np.ascontiguousarray(vertices, np.float32).ravel())
-        mesh.update()
+        move_vertices(self.object, middle[:, None] + size * self._ball)
 
 
 def ball(radius_m: float) -> tuple[np.ndarray, np.ndarray]:

@@ -12,6 +12,7 @@ import numpy as np
 
 from .._exchange.errors import FileDamaged, FileMissing
 from .._exchange.json_file import read_json_file
+from ..conventions.datablocks import shader_of
 
 FORMAT, VERSION = "manifold_mocap_places", 1
 
@@ -127,9 +128,7 @@ def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
     known = next((m for m in bpy.data.materials if m.name == name and tuple(m.diffuse_color) == colour), None)
     material = known or bpy.data.materials.new(name)
     material.diffuse_color = colour
-    if bpy.app.version < (5, 0):
-        material.use_nodes = True
-    shader = next(node for node in material.node_tree.nodes if node.bl_idname == "ShaderNodeBsdfPrincipled")
+    shader = shader_of(material)
     shader.inputs["Base Color"].default_value = colour
     shader.inputs["Roughness"].default_value = 0.9
     return material

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .dressed_person import COLOURS, linear, painted_material
+from ..conventions.datablocks import shader_of
+from .dressed_person import linear, painted_object
 from .scene_file import SceneFile
 
 Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -58,9 +59,7 @@ def light_room(
         lamp.location = (float(place[0]), float(place[1]), float(high[2] - 0.06))
         collection.objects.link(lamp)
     world = bpy.data.worlds.new("studio")
-    if bpy.app.version < (5, 0):
-        world.use_nodes = True
-    background = next(node for node in world.node_tree.nodes if node.bl_idname == "ShaderNodeBackground")
+    background = shader_of(world, "Background")
     background.inputs["Color"].default_value = (0.8, 0.85, 1.0, 1.0)
     background.inputs["Strength"].default_value = float(rng.uniform(0.3, 0.6)) if scene.walls else 0.9
     target.world = world
@@ -114,13 +113,7 @@ def _make_box(name: str, middle: np.ndarray, half: np.ndarray, angle: float, col
 
 
 def _make_object(name: str, points: np.ndarray, faces: np.ndarray, colours: np.ndarray) -> bpy.types.Object:
-    mesh = bpy.data.meshes.new(name)
-    mesh.from_pydata(points.tolist(), [], faces.tolist())
-    attribute = mesh.color_attributes.new(COLOURS, "FLOAT_COLOR", "CORNER")
-    attribute.data.foreach_set("color", np.c_[np.clip(colours, 0, 1), np.ones(len(colours))].astype(np.float32).ravel())
-    mesh.materials.append(painted_material(name, 0.7))
-    mesh.update()
-    thing = bpy.data.objects.new(name, mesh)
+    thing = painted_object(name, points, faces, np.clip(colours, 0, 1), 0.7, smooth=False)
     # Workbench's only light is the sun, which the ceiling would block.
     thing.display.show_shadows = name.startswith("furniture")
     return thing

@@ -72,16 +72,8 @@ def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.prop(preferences, "acquisition")
 
 
-def chosen_python(context: bpy.types.Context) -> Path | None:
-    """Return the Python that the user chose for the solver, None for Blender's own."""
-    return _chosen(context, "python")
-
-
-def _named_detector(context: bpy.types.Context) -> Path | None:
-    return _chosen(context, "detector")
-
-
-def _chosen(context: bpy.types.Context, name: str) -> Path | None:
+def chosen_python(context: bpy.types.Context, name: str = "python") -> Path | None:
+    """Return the Python that the user chose for the solver, or for the ``detector``, None for none."""
     path = getattr(preferences_of(context), name, "")
     return Path(path) if path else None
 
@@ -90,28 +82,29 @@ def detector_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with MediaPipe: the chosen one, or the one that was set up."""
     from ..solving.pythons import made_python
 
-    return _named_detector(context) or made_python()
+    return chosen_python(context, "detector") or made_python()
 
 
 def litert_python(context: bpy.types.Context) -> Path | None:
     """Return the Python with LiteRT: the one that was set up, or the chosen one."""
     from ..solving.pythons import made_litert_python
 
-    return made_litert_python() or _named_detector(context)
+    return made_litert_python() or chosen_python(context, "detector")
 
 
 def detector_for(context: bpy.types.Context) -> Path | None:
     """Return the Python of the chosen detector, None without one or if it runs in the solver's Python."""
     videos = context.scene.mocap.videos
-    if _has_own_environment(videos.detector):
+    if videos.detector in DETECTORS and DETECTORS[videos.detector].own_environment:
         return detector_python(context)
-    return litert_python(context) if _is_litert(videos) else _named_detector(context)
+    return litert_python(context) if _is_litert(videos) else chosen_python(context, "detector")
 
 
 def lacks_detector(context: bpy.types.Context) -> bool:
     """Return whether the chosen detector has no Python. ONNX models run in the solver's Python."""
     videos = context.scene.mocap.videos
-    return (_has_own_environment(videos.detector) or _is_litert(videos)) and detector_for(context) is None
+    needs_own = videos.detector in DETECTORS and DETECTORS[videos.detector].own_environment
+    return (needs_own or _is_litert(videos)) and detector_for(context) is None
 
 
 def detector_text(context: bpy.types.Context) -> str:
@@ -126,10 +119,6 @@ def detector_text(context: bpy.types.Context) -> str:
 
 def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
     return videos.detector == "model" and videos.model.lower().endswith(".tflite")
-
-
-def _has_own_environment(detector: str) -> bool:
-    return detector in DETECTORS and DETECTORS[detector].own_environment
 
 
 def note_detector(context: bpy.types.Context, python: Path) -> str:

@@ -95,14 +95,17 @@ def number(
 
 def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
     """Return a row with a list of choices, ``Choice`` or its values. The default is the first one."""
-    items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
+    items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
 def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
     """Return a row with a list of choices, some of them chosen."""
-    items = tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
-    return _row("texts", label, description, chosen, more, choices=items)
+    return _row("texts", label, description, chosen, more, choices=_choices(choices))
+
+
+def _choices(choices: Sequence[Any]) -> tuple[Choice, ...]:
+    return tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
 
 
 def prepare(cls: Any) -> Any:
@@ -167,22 +170,18 @@ def _make_property(row: Setting, default: Any, **more: Any) -> Any:
     words: dict[str, Any] = {"name": row.label, "description": row.description, "translation_context": CONTEXT} | more
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
-    if row.kind == "choice":
-        items = [(choice.value, choice.label, choice.description) for choice in row.choices]
-        return bpy.props.EnumProperty(**words, items=items, default=default)
-    if row.kind == "texts" and row.choices:
-        items = [(choice.value, choice.label, choice.description) for choice in row.choices]
-        return bpy.props.EnumProperty(**words, items=items, options={"ENUM_FLAG"}, default=set(default or ()))
+    if row.kind in ("choice", "texts") and row.choices:
+        words["items"] = [(choice.value, choice.label, choice.description) for choice in row.choices]
+        if row.kind == "texts":
+            return bpy.props.EnumProperty(**words, options={"ENUM_FLAG"}, default=set(default or ()))
+        return bpy.props.EnumProperty(**words, default=default)
     if row.kind == "file":
         subtype = "DIR_PATH" if row.metavar == FOLDER else "FILE_PATH"
         return bpy.props.StringProperty(**{"options": RELATIVE, **words}, subtype=subtype, default=default or "")
-    if row.kind in ("texts", "range"):
-        separated = f", separated by commas: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
-        return bpy.props.StringProperty(**words | {"description": row.description + separated})
-    if row.kind == "name_or_file":
-        return bpy.props.StringProperty(**words)
-    if row.kind == "text":
-        return bpy.props.StringProperty(**words, default=default or "")
+    if row.kind in ("texts", "range", "name_or_file", "text"):
+        form = {"texts": f", separated by commas: {row.metavar}", "range": f": {row.metavar}"}.get(row.kind, "")
+        words["description"] += form
+        return bpy.props.StringProperty(**words, default=(default or "") if row.kind == "text" else "")
     if default is None:
         words["description"] += ", 0 for automatic"
         return bpy.props.FloatProperty(**words, default=0.0, min=0.0, max=row.high, soft_max=row.soft_high or row.high)

@@ -97,17 +97,24 @@ def colour_markers(scene: bpy.types.Scene) -> None:
     grade_markers(capture.cloud, motion)
 
 
-def _draw_cameras() -> None:
+def _draw(kind: str, primitive: str, content: dict[str, Any], uniforms: dict[str, Any], indices: Any = None) -> None:
+    """Draw primitives by one of Blender's shaders."""
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
+    shader = gpu.shader.from_builtin(kind)
+    batch = batch_for_shader(shader, primitive, content, indices=indices)
+    for name, value in uniforms.items():
+        shader.uniform_float(name, value)
+    batch.draw(shader)
+
+
+def _draw_cameras() -> None:
     context = bpy.context
+    width = _WIDTH_PX * context.preferences.system.ui_scale
+    fixed = {"viewportSize": (context.region.width, context.region.height), "lineWidth": width}
     for camera, shade in shaded_cameras(context):
-        shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
-        shader.uniform_float("viewportSize", (context.region.width, context.region.height))
-        shader.uniform_float("lineWidth", _WIDTH_PX * context.preferences.system.ui_scale)
-        shader.uniform_float("color", shade)
-        batch_for_shader(shader, "LINES", {"pos": outline(camera, context.scene)}).draw(shader)
+        _draw("POLYLINE_UNIFORM_COLOR", "LINES", {"pos": outline(camera, context.scene)}, {**fixed, "color": shade})
 
 
 def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
@@ -136,15 +143,13 @@ def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
 _weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins by mesh name and number of vertices.
 
 
-def _shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
-    return (review for review in _reviews_of(scene) if review.colours)
+def _reviews_of(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+    reviews = [review for capture in scene.mocap.captures for review in capture.reviews]
+    return [item for item in reviews if item.armature is not None and item.armature.type == "ARMATURE"]
 
 
-def _reviews_of(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
-    for capture in scene.mocap.captures:
-        for review in capture.reviews:
-            if review.armature is not None and review.armature.type == "ARMATURE":
-                yield review
+def _shown_reviews(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
+    return [review for review in _reviews_of(scene) if review.colours]
 
 
 def _draw_skins() -> None:
@@ -183,14 +188,15 @@ def _draw_bands() -> None:
             continue
         for first, last, shade in doubtful_bands(review.take, review.below):
             left, right = (view.view_to_region(frame, 0.0, clip=False)[0] for frame in (first - 0.5, last + 0.5))
-            _draw_band(left, max(float(right), left + 2.0), height, shade)
+            right = max(float(right), left + 2.0)
+            corners = {"pos": [(left, 0.0), (right, 0.0), (right, height), (left, height)]}
+            _draw("UNIFORM_COLOR", "TRIS", corners, {"color": (*shade, 1.0)}, [(0, 1, 2), (0, 2, 3)])
 
 
 def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     """Draw an evaluated mesh slightly off its surface in the (V, 3) colours of its vertices."""
     import gpu  # pyright: ignore[reportMissingImports]
     import numpy as np
-    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
     mesh, count = posed.data, len(shades)
     places, normals = np.empty(3 * count, np.float32), np.empty(3 * count, np.float32)
@@ -200,29 +206,16 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles)
     colour = np.column_stack([shades, np.full(count, _OPACITY)]).astype(np.float32)
-    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     content = {"pos": (places + _OFF_SKIN_M * normals).reshape(-1, 3), "color": colour}
-    batch = batch_for_shader(shader, "TRIS", content, indices=triangles.reshape(-1, 3))
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")
     with gpu.matrix.push_pop():
         gpu.matrix.multiply_matrix(posed.matrix_world)
-        batch.draw(shader)
+        _draw("SMOOTH_COLOR", "TRIS", content, {}, triangles.reshape(-1, 3))
     gpu.state.face_culling_set("NONE")
     gpu.state.depth_test_set("NONE")
     gpu.state.blend_set("NONE")
-
-
-def _draw_band(left: float, right: float, height: float, shade: tuple[float, float, float]) -> None:
-    import gpu  # pyright: ignore[reportMissingImports]
-    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
-
-    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
-    corners = [(left, 0.0), (right, 0.0), (right, height), (left, height)]
-    batch = batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)])
-    shader.uniform_float("color", (*shade, 1.0))
-    batch.draw(shader)
 
 
 drawing = Drawing(

@@ -17,66 +17,30 @@ class Limb:
 
     side: str  # ``left`` or ``right``.
     kind: str  # ``arm`` or ``leg``.
-
-    @property
-    def joints(self) -> tuple[str, str, str]:
-        """Shoulder, elbow and wrist, or hip, knee and ankle."""
-        parts = ("shoulder", "elbow", "wrist") if self.kind == "arm" else ("hip", "knee", "ankle")
-        upper, lower, end = (f"{self.side}_{part}" for part in parts)
-        return upper, lower, end
-
-    @property
-    def control(self) -> str:
-        """The hand or foot to place and turn."""
-        return f"{self.side}_{'hand' if self.kind == 'arm' else 'foot'}_ik"
-
-    @property
-    def pole(self) -> str:
-        """The bone that the elbow or knee points to."""
-        return f"{self.joints[1]}_pole"
-
-    @property
-    def solved(self) -> tuple[str, str]:
-        """The hidden upper and lower bones that Blender's IK poses."""
-        return f"{self.joints[0]}_solved", f"{self.joints[1]}_solved"
-
-    @property
-    def reach(self) -> str:
-        """The hidden bone with its tail at the limb's end in every shape, which IK brings to the control."""
-        return f"{self.joints[2]}_reach"
-
-    @property
-    def turns(self) -> tuple[str, str]:
-        """Bones that lead the joints, turned against the solved bones by the twist and whatever a hinge cannot show."""
-        return f"{self.joints[0]}_turn", f"{self.joints[1]}_turn"
-
-    @property
-    def keyed(self) -> tuple[str, ...]:
-        """The bones with keys in IK."""
-        return self.control, self.pole, *self.turns
-
-    @property
-    def switch(self) -> str:
-        """Custom property of the root bone: 0 for FK, 1 for IK."""
-        return f"{self.side}_{self.kind}_ik"
-
-    @property
-    def label(self) -> str:
-        """Name in the panel."""
-        return f"{self.side.title()} {self.kind.title()}"
-
-    @property
-    def collection(self) -> str:
-        """The bone collection of its controls, shown in IK."""
-        return f"IK {self.kind.title()} {self.side.title()}"
-
-    @property
-    def joint_collection(self) -> str:
-        """The bone collection of its joints, shown in FK."""
-        return f"FK {self.kind.title()} {self.side.title()}"
+    joints: tuple[str, str, str]  # Shoulder, elbow and wrist, or hip, knee and ankle.
+    control: str  # The hand or foot to place and turn.
+    pole: str  # The bone that the elbow or knee points to.
+    solved: tuple[str, str]  # The hidden upper and lower bones that Blender's IK poses.
+    reach: str  # The hidden bone with its tail at the limb's end in every shape, which IK brings to the control.
+    turns: tuple[str, str]  # Bones that lead the joints, turned against the solved ones by what a hinge cannot show.
+    keyed: tuple[str, ...]  # The bones with keys in IK.
+    switch: str  # Custom property of the root bone: 0 for FK, 1 for IK.
+    label: str  # Name in the panel.
+    collection: str  # The bone collection of its controls, shown in IK.
+    joint_collection: str  # The bone collection of its joints, shown in FK.
 
 
-LIMBS = tuple(Limb(side, kind) for kind in ("arm", "leg") for side in ("left", "right"))
+def _limb(side: str, kind: str, parts: tuple[str, str, str], end_bone: str) -> Limb:
+    upper, lower, end = (f"{side}_{part}" for part in parts)
+    control, pole, turns = f"{side}_{end_bone}_ik", f"{lower}_pole", (f"{upper}_turn", f"{lower}_turn")
+    bones = (upper, lower, end), control, pole, (f"{upper}_solved", f"{lower}_solved"), f"{end}_reach", turns
+    label, place = f"{side.title()} {kind.title()}", f"{kind.title()} {side.title()}"
+    keyed = control, pole, *turns
+    return Limb(side, kind, *bones, keyed, f"{side}_{kind}_ik", label, f"IK {place}", f"FK {place}")
+
+
+_SIDED = ("arm", ("shoulder", "elbow", "wrist"), "hand"), ("leg", ("hip", "knee", "ankle"), "foot")
+LIMBS = tuple(_limb(side, *row) for row in _SIDED for side in ("left", "right"))
 HELPERS = tuple(name for limb in LIMBS for name in (*limb.solved, limb.reach))
 """Hidden bones."""
 CONTROLS = tuple(name for limb in LIMBS for name in limb.keyed)  # Visible bones, besides the joints and the root.
