@@ -124,7 +124,6 @@ def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
 
 
 def _pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) location channel of the pelvis in its own rest axes, in metres."""
     rest = np.array(armature.data.bones[SMPL.joints[0]].matrix_local, dtype=np.float64)
     return (rest_pelvis + motion.transl - rest[:3, 3]) @ rest[:3, :3]
 

@@ -121,7 +121,6 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
 
 
 def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
-    """Return the keys without those that the tolerance does not need."""
     taken = keys.tolist()
     k = 1
     while k < len(taken) - 1:
@@ -179,7 +178,6 @@ def _move(values: np.ndarray, free: np.ndarray, keys: np.ndarray, distance: Dist
 
 
 def _cost(values: np.ndarray, keys: list[int], distance: Distance) -> float:
-    """Return the sum of powers of the distances between the first and the last key."""
     first, stop = keys[0], keys[-1] + 1
     part = values[first:stop]
     found = SparseCurves.fitted(part, np.array(keys) - first).sampled(len(part))
@@ -241,7 +239,6 @@ def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _quaternions(channels: np.ndarray) -> np.ndarray:
-    """Return the (F, J, 4) unit quaternions, normalised as Blender does."""
     quat = channels[:, 3:].reshape(len(channels), -1, 4)
     return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
 

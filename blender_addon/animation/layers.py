@@ -77,7 +77,6 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
 
 
 def _remember_place(obj: bpy.types.Object) -> None:
-    """Store the place of an object and its root control on the take that it plays."""
     take = current_action(obj)
     if take is not None and is_take(take) and take.is_editable:
         take[PLACE] = [float(v) for owner in _placed(obj) for name in _PLACE_FIELDS for v in getattr(owner, name)]

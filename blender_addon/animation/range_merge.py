@@ -20,7 +20,6 @@ _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINE
 
 
 def _read_keys(curve: bpy.types.FCurve) -> Keys:
-    """Return the keys of a curve: ``co`` and handles (K, 2), all others (K, 1)."""
     points = curve.keyframe_points
     keys: Keys = {name: np.empty(width * len(points), np.float32) for name, width in _FLOATS.items()}
     keys |= {name: np.empty(len(points), np.int32) for name in _CHOICES}
@@ -152,7 +151,6 @@ def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> Keys:
 
 
 def _is_constant(old: Keys, new: Keys) -> bool:
-    """Return whether one former key already has the solved value, as for unseen hands."""
     return len(old["co"]) == 1 and bool((new["co"][:, 1] == old["co"][0, 1]).all())
 
 
@@ -170,7 +168,6 @@ def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: Keys, *, before: b
 
 
 def _switch_off(curve: bpy.types.FCurve, times: RangeTimes) -> None:
-    """Pose a limb by FK inside the range, and as before outside."""
     ends = np.array([times.first - times.step, times.first, times.last, times.last + times.step])
     values = np.array([curve.evaluate(ends[0]), 0.0, 0.0, curve.evaluate(ends[3])])
     old = _read_keys(curve)

@@ -95,7 +95,6 @@ def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
 
 
 def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Show the controls that pose each limb in a take: its joints, or its end."""
     if not has_limbs(armature) or not armature.data.is_editable:
         return
     curves = {curve.data_path: curve for curve in action_curves(action)}

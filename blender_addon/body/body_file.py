@@ -184,7 +184,6 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
 
 @lru_cache(maxsize=2)
 def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
-    """Read a body. Another ``state`` of its files is another body."""
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
     if layout.num_joints > SMPL.num_joints and has_fingers(stored, default_hands_path()):
@@ -217,7 +216,6 @@ def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
 
 
 def _state(path: Path) -> tuple[int, int] | None:
-    """Return the time and size of a file, None if it cannot be read, which reading reports."""
     try:
         found = path.stat()
     except OSError:

@@ -62,7 +62,6 @@ def _build_corrective_nodes(name: str, table: Any, joints: Sequence[str], opposi
 
 
 def _chosen(tree: bpy.types.NodeTree, angles: Sequence[bpy.types.NodeSocket]) -> Any:
-    """Return the angles of the joint of each row of the table."""
     chosen = add_node(tree, "GeometryNodeIndexSwitch", data_type="VECTOR")
     for _ in range(len(angles) - len(chosen.index_switch_items)):
         chosen.index_switch_items.new()
@@ -72,7 +71,6 @@ def _chosen(tree: bpy.types.NodeTree, angles: Sequence[bpy.types.NodeSocket]) ->
 
 
 def _sums(name: str) -> bpy.types.NodeTree:
-    """Return nodes that turn each row's angles into the offset by all rows of its vertex."""
     tree = new_tree(name, ("Angles", "IN", "Vector"), ("Sum", "OUT", "Vector"))
     rotation = add_node(tree, "FunctionNodeEulerToRotation", tree.nodes.new("NodeGroupInput").outputs[0]).outputs[0]
     inputs = {"Value": _displacement(tree, rotation), "Group ID": attribute(tree, VERTEX, "INT")}
@@ -197,7 +195,6 @@ def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.nda
 
 
 def _mirror_of(vertices: np.ndarray) -> np.ndarray | None:
-    """Return (V,) the index of each vertex's mirror image, None if one has none."""
     keys = np.round(vertices / _SAME_PLACE_M).astype(np.int64)
     order, other = np.lexsort(keys.T), np.lexsort((keys * [-1, 1, 1]).T)
     if np.abs(vertices[order] - vertices[other] * _FLIP).max() > _SAME_PLACE_M:
@@ -220,13 +217,11 @@ def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray,
 
 
 def _in_bone_axes(table: CorrectiveTable, C: np.ndarray) -> np.ndarray:
-    """Return (N, 3, 3, 3): the table for skin in the armature's axes and rotations in the bones' axes ``C``."""
     axes = C[table.joint]
     return np.einsum("kc,ncab,nia,njb->nkij", R_ARMATURE_BODY, table.directions, axes, axes, optimize=True)
 
 
 def _table_object(name: str, table: CorrectiveTable, turned: np.ndarray, joints: list[int]) -> bpy.types.Object:
-    """Return the table as hidden points that count ``joints``."""
     data = bpy.data.meshes.new(name)
     data.vertices.add(len(table.joint))
     data.vertices.foreach_set("co", turned[:, :, IN_POSITION[0], IN_POSITION[1]].astype(np.float32).ravel())

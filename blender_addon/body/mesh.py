@@ -57,7 +57,6 @@ def _matched(count: int, first: list[int], second: list[int]) -> list[int]:
 
 
 def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return for each inner edge its two triangles and the (E, 4) quadrilateral around both."""
     start, end = faces.ravel(order="F"), np.roll(faces, -1, axis=1).ravel(order="F")
     apex = np.roll(faces, -2, axis=1).ravel(order="F")
     owner = np.tile(np.arange(len(faces)), 3)
@@ -72,7 +71,6 @@ def _neighbours(faces: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def _cost(vertices: np.ndarray, quads: np.ndarray) -> np.ndarray:
-    """Return (E,) the deviation of each quadrilateral from flat and rectangular, 1 at the limit of either."""
     corners = vertices[quads]
     ahead, back = np.roll(corners, -1, axis=1) - corners, np.roll(corners, 1, axis=1) - corners
     cosine = (ahead * back).sum(-1) / np.maximum(np.linalg.norm(ahead, axis=-1) * np.linalg.norm(back, axis=-1), 1e-15)
@@ -112,7 +110,6 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
 
 @once_a_body
 def _polygons(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
-    """Return the body's quadrilaterals and triangles, and the material of each."""
     material = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material
     return pair_triangles(body.v_template, body.faces, np.clip(material, 0, len(BODY_COLOURS) - 1))
 

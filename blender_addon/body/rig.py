@@ -118,7 +118,6 @@ def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Drive
 
 
 def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
-    """Return the bones that move against their parents like a joint against its own, and that joint's index."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     solved = (pair for limb in LIMBS for pair in zip((*limb.solved, limb.reach), limb.joints, strict=True))
     return [*index.items(), *((name, index[joint]) for name, joint in solved)]

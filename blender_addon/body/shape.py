@@ -57,7 +57,6 @@ def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float
 
 
 def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
-    """Return lengths by the stature, and the build: volume by the square of the stature."""
     vertices, joints = body.shaped(betas), dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     stature = float(np.ptp(vertices[:, 1]))
     corners = vertices[body.faces]
@@ -94,7 +93,6 @@ def _reach(body: BodyFile, vertices: np.ndarray, joints: tuple[str, ...], axis: 
 
 
 def _radius(body: BodyFile, vertices: np.ndarray, joints: dict[str, np.ndarray], joint: str, end: str) -> float:
-    """Return the mean distance of a limb's skin from its bone."""
     skin = _skin_of(body, vertices, (joint,)) - joints[joint]
     along = joints[end] - joints[joint]
     length = float(np.linalg.norm(along))

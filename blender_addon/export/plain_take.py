@@ -230,7 +230,6 @@ def is_body(take: ExportTake) -> bool:
 
 
 def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
-    """Write sampled rotations and the path as an action of the copy, the travel where the layout wants it."""
     target = create_action(plain.name, plain.armature)
     turns, heads = pose.rotations, pose.heads[:, 0]
     if plain.layout.root != "body":
@@ -263,7 +262,6 @@ def _key_joints(
 
 
 def _key_root(target: CurveTarget, plain: ExportTake, path: GroundPath) -> None:
-    """Key the root bone, which rests at the origin, by the path over the ground."""
     axes, times = np.array(plain.armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3], _times(plain)
     types = key_type_values(None, len(times))
     plain.armature.pose.bones[ROOT].rotation_mode = "QUATERNION"

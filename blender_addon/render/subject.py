@@ -147,7 +147,6 @@ class RenderedTake:
         return np.zeros((frames, 0, 2)), KEYPOINT_DOT
 
     def _by_frame(self, rows: np.ndarray, fps: float) -> np.ndarray:
-        """Return the rows of a recording at the motion's frames, NaN after its end."""
         at = np.round(np.arange(self.motion.num_frames) * fps / self.motion.fps).astype(int)
         shown = np.full((len(at), *rows.shape[1:]), np.nan)
         shown[at < len(rows)] = rows[at[at < len(rows)]]

@@ -86,7 +86,6 @@ class LiveRig:
         return True
 
     def _carried(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[Transferred, list[Channel]]:
-        """Return the motion of the controls in a pose of (J, 3) axis-angles, and their channels."""
         actor = actor_of_poses("", self._own, rotvec[None], transl[None], 1.0, still_fingers=self._moves_fingers)
         done = transfer(actor, self._target, self._A, self._way)
         channels = channels_of(done, self._target, self._modes)

@@ -76,7 +76,6 @@ def _hold_feet(
 
 
 def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the offset of the pelvis (F, 3) and rotations (F, J, 3, 3) with the ankles in their places."""
     bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle, _ in _LEGS]
     ankles = np.stack([foot.ankle for foot in feet])
     hips, reaches = np.stack([p[:, leg[0]] for leg in _LEGS]), np.stack([longest_reach(*bone) for bone in bones])

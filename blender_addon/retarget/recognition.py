@@ -53,7 +53,6 @@ def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
 
 
 def _recognised(skeleton: Skeleton) -> RigMap:
-    """Return the map by structure, or by plausible names if the structure does not show a person."""
     guess = recognise(skeleton)
     if guess.roles or guess.doubts:
         return RigMap(STRUCTURE, guess.roles, doubts=guess.doubts)
@@ -89,7 +88,6 @@ def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
 
 
 def _prefixes(anchor: str, lower: dict[str, str]) -> list[str]:
-    """Return the prefixes before the pelvis's name in a rig, the shortest first."""
     ending = anchor.lower()
     return sorted({name[: len(name) - len(ending)] for name in lower if ending and name.endswith(ending)}, key=len)
 
@@ -161,7 +159,6 @@ def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None
 
 
 def _stated_bones(armature: bpy.types.Object) -> dict[str, str]:
-    """Return the bones by VRM's name, from the file or from the VRM add-on, which need not be enabled."""
     kept = armature.data.get(_STATED)
     if isinstance(kept, str):
         return json.loads(kept)

@@ -91,7 +91,6 @@ def _measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.nda
 
 
 def _estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> float:
-    """Return the height of a sole from joints alone: below the ankle by the leg's length, and below the toe's joint."""
     leg = float(np.linalg.norm(np.diff(heads, axis=0), axis=1).sum())
     below_ankle = heads[2] @ up - _SOLE_SHARE * leg
     return float(below_ankle if toe is None else min(below_ankle, toe @ up - _BELOW_BALL * leg))
@@ -125,7 +124,6 @@ def _legs_of(bones: dict[str, str]) -> list[dict[str, str]]:
 
 
 def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float) -> set[str]:
-    """Return foot and toe, all bones that begin at one of them, and their children."""
     data = armature.data.bones
     starts = [data[leg[part]].head_local for part in ("foot", "toe") if part in leg]
     seeds = {leg["foot"], leg.get("toe", leg["foot"])}
@@ -154,7 +152,6 @@ def _skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str
 
 
 def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, str]:
-    """Return the part of each bone of an armature, "" for none."""
     data, role_of = armature.data.bones, {bone: role for role, bone in bones.items()}
     heads = {role: np.array(data[bone].head_local, np.float64) for role, bone in bones.items() if bone in data}
     rods = _rods(heads)
@@ -181,7 +178,6 @@ def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarra
 
 
 def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], within: float) -> str | None:
-    """Return the part of the nearest rod within a distance, None if there is none."""
     found, least = None, within
     for part, start, end in rods:
         way = end - start
@@ -233,7 +229,6 @@ def stand_on_stage(
 
 
 def _sole(armature: bpy.types.Object, bones: dict[str, str], up: np.ndarray) -> tuple[float, str]:
-    """Return the height of the soles along ``up`` in the armature's units, and its source."""
     data, legs = armature.data.bones, _legs_of(bones)
     if not legs:
         return 0.0, "joints"

@@ -59,7 +59,6 @@ def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> lis
 
 
 def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
-    """Return a rotation, given as (F, 3, 3) and as (F, 4), in a bone's mode."""
     if mode == "QUATERNION":
         return Channel(bone, "rotation_quaternion", quat)
     if mode == "AXIS_ANGLE":

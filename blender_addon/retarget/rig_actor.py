@@ -114,7 +114,6 @@ def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float
 
 
 def _own_rest() -> np.ndarray:
-    """Return the (24, 3) joints of our body at rest on the stage."""
     body = read_body(default_body_path())
     return body.rest_joints(np.zeros(body.shapedirs.shape[-1])) @ R_ARMATURE_BODY.T
 
@@ -226,7 +225,6 @@ def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarr
 
 
 def _read_contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
-    """Return the contacts in the motion file of a take, if it still exists and has as many frames."""
     try:
         motion = read_motion(take_file(action, "motion_file"))
     except (MocapError, OSError):

@@ -96,7 +96,6 @@ def write_map(path: Path, rig_map: RigMap, *, overwrite: bool = False) -> None:
 
 
 def _flat(bones: dict[str, Any], sides: list[str]) -> Iterator[tuple[str, str]]:
-    """Yield role and bone: lists become numbered roles, ``{side}`` the words of both sides."""
     for part, name in bones.items():
         if part in CHAINS:
             yield from ((f"{part}_{i + 1}", str(bone)) for i, bone in enumerate(name))

@@ -20,7 +20,6 @@ from .rig_map import RigMap
 
 
 def _constraint_ring(armature: bpy.types.Object) -> list[str]:
-    """Return the bones of a ring in which each waits for the next by parents and constraints, empty for none."""
     waits: dict[str, set[str]] = defaultdict(set)
     for bone in armature.pose.bones:
         if bone.parent is not None:
@@ -35,7 +34,6 @@ def _constraint_ring(armature: bpy.types.Object) -> list[str]:
 
 
 def _object_ring(obj: bpy.types.Object) -> list[str]:
-    """Return the objects of a ring of parents and constraints with an object, empty for none."""
     waits: dict[str, set[str]] = {}
     todo = [obj]
     while todo:
@@ -50,7 +48,6 @@ def _object_ring(obj: bpy.types.Object) -> list[str]:
 
 
 def _ring_in(waits: Mapping[str, set[str]]) -> list[str]:
-    """Return names of which each waits for the next, empty for none."""
     try:
         TopologicalSorter(waits).prepare()
     except CycleError as ring:
@@ -59,7 +56,6 @@ def _ring_in(waits: Mapping[str, set[str]]) -> list[str]:
 
 
 def _targets(constraint: bpy.types.Constraint, armature: bpy.types.Object) -> set[str]:
-    """Return the bones of this armature that a constraint uses."""
     found = set()
     for holder, name in (("target", "subtarget"), ("pole_target", "pole_subtarget")):
         if getattr(constraint, holder, None) == armature:
@@ -137,7 +133,6 @@ def _check_object(armature: bpy.types.Object) -> None:
 
 
 def _scale(armature: bpy.types.Object) -> float:
-    """Return the scale of the armature in the world."""
     scale = float(even_scale(armature.matrix_world))
     if np.isnan(scale):
         hint = "Give it and its parents the same scale in all directions; moved, turned and mirrored it may be."
@@ -146,7 +141,6 @@ def _scale(armature: bpy.types.Object) -> float:
 
 
 def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str]) -> dict[str, str]:
-    """Return the bones of the map that the rig has and that are not locked."""
     there = armature.pose.bones
     absent = [f"{bone} ({role})" for role, bone in rig_map.bones.items() if bone not in there]
     if absent:

@@ -133,7 +133,6 @@ def _lens_notes(source: CameraFile) -> list[str]:
 
 
 def _ground_points(capture: CaptureFile) -> np.ndarray:
-    """Return the (N, 3) positions of the cameras and the markers in metres."""
     centres = np.array([-source.R.T @ source.t for source in capture.cameras]).reshape(-1, 3)
     markers = np.zeros((0, 3)) if capture.markers is None else capture.markers.reshape(-1, 3)
     return np.concatenate([centres, markers])
@@ -162,7 +161,6 @@ def replace_stage(
 def _kept(
     scene: bpy.types.Scene, old: bpy.types.Object | None, new: bpy.types.Object, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Return the object that stays: the old one with the new contents, or the new one moved to the old collection."""
     if old is None:
         for home in tuple(new.users_collection):
             home.objects.unlink(new)
@@ -189,7 +187,6 @@ def _kept(
 
 
 def _take_view(camera: bpy.types.Object, former: bpy.types.Camera) -> None:
-    """Keep the user's footage opacity and display size of a camera."""
     camera.data.display_size = former.display_size
     if FOOTAGE_RATE in camera.data and former.background_images:
         camera.data.background_images[0].alpha = former.background_images[0].alpha

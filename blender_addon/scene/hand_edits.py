@@ -65,7 +65,6 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
-    """Return the (F, 3 + 4 J) channels of the solved motion, interpolated like the take between its keys."""
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     channels = pose_channels(with_own_hands(motion, body), armature, body.rest_joints(motion.betas)[0])
     path, _, _ = next(pose_columns())
@@ -96,7 +95,6 @@ def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], b
 
 
 def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether a control of fingers is turned in any frame."""
     for path, name in control_paths(armature):
         for axis in (0, 2):
             values = [armature.pose.bones[name].rotation_euler[axis]]

@@ -100,12 +100,10 @@ class LiveFigure:
 
 
 def _grades(metres: np.ndarray, bounds: tuple[float, ...]) -> np.ndarray:
-    """Return the colour index of each distance or deviation, 0 for NaN."""
     return np.digitize(np.where(np.isnan(metres), -1.0, metres), bounds)
 
 
 def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
-    """Show (N, 3) points in their colours in an overlay of ``MOST_POINTS``, and return whether it exists."""
     cloud = bpy.data.objects.get(name)
     if cloud is None or cloud.type != "MESH" or len(cloud.data.vertices) != MOST_POINTS:
         return False

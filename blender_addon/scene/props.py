@@ -65,7 +65,6 @@ def _create_prop(
 
 
 def _edges(points: np.ndarray) -> list[tuple[int, int]]:
-    """Return the pairs of markers that are joined: each with the nearest others."""
     away = np.linalg.norm(points[:, None] - points, axis=-1)
     near = np.argsort(away, axis=1)[:, 1 : 1 + _EDGES]
     return [(a, b) for a, b in combinations(range(len(points)), 2) if b in near[a] or a in near[b]]

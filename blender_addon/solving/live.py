@@ -155,7 +155,6 @@ def read_pose_line(line: str) -> LivePose | None:
 
 
 def _count(value: Any) -> int:
-    """Return a number of things, 0 for anything else."""
     found = _number(value)
     return 0 if math.isnan(found) else max(int(found), 0)
 
@@ -168,13 +167,11 @@ def _metres(values: Any, count: int) -> np.ndarray:
 
 
 def _number(value: Any) -> float:
-    """Return a finite number, NaN for anything else."""
     found = _numbers(value, 1)
     return math.nan if found is None else float(found[0])
 
 
 def _by_name(values: Any, low: float = -math.inf, high: float = math.inf) -> dict[str, float]:
-    """Return the numbers of an object that are in a range, by name."""
     pairs = values.items() if isinstance(values, dict) else ()
     found = {plain(str(name)): _number(value) for name, value in pairs}
     return {name: value for name, value in found.items() if low <= value <= high}

@@ -187,7 +187,6 @@ def probe_python(python: Path | None) -> PythonFound:
 
 
 def _ask(python: str, program: str, environment: Mapping[str, str]) -> subprocess.CompletedProcess[str]:
-    """Run a program by a Python."""
     words, no_input = [python, "-c", program], subprocess.DEVNULL
     return subprocess.run(
         words, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False, env=environment, stdin=no_input

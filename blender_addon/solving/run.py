@@ -126,7 +126,6 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
 
 
 def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
-    """Return the error event of a process that ended without a message."""
     if cancelled:
         return Cancelled("The work was cancelled.").as_event()
     how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"

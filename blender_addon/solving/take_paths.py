@@ -99,6 +99,5 @@ def _holds_cameras(folder: Path) -> bool:
 
 
 def _holds_frames(folder: Path) -> bool:
-    """Return whether a folder holds one camera's detections: numbered JSON files."""
     numbered = (path for path in folder.glob("*.json") if re.search(r"\d", path.stem))
     return len(list(islice(numbered, 2))) > 1

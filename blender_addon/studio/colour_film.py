@@ -220,7 +220,6 @@ def _set_up(folder: Path, record: ShotRecord, scene: bpy.types.Scene, stand_in: 
 def _cast(
     folder: Path, capture: CaptureFile, dressed: SceneFile, collection: bpy.types.Collection, rng: np.random.Generator
 ) -> Place:
-    """Add the person and the markers, and return the function that poses both."""
     motion, own = read_motion(folder / "motion.npz"), folder / "body.npz"
     body = read_body(own if own.is_file() else body_path_of(motion.provenance), motion.body_layout)
     person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), collection)
@@ -239,7 +238,6 @@ def _cast(
 
 
 def _sun(rng: np.random.Generator) -> np.ndarray:
-    """Return the direction of Workbench's sun, with its second axis up."""
     direction = np.array([rng.uniform(-0.5, 0.5), 1.0, rng.uniform(-0.5, 0.5)])
     return direction / np.linalg.norm(direction)
 

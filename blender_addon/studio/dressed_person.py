@@ -81,7 +81,6 @@ def person_colours(scene: SceneFile, rng: np.random.Generator) -> np.ndarray:
 
 
 def _skin(tone: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """Return skin with slightly redder and darker spots."""
     blotch = np.sin(rest[:, 0] * 31 + 2) * np.sin(rest[:, 1] * 27) * np.sin(rest[:, 2] * 29 + 1)
     return tone * (1 + 0.06 * blotch[:, None] * [0.3, 1.0, 1.0])
 

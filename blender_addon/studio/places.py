@@ -107,7 +107,6 @@ def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float
 
 
 def _step(error: np.ndarray, limits_mm: tuple[float, float]) -> np.ndarray:
-    """Return the colour index of each error, ``_STEPS`` for NaN."""
     low, high = limits_mm
     share = (error - low) / max(high - low, 1e-9)
     step = np.clip(np.nan_to_num(share) * _STEPS, 0, _STEPS - 1).astype(int)
@@ -115,7 +114,6 @@ def _step(error: np.ndarray, limits_mm: tuple[float, float]) -> np.ndarray:
 
 
 def _material(step: int, limits_mm: tuple[float, float]) -> bpy.types.Material:
-    """Return a material from blue over yellow to red for the viewport and for renders."""
     low, high = limits_mm
     share = step / (_STEPS - 1)
     if step == _STEPS:

@@ -95,7 +95,6 @@ def _wall_paint(rng: np.random.Generator):
 def _make_plane(
     name: str, start: np.ndarray, u: np.ndarray, v: np.ndarray, size: np.ndarray, paint: Paint
 ) -> bpy.types.Object:
-    """Return a rectangle of squares along two axes from a corner of the room."""
     lengths = float(np.abs(u @ size)), float(np.abs(v @ size))
     counts = [int(np.clip(round(length / _TILE_M), 1, _MOST_TILES)) for length in lengths]
     i, j = (grid.ravel() for grid in np.meshgrid(np.arange(counts[0] + 1), np.arange(counts[1] + 1), indexing="ij"))

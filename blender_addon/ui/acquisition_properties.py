@@ -123,7 +123,6 @@ class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
 
 
 def _paths(*words: str) -> list[str]:
-    """Return an option and a stored path as words of a command line, none for an empty path."""
     return [*words[:-1], str(file_of(words[-1]))] if words[-1] else []
 
 

@@ -285,7 +285,6 @@ def _is_kept(link: _Link, path: Path) -> bool:
 
 
 def _is_free(new: Path, old: Path) -> bool:
-    """Return whether a path is free or has the same content."""
     import filecmp
 
     return not new.exists() or filecmp.cmp(old, new, shallow=False)

@@ -196,7 +196,6 @@ def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) 
 
 
 def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    """Map the bones of a new target if they can be recognised."""
     from ..retarget.recognition import map_rig, user_presets_folder
 
     self.table.clear()

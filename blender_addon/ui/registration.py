@@ -33,7 +33,6 @@ Registrable = tuple[Callable[[], Any], Callable[[], Any]]  # Register one thing,
 
 
 def _classes(*modules: ModuleType) -> list[Registrable]:
-    """Return the Blender classes that modules define, in their order; mixins are none."""
     found = [cls for module in modules for cls in vars(module).values() if _is_defined_in(module, cls)]
     return [_class(cls) for cls in dict.fromkeys(found)]
 
@@ -47,7 +46,6 @@ def _class(cls: type) -> Registrable:
 
 
 def _listed(owner: Any, function: Callable[..., None]) -> Registrable:
-    """Add a handler to a list, or a function that draws to a menu."""
     return lambda: owner.append(function), lambda: owner.remove(function)
 
 

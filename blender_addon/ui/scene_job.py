@@ -70,7 +70,6 @@ def prepare_job(
 
 
 def _take_folder(scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, source: Path) -> Path:
-    """Return the folder of the next take. A motion without a recording gets a folder outside its library."""
     folder = source.parent
     if not capture.file:
         own = files_folder(scene)

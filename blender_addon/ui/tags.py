@@ -29,7 +29,6 @@ def give_tag(owner: bpy.types.ID | None) -> str:
 
 
 def _find_object(scene: bpy.types.Scene, tag: str) -> bpy.types.Object | None:
-    """Return an object by its tag, None if it was deleted. Of several copies, prefer the last found and local ones."""
     if not tag:
         return None
     known = scene.objects.get(_names.get(tag, ""))

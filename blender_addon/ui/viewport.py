@@ -98,7 +98,6 @@ def colour_markers(scene: bpy.types.Scene) -> None:
 
 
 def _draw(kind: str, primitive: str, content: dict[str, Any], uniforms: dict[str, Any], indices: Any = None) -> None:
-    """Draw primitives by one of Blender's shaders."""
     import gpu  # pyright: ignore[reportMissingImports]
     from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
 
@@ -178,7 +177,6 @@ def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy
 
 
 def _draw_bands() -> None:
-    """Draw bands on the timeline under the frames to review."""
     from ..review.colours import doubtful_bands
 
     context = bpy.context

@@ -75,7 +75,6 @@ def _add_limb_shapes(
     owner: np.ndarray,
     shapes: dict[str, bpy.types.Object],
 ) -> None:
-    """Show a box around the hand or foot, a diamond at the pole, and a wide ring for each turn."""
     bones, end = armature.pose.bones, layout.joints.index(limb.joints[2])
     rest = np.array(armature.data.bones[limb.control].matrix_local, np.float64)
     below = {end}
@@ -114,7 +113,6 @@ def _extent(
 
 
 def _rounded(power: float, plane: tuple[int, int], share: float = 1.0) -> np.ndarray:
-    """Return (N, 3) points of the curve |a|^power + |b|^power = 1 in a plane of two axes, or its first part."""
     angle = np.linspace(0.0, 2 * np.pi * share, _SEGMENTS + 1)
     points = np.zeros((len(angle), 3))
     for axis, value in zip(plane, (np.cos(angle), np.sin(angle)), strict=True):
@@ -123,7 +121,6 @@ def _rounded(power: float, plane: tuple[int, int], share: float = 1.0) -> np.nda
 
 
 def _polyline(*points: tuple[float, float], plane: tuple[int, int] = (0, 1), at: float = 0.0) -> np.ndarray:
-    """Return (N, 3) points in a plane of two axes, ``at`` along the third."""
     line = np.full((len(points), 3), float(at))
     line[:, list(plane)] = points
     return line
@@ -145,7 +142,6 @@ _SHAPES: dict[str, tuple[np.ndarray, ...]] = {
 
 
 def _wire(name: str, curves: Sequence[np.ndarray], collection: bpy.types.Collection) -> bpy.types.Object:
-    """Return a hidden object of edges alone, one polyline per curve."""
     vertices, edges = [], []
     for points in curves:
         first = len(vertices)

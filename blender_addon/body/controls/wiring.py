@@ -31,7 +31,6 @@ def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
 
 
 def _rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
-    """Return the (3,) position of a limb's pole at rest."""
     upper, lower, _ = (layout.heads[JOINTS.index(joint)] for joint in limb.joints)
     return lower + _POLE_DISTANCE * np.linalg.norm(lower - upper) * _AHEAD[limb.kind]
 
@@ -59,7 +58,6 @@ def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
 
 
 def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.EditBone) -> bpy.types.EditBone:
-    """Add a bone in the place of a joint's."""
     bone, like = data.edit_bones.new(name), data.edit_bones[joint]
     bone.head, bone.tail, bone.roll = like.head, like.tail, like.roll
     bone.parent = parent
@@ -109,7 +107,6 @@ def _pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> f
 
 
 def _follow(armature: bpy.types.Object, joint: str, leader: str, limb: Limb) -> None:
-    """Let a joint turn like its leader by the value of the limb's switch."""
     copy = armature.pose.bones[joint].constraints.new("COPY_ROTATION")
     copy.name, copy.target, copy.subtarget = FOLLOW, armature, leader
     copy.owner_space = copy.target_space = "POSE"
@@ -168,7 +165,6 @@ def wire_finger_controls(armature: bpy.types.Object) -> None:
 def _follow_turn(
     armature: bpy.types.Object, joint: bpy.types.PoseBone, name: str, control: str, axis: str, share: float
 ) -> None:
-    """Add a share of a control's turn about an axis to a joint's own."""
     follow = joint.constraints.new("TRANSFORM")
     follow.name, follow.target, follow.subtarget = name, armature, control
     follow.owner_space = follow.target_space = "LOCAL"

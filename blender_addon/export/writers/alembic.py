@@ -61,7 +61,6 @@ def _sample(take: ExportTake, files: list[Path]) -> None:
 
 
 def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bpy.types.Collection) -> bpy.types.Object:
-    """Return a copy of an evaluated mesh that plays a point cache."""
     evaluated = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
     copy = bpy.data.objects.new(mesh.name, bpy.data.meshes.new_from_object(evaluated))
     collection.objects.link(copy)

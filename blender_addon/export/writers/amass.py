@@ -65,7 +65,6 @@ def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarr
 
 
 def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
-    """Convert (F, 30, 3) axis-angles of fingers from a body's rest to a flat hand."""
     hands = read_arrays(default_hands_path(), required=("body_id", "flat"))
     if body != str(hands["body_id"]):
         return rotvec
@@ -73,14 +72,12 @@ def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
 
 
 def _require_own_size(take: ExportTake) -> None:
-    """Check that the world shows the body as large as its shape states."""
     if abs(take.metres_a_unit * uniform_scale(take) - 1) > _SCALED:
         hint = "AMASS knows no scale: set it, and its parents', to 1."
         raise NothingToExport("The armature is scaled.", where=take.name, hint=hint)
 
 
 def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (10,) betas that the body shows, and the (3,) pelvis of that shape at rest in the body's frame."""
     if "betas" not in take.armature:
         hint = "AMASS describes a body's shape: export an armature that this add-on baked."
         raise NothingToExport("The armature does not state its body and shape.", where=take.name, hint=hint)

@@ -45,7 +45,6 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
 
 @contextmanager
 def _whole_paths(take: ExportTake) -> Iterator[None]:
-    """Use absolute paths for the take's files while the block runs."""
     action = current_action(take.armature)
     if action is None or not action.is_editable:
         yield

@@ -43,7 +43,6 @@ def channels(pose: PoseSamples) -> np.ndarray:
 
 
 def _hierarchy(pose: PoseSamples, j: int, depth: int) -> list[str]:
-    """Return the lines of a joint and all below it."""
     indent, inner = "\t" * depth, "\t" * (depth + 1)
     parent = pose.parents[j]
     # Some readers add the root's offset to its position, others do not: it is zero.

@@ -55,7 +55,6 @@ def actor_of_bones(
 
 
 def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the skin by part in the pose of our body at rest: ``J_j + A_c (v - r_c)``."""
     index = {role: c for c, role in enumerate(rest.roles)}
     carried_by = {part: "pelvis" if part == "trunk" else part for part in rest.skin}
     return {
@@ -66,7 +65,6 @@ def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.nda
 
 
 def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
-    """Return the (F, 24, 3, 3) rotations of the joints, interpolated for missing ones."""
     G = np.empty((frames, len(PARENTS), 3, 3))
     line = np.stack([own["pelvis"], *(own[role] for role in chain_roles(dict.fromkeys(own, ""), "spine"))])
     trunk = Trunk(np.linspace(0.0, 1.0, len(line)), line)
@@ -106,7 +104,6 @@ def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -
 
 
 def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
-    """Return the size of the figure by our body's: the ratio of all lengths of common bones."""
     theirs = own = 0.0
     for a, b in _BONES:
         if a in known and b in known:
@@ -116,7 +113,6 @@ def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
 
 
 def _contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, 2) bool: the left and right ball of the foot are low and still."""
     balls, leg = [10, 11], float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
     down = joints[:, balls, 2] < rest[balls, 2] + _STANDING * leg
     if len(joints) < 2:

@@ -183,7 +183,6 @@ def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
 
 
 def _runs(mask: np.ndarray) -> np.ndarray:
-    """Return (R, 2) first frames and ends of the true ranges."""
     edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
     return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
 
@@ -257,7 +256,6 @@ def hips_of(target: Target, places: np.ndarray) -> np.ndarray:
 
 
 def _top(target: Target, chest: int) -> np.ndarray:
-    """Return the (3,) end of the trunk: neck, head or the middle of the shoulders."""
     for role in ("neck_1", "head"):
         if (top := target.index(role)) >= 0:
             return target.heads[top]
@@ -312,7 +310,6 @@ def _fingers(target: Target, side: str) -> list[int]:
 
 
 def _directions(target: Target, fingers: list[int]) -> np.ndarray:
-    """Return the (B, 3) unit vectors along finger bones of a rig at rest."""
     places = dict(zip(target.roles, target.heads, strict=True))
     return np.array([_along(places, target.roles[finger]) for finger in fingers])
 

@@ -68,7 +68,6 @@ def _hand_places(
 
 
 def _tips_of_actor(hand: Hand) -> dict[str, np.ndarray]:
-    """Return the (F, 3) tips of the fingers from the wrist, in the hand's axes, by finger."""
     tips = {}
     for finger, rows in _rows_by_finger(hand.roles).items():
         start = np.broadcast_to(hand.starts[rows[0]], (hand.bends.shape[1], 3))
@@ -77,7 +76,6 @@ def _tips_of_actor(hand: Hand) -> dict[str, np.ndarray]:
 
 
 def _tips_of_target(target: Target, hand: int, side: str, turns: np.ndarray) -> dict[str, np.ndarray]:
-    """Return the (F, 3) tips of the fingers from the wrist, by finger."""
     controls = np.array([c for c, role in enumerate(target.roles) if role.startswith(f"{side}_")])
     tips = {}
     for finger, rows in _rows_by_finger(tuple(target.roles[c] for c in controls)).items():
@@ -218,7 +216,6 @@ class Solid:
 def _solids_of(
     heads: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray], skin: Mapping[str, np.ndarray]
 ) -> dict[str, Solid]:
-    """Return the parts with known skin."""
     found = {}
     for name, part in PARTS.items():
         if not {part.turned_by, part.start, part.end or part.start} <= heads.keys() or part.skin not in skin:
@@ -234,7 +231,6 @@ def _solids_of(
 def _solid(
     part: Part, points: np.ndarray, start: np.ndarray, end: np.ndarray, joint: np.ndarray, turn: np.ndarray
 ) -> Solid | None:
-    """Return a part, None if too much of its skin is missing."""
     length = float(np.linalg.norm(end - start))
     if length < 1e-6:
         return None

@@ -81,7 +81,6 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
 
 
 def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
-    """Return the (N, F, 3, 3) rotations of all controls, at rest if no joint turns them."""
     turns = np.broadcast_to(np.eye(3), (len(target.names), actor.num_frames, 3, 3)).copy()
     trunk, heights = actor.trunk or limbs.trunk_of(actor), dict(limbs.spine_heights(target))
     for c, role in enumerate(target.roles):
@@ -128,7 +127,6 @@ def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
 
 
 def _carried(target: Target, carrier: int) -> np.ndarray:
-    """Return a mask (N,) of the controls that the carrier moves, itself included."""
     carried = np.zeros(len(target.names), dtype=bool)
     for c, m in enumerate(target.moves_with):
         carried[c] = c == carrier or (m >= 0 and carried[m])
@@ -147,7 +145,6 @@ def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dic
 
 
 def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the turned upper and lower bone (F, 3) of a limb."""
     upper, lower, end = bones
     heads = target.heads
     return turns[upper] @ (heads[lower] - heads[upper]), turns[lower] @ (heads[end] - heads[lower])
@@ -179,7 +176,6 @@ def _bend_limbs(
 
 
 def _follow_limbs(actor: Actor, target: Target, turns: np.ndarray, places: np.ndarray, A: np.ndarray) -> None:
-    """Move the controls of IK limbs to the limbs."""
     for c, role in enumerate(target.roles):
         side, _, part = role.partition("_")
         if part not in HELPER_OF:
@@ -212,6 +208,5 @@ def _pole(
 
 
 def _hinge_axis(actor: Actor, limb: str) -> np.ndarray:
-    """Return the (3,) anatomical hinge axis of a limb of the actor at rest."""
     start, middle = (actor.rest[JOINT_OF[role]] for role in LIMBS[limb][:2])
     return limb_frame(middle - start, anatomical_axis(middle - start, limb.endswith("arm")))[:, 1]

@@ -101,7 +101,6 @@ def restore_cameras(self: Any, context: bpy.types.Context) -> Steps:
 def _replace_cameras(
     scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: CaptureResult
 ) -> bpy.types.PropertyGroup:
-    """Replace a capture's cameras with those of another file, and return the capture's settings."""
     from .import_results import take_capture
 
     source = capture.source
@@ -265,7 +264,6 @@ class MOCAP_OT_read_again(MocapOperator, bpy.types.Operator):
 
 
 def _group_of(context: bpy.types.Context, option: str) -> bpy.types.PropertyGroup:
-    """Return the group with a reading option. Synchronisation is also a setting of the solve."""
     settings = context.scene.mocap
     return settings.solve if option == "sync" else settings.reading
 

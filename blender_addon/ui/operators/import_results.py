@@ -117,7 +117,6 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
 
 
 def _existing(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.types.Object | None]:
-    """Return the existing objects of a capture that was read again, in the order of the new stage."""
     items = {item.name: item for item in capture.cameras}
     cameras = [items.get(camera.data[CAMERA_NAME]) for camera in stage.cameras]
     views = dict(zip(stage.cameras, cameras, strict=True))
@@ -164,7 +163,6 @@ def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
 
 
 def _take_people(capture: bpy.types.PropertyGroup, people: list[PersonSummary]) -> None:
-    """Keep the people of a capture. Known people keep their body and the name from the user."""
     names = {person.key: person.name for person in capture.people}
     while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
         capture.people.remove(len(capture.people) - 1)

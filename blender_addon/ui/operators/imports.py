@@ -119,7 +119,6 @@ class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, choose_file(MOT
 
 
 def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: BakeSettings, *paths: Path | None) -> str:
-    """Bake one of our motions, with its capture and body files if they are given."""
     from .import_results import add_motion, set_up_said
 
     take = add_motion(context, file, settings, *paths)

@@ -124,7 +124,6 @@ class CurrentLive:
         return None if self.run is None else _INTERVAL_S
 
     def _reshape(self, run: LiveRun, figure: LiveFigure) -> None:
-        """Update the shape of body and character, and stop the run if the rig does not suit it."""
         assert run.betas is not None
         figure.reshape(run.betas)
         try:
@@ -167,7 +166,6 @@ ALONE = Need("Live is running; stop it first", lambda context: not live.busy)
 
 
 def _source_of(scene: bpy.types.Scene) -> str:
-    """Return the recording to replay: the chosen one, or the capture's if it has markers."""
     capture = scene.mocap.capture
     return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
 
@@ -206,7 +204,6 @@ def live_start(self: MocapOperator, context: bpy.types.Context) -> None:
 
 
 def _character(operator: MocapOperator, context: bpy.types.Context, body: BodyFile) -> LiveRig:
-    """Return the target of the retargeting as a live rig."""
     import numpy as np
 
     from ...retarget.live_rig import LiveRig
@@ -226,7 +223,6 @@ def _has_poses(scene: bpy.types.Scene) -> bool:
 
 
 def _file_or_program(context: bpy.types.Context) -> LiveRun:
-    """Start a run of a recording, a motion, or another program's poses or face."""
     from ..._exchange.motion_file import is_motion
     from ...solving.live import start_live
 
@@ -250,7 +246,6 @@ def _file_or_program(context: bpy.types.Context) -> LiveRun:
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
-    """Start a run of cameras."""
     from ...solving.live import SENSORS_GRACE_S, start_live
 
     scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
@@ -350,7 +345,6 @@ def calibrate_sensors(self: MocapOperator, context: bpy.types.Context) -> Steps:
 
 
 def _keep_recording(scene: str, part: str, recorded: str) -> None:
-    """Store the folder of a finished recording in the settings of the sensor array."""
     found = bpy.data.scenes.get(scene)
     if found is not None and recorded:
         setattr(found.mocap.sensors, PARTS[part][2], recorded)

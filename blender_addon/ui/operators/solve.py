@@ -76,7 +76,6 @@ def solve(self: Any, context: bpy.types.Context) -> Steps:
 
 
 def _ask_about_edits(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-    """Ask about edits inside the range, if there are any."""
     try:
         frames = edited_in_range(context)
     except MocapError:

@@ -26,7 +26,6 @@ _BENCHMARK_WIDTH = 400
 
 
 def _film(description: Path, out: Path, *more: str) -> Call:
-    """Return the command line that films a description in a second Blender."""
     words = [str(description), "--out", str(out), *more]
     return Call("studio", words, description.parent, through_blender=True, of_capture=False)
 
@@ -207,7 +206,6 @@ def _motion(context: bpy.types.Context) -> str:
 
 
 def _array(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the chosen camera array as a description states it."""
     from ...studio.scene_file import array_of_scene
     from ..scene_job import capture_file
 

@@ -148,7 +148,6 @@ def draw_video_settings(layout: bpy.types.UILayout, context: bpy.types.Context) 
 
 
 def _results(context: bpy.types.Context, folder: Path, name: str) -> Path:
-    """Return the folder of results: in the folder of the videos, or of captures if that cannot be written to."""
     try:
         return usable(folder / name)
     except OutputNotWritable:
@@ -162,7 +161,6 @@ def _with_reports(results: Path) -> list[Path]:
 
 
 def _changed(folder: Path) -> int:
-    """Return the time of the latest report of a take's steps, 0 if there is none."""
     from ...solving.road_file import NAME
 
     try:

@@ -58,7 +58,6 @@ def _draw_takes(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, t
 
 
 def _draw_worst(layout: bpy.types.UILayout, settings: MocapReview, frame: int) -> None:
-    """Draw the number of joints without a measurement, and the joint with the lowest confidence."""
     from ...animation.lanes import current_confidence, resting_bones, sigma_of
 
     resting = resting_bones(settings.armature, frame)

@@ -85,7 +85,6 @@ def draw_rate_button(self: bpy.types.Header | bpy.types.Panel, context: bpy.type
 
 
 def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
-    """Draw the take with its error, the ranges to review, and the problems and warnings with a remedy."""
     from ...animation.takes import ERROR, warnings_of_take
     from ...review.ranges import doubtful_ranges
 
@@ -110,7 +109,6 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
 
 
 def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
-    """Draw the next step of the stage: import a capture, or solve it."""
     has_capture, waits = bool(settings.capture.file), settings.review.armature is None
     if settings.stage in ("CAPTURE", "SOLVE") and has_capture:
         draw_solve(layout, context)

@@ -124,7 +124,6 @@ def _draw_outcome(box: bpy.types.UILayout, context: bpy.types.Context, solved: S
 
 
 def _facts(solved: Any) -> Iterator[tuple[str, str]]:
-    """Yield lines about a solve with their icons."""
     if solved.get("fps"):
         seconds = solved["frames"] / solved["fps"]
         yield f"{counted(solved['frames'], 'frame')}, {seconds:.1f} s at {solved['fps']:g} fps", "TIME"

@@ -86,7 +86,6 @@ def _draw_detector(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
 
 
 def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str, step: MocapVideoStep | None) -> None:
-    """Draw the row of a step, and its results if it is open."""
     box = layout.box()
     row, icon = box.row(align=True), "LAYER_USED"
     if step is not None:
