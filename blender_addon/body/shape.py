@@ -8,7 +8,7 @@ import numpy as np
 from .._exchange.errors import BodyInvalid
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.datablocks import MANNEQUIN_COLOUR, create_material
-from ..conventions.naming import MANNEQUIN, PERSON_LOOK
+from ..conventions.naming import MANNEQUIN
 from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile, once_a_body
 from .layout import shape_directions
@@ -215,14 +215,6 @@ def show_look(mesh: bpy.types.Object, look: str) -> None:
         own = own or create_material(_MATERIAL, MANNEQUIN_COLOUR)
         for slot in empty:
             slot.material = own
-
-
-def look_of(mesh: bpy.types.Object) -> str:
-    """Return the look of a body, one of ``LOOKS``."""
-    key = look_key(mesh)
-    if key is not None:
-        return MANNEQUIN if key.value > 0.5 else PERSON_LOOK
-    return MANNEQUIN if any(slot.link == "OBJECT" for slot in mesh.material_slots) else PERSON_LOOK
 
 
 def bodies_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:

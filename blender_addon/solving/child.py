@@ -36,16 +36,15 @@ class SolverProcess:
         self._cancelled_at: float | None = None
         pipe = subprocess.PIPE
         try:
-            self._process = subprocess.Popen(
-                list(command), env=dict(environment), cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe,
-                encoding="utf-8", errors="replace", creationflags=_NO_WINDOW,
-            )  # fmt: skip
+            streams = {"stdin": pipe, "stdout": pipe, "stderr": pipe, "encoding": "utf-8", "errors": "replace"}
+            where = {"env": dict(environment), "cwd": folder, "creationflags": _NO_WINDOW}
+            self._process = subprocess.Popen(list(command), **streams, **where)
         except OSError as error:
             message = f"The solver cannot be started: {error.strerror or error}."
             hint = "Choose another Python in the add-on's preferences, or none to use Blender's own."
             raise SolverMissing(message, where=str(command[0]), hint=hint) from error
-        streams = (self._process.stdout, self._process.stderr)
-        self._readers = [threading.Thread(target=self._read, args=(s,), daemon=True) for s in streams]
+        ends = (self._process.stdout, self._process.stderr)
+        self._readers = [threading.Thread(target=self._read, args=(end,), daemon=True) for end in ends]
         for reader in self._readers:
             reader.start()
 

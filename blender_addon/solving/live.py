@@ -143,15 +143,23 @@ def read_pose_line(line: str) -> LivePose | None:
         layout = SMPL_HANDS if len(pose) >= 3 * SMPL_HANDS.num_solved else SMPL
         rotvec = np.zeros((layout.num_joints, 3))
         rotvec[0], rotvec[1 : 1 + layout.num_solved] = root, pose.reshape(-1, 3)[: layout.num_solved]
+    rates = {key: _number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")}
+    counts = {key: _count(values.get(key)) for key in ("dropped", "views", "views_left_out")}
+    sigma_m, off_mm = _metres(values.get("sigma_mm"), SMPL.num_joints), math.nan if off is None else float(off[0])
     return LivePose(
-        rotvec, transl, points, plain(values["state"]), plain(str(values.get("why", ""))),
-        math.nan if off is None else float(off[0]), _by_name(values.get("coverage"), 0.0, 1.0),
-        *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
-        face=_by_name(values.get("face")), off_m=_metres(values.get("cloud_off_mm"), len(points)),
-        sigma_m=None if len(sigma := _metres(values.get("sigma_mm"), SMPL.num_joints)) == 0 else sigma,
-        dropped=_count(values.get("dropped")), views=_count(values.get("views")),
-        views_left_out=_count(values.get("views_left_out")),
-    )  # fmt: skip
+        rotvec=rotvec,
+        transl=transl,
+        points=points,
+        state=plain(values["state"]),
+        why=plain(str(values.get("why", ""))),
+        off_mm=off_mm,
+        coverage=_by_name(values.get("coverage"), 0.0, 1.0),
+        face=_by_name(values.get("face")),
+        off_m=_metres(values.get("cloud_off_mm"), len(points)),
+        sigma_m=sigma_m if len(sigma_m) else None,
+        **rates,
+        **counts,
+    )
 
 
 def _count(value: Any) -> int:
@@ -188,23 +196,8 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 
 
 def start_live(
-    verb: str,
-    words: Sequence[str],
-    python: Path | None,
-    folder: Path,
-    *,
-    subject: Path | None = None,
-    record: Path | None = None,
-    grace_s: float | None = None,
+    verb: str, words: Sequence[str], python: Path | None, folder: Path, *, grace_s: float | None = None
 ) -> LiveRun:
-    """Start a live run of the solver in a working folder.
-
-    Raises ``SolverMissing`` if solver or interpreter are not there.
-
-    Args:
-        verb: ``live``, ``camera-live`` or ``sensors-live``.
-    """
+    """Start a verb of live runs of the solver in a working folder, see ``SolverProcess``."""
     command = [*backend_command(python), verb, *words, "--with-points", "--json", "--parent-pipe"]
-    command += [] if subject is None else ["--subject", str(subject)]
-    command += [] if record is None else ["--record", str(record)]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, grace_s))

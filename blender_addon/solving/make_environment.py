@@ -23,9 +23,9 @@ from pathlib import Path
 
 MEDIAPIPE = "mediapipe==0.10.21"
 IMPORTED = (
-    "numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23", "matplotlib>=3.8,<4",
-    "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1",
-)  # fmt: skip
+    *("numpy>=1.26,<2", "opencv-contrib-python-headless>=4.10,<4.12", "absl-py>=2,<3", "attrs>=23"),
+    *("matplotlib>=3.8,<4", "flatbuffers>=23.5,<26", "protobuf>=4.25.3,<5", "sounddevice>=0.4.4,<1"),
+)
 """Imports of its pose and holistic models, as in ``supply.detectors``."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
@@ -48,8 +48,9 @@ class Kind:
 
 
 KINDS = {
-    "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE), "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
-}  # fmt: skip
+    "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE),
+    "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
+}
 STAGES = ("Making the environment", "Installing the detector", "Installing what it needs", "Testing")
 
 

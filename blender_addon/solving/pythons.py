@@ -20,6 +20,7 @@ _TIMEOUT_S = 60  # Seconds that an interpreter has to answer, chosen by hand.
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"  # Where an environment has its Python.
 MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
 """Python 3's minor versions that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
+_DETECTORS = {"mediapipe": "MediaPipe", "onnxruntime": "ONNX Runtime", "litert": "LiteRT"}
 _PROBE = """
 import json, sys
 from importlib.metadata import version
@@ -37,21 +38,6 @@ except Exception:
     pass
 print(json.dumps(found))
 """
-
-
-@dataclass(frozen=True)
-class DetectorFound:
-    """Detectors of a Python."""
-
-    python: str
-    mediapipe: str  # Version, "" without it or without its pose model.
-    onnxruntime: str  # Version, "" without it.
-    litert: str = ""  # Version of Google's LiteRT, "" without it.
-
-    def __str__(self) -> str:
-        versions = (("MediaPipe", self.mediapipe), ("ONNX Runtime", self.onnxruntime), ("LiteRT", self.litert))
-        parts = [f"{name} {version}" for name, version in versions if version]
-        return f"{' and '.join(parts) or 'no detector'} in Python {self.python}"
 
 
 def environment_folder(kind: str = "mediapipe") -> Path:
@@ -73,13 +59,15 @@ def made_litert_python() -> Path | None:
     return python if python.is_file() else None
 
 
-def probe_detector(python: Path) -> DetectorFound:
-    """Start a Python and ask which detectors it has. Raises ``PythonUnsuitable`` if it does not start."""
+def probe_detector(python: Path) -> str:
+    """Return a Python's detectors with their versions as text. Raises ``PythonUnsuitable`` if it does not start."""
     kept = {name: value for name, value in os.environ.items() if not name.upper().startswith("PYTHON")}
     try:
         done = _ask(str(python), _PROBE, kept)
-        return DetectorFound(**json.loads(done.stdout.splitlines()[-1]))
-    except (OSError, ValueError, IndexError, TypeError, subprocess.TimeoutExpired) as error:
+        found = json.loads(done.stdout.splitlines()[-1])
+        parts = [f"{name} {found[key]}" for key, name in _DETECTORS.items() if found[key]]
+        return f"{' and '.join(parts) or 'no detector'} in Python {found['python']}"
+    except (OSError, ValueError, IndexError, KeyError, TypeError, subprocess.TimeoutExpired) as error:
         hint = "Choose another Python, or press Set Up Detector."
         raise PythonUnsuitable("It does not answer as a Python does.", where=str(python), hint=hint) from error
 

@@ -22,7 +22,6 @@ class RoadStep:
     """One step that is done."""
 
     name: str
-    state: str  # 'made' or 'kept'.
     diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
     pictures: tuple[Path, ...]  # Pictures that are there.
 
@@ -38,17 +37,13 @@ def read_road(folder: Path) -> tuple[RoadStep, ...]:
         return ()
     steps = values.get("steps")
     rows = [row for row in steps if isinstance(row, dict)] if isinstance(steps, list) else []
-    return tuple(
-        RoadStep(
-            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), read_diagnostics(row.get("diagnostics")),
-            tuple(_pictures(folder, row.get("pictures"))),
-        )
-        for row in rows
-    )  # fmt: skip
+    names = [plain(str(row.get("step", ""))) for row in rows]
+    pictures = [_pictures(folder, row.get("pictures")) for row in rows]
+    return tuple(map(RoadStep, names, [read_diagnostics(row.get("diagnostics")) for row in rows], pictures))
 
 
-def _pictures(folder: Path, value: Any) -> list[Path]:
+def _pictures(folder: Path, value: Any) -> tuple[Path, ...]:
     inside = folder.resolve()
     named = [PurePosixPath(item) for item in value if isinstance(item, str)] if isinstance(value, list) else []
     paths = [(folder / name).resolve() for name in named if name.suffix == ".png"]
-    return [path for path in paths if path.is_relative_to(inside) and path.is_file()]
+    return tuple(path for path in paths if path.is_relative_to(inside) and path.is_file())

@@ -53,6 +53,14 @@ def _pointer(owner: type, name: str, cls: type) -> Registrable:
     return lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name)
 
 
+def _drawn(space: Any, draw: Callable[[], None], event: str) -> Registrable:
+    handles: list[Any] = []
+    return (
+        lambda: handles.append(space.draw_handler_add(draw, (), "WINDOW", event)),
+        lambda: space.draw_handler_remove(handles.pop(), "WINDOW"),
+    )
+
+
 def _stop(stop: Callable[[], None]) -> Registrable:
     return lambda: None, stop
 
@@ -77,7 +85,8 @@ TABLE: tuple[Registrable, ...] = (
     _listed(_HANDLERS.load_pre, export.before_load),
     _listed(_HANDLERS.frame_change_post, export.on_frame_change),
     _listed(_HANDLERS.frame_change_pre, viewport.on_frame_change),
-    (viewport.drawing.start, viewport.drawing.stop),
+    *(_drawn(*row) for row in viewport.HANDLERS),
+    _stop(viewport.weights.clear),
     _listed(_HANDLERS.load_post, base.after_load),
     _listed(_HANDLERS.load_post, adoption.on_load),
     _listed(_HANDLERS.depsgraph_update_post, adoption.on_update),

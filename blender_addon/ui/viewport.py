@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 import bpy
@@ -24,25 +24,6 @@ _EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
 """Corners of the image at the ends of its edges."""
 _OFF_SKIN_M, _OPACITY = 0.002, 0.9  # Distance of the colours from the skin, so that it does not shine through.
 _BAND_PX = 5.0  # Height of a band on the timeline.
-
-
-class Drawing:
-    """Draw handlers that exist while the add-on is enabled: space, function and event of each."""
-
-    def __init__(self, *handlers: tuple[Any, Callable[[], None], str]) -> None:
-        self._handlers = handlers
-        self._added: list[Any] = []
-
-    def start(self) -> None:
-        """Add the handlers."""
-        self._added = [space.draw_handler_add(draw, (), "WINDOW", event) for space, draw, event in self._handlers]
-
-    def stop(self) -> None:
-        """Remove the handlers."""
-        for (space, *_), handle in zip(self._handlers, self._added, strict=True):
-            space.draw_handler_remove(handle, "WINDOW")
-        self._added = []
-        _weights.clear()
 
 
 def draw_names() -> None:
@@ -139,7 +120,7 @@ def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
     return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
 
 
-_weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins by mesh name and number of vertices.
+weights: dict[tuple[str, int], np.ndarray] = {}  # Joint weights of skins by mesh name and number of vertices.
 
 
 def _reviews_of(scene: bpy.types.Scene) -> list[bpy.types.PropertyGroup]:
@@ -170,10 +151,10 @@ def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy
     if len(posed.data.vertices) != count:
         return  # a modifier of the user changes the vertices, which have no weights then
     key = (skin.data.name_full, count)
-    if key not in _weights:
-        _weights[key] = joint_weights(skin, joints)
+    if key not in weights:
+        weights[key] = joint_weights(skin, joints)
     resting = resting_bones(armature, context.scene.frame_current)
-    _draw_coloured(posed, skin_colours(_weights[key], joints, current_confidence(armature), resting))
+    _draw_coloured(posed, skin_colours(weights[key], joints, current_confidence(armature), resting))
 
 
 def _draw_bands() -> None:
@@ -216,12 +197,13 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     gpu.state.blend_set("NONE")
 
 
-drawing = Drawing(
+HANDLERS = (
     (bpy.types.SpaceView3D, draw_names, "POST_PIXEL"),
     (bpy.types.SpaceView3D, _draw_cameras, "POST_VIEW"),
     (bpy.types.SpaceView3D, _draw_skins, "POST_VIEW"),
     (bpy.types.SpaceDopeSheetEditor, _draw_bands, "POST_PIXEL"),
 )
+"""Space, function and event of each draw handler."""
 
 
 def colour_bones(scene: bpy.types.Scene) -> None:

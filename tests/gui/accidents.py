@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 
 from tests.gui.scene import OUT, PACKAGE, extension, joints, mocap
+from tests.support.looks import look_of
 
 _PINNED, _RANGE = 60, (50, 70)  # Scene frame of the pin, and the range that is solved again around it.
 _TURN = 0.3  # Radians by which the pinned elbow is turned.
@@ -72,7 +73,7 @@ def camera(user: Any) -> Any:
 
 def looks(user: Any) -> Any:
     """Switch the body to a mannequin and back."""
-    look_of, [mesh] = extension("body.shape").look_of, mocap().review.armature.children
+    [mesh] = mocap().review.armature.children
     user.look_at(mocap().review.armature.pose.bones["head"].head, 1.2)
     yield from user.open_panel("VIEW3D_PT_mocap_shape")
     yield from user.press("mocap.look", 0.75)

@@ -224,43 +224,51 @@ def _has_poses(scene: bpy.types.Scene) -> bool:
 
 def _file_or_program(context: bpy.types.Context) -> LiveRun:
     from ..._exchange.motion_file import is_motion
-    from ...solving.live import start_live
 
     scene, settings = context.scene, context.scene.mocap.live
-    sending, subject = sending_options(settings), settings.subject
     if settings.kind == "VMC":
         address = allowed_address(settings.listen, tuple(PORTS))
-        source, suffix = str(address), ".csv" if address.scheme in FACES else ".npz"
-        if address.scheme in FACES:
-            sending, subject = [], ""  # a face is not sent on, and has no body
+        if address.scheme in FACES:  # a face is not sent on, and has no body
+            return _start(context, "live", [str(address)], "", ".csv" if settings.record else None)
+        source, suffix = str(address), ".npz"
     else:
         _require_there(_source_of(scene))
         source = absolute(_source_of(scene))
-        suffix = "" if is_motion(source) else ".c3d"  # a replayed motion is not recorded again
-        subject = subject if suffix else ""
-    folder = usable(files_folder(scene))
-    record = next_path(folder, "live", suffix) if settings.record and suffix else None
-    person = absolute(subject) if subject else None
-    words = [str(source), *sending]
-    return start_live("live", words, chosen_python(context), folder, subject=person, record=record)
+        suffix = "" if is_motion(source) else ".c3d"  # a replayed motion has a body, and is not recorded again
+    words = [str(source), *sending_options(settings)]
+    return _start(context, "live", words, suffix and settings.subject, suffix if settings.record and suffix else None)
 
 
 def _cameras(context: bpy.types.Context) -> LiveRun:
-    from ...solving.live import SENSORS_GRACE_S, start_live
+    from ...solving.live import SENSORS_GRACE_S
 
-    scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
+    settings, videos = context.scene.mocap.live, context.scene.mocap.videos
     _require_there(settings.calibration)
     sources = [
         text if ":" in text and not absolute(text).exists() else _video(text) for text in split(settings.cameras)
     ]
-    words = [*videos.detector_arguments(), *sending_options(settings), *options(python=detector_for(context))]
-    folder = usable(files_folder(scene))
-    calibration, python = absolute(settings.calibration), chosen_python(context)
-    subject = absolute(settings.subject) if settings.subject else None
-    record = next_path(folder, "live", ".npz") if settings.record else None
-    words = [*sources, "--calibration", str(calibration), *words]
-    files = {"subject": subject, "record": record}
-    return start_live("camera-live", words, python, folder, **files, grace_s=SENSORS_GRACE_S)
+    words = [*sources, *options(calibration=absolute(settings.calibration)), *videos.detector_arguments()]
+    words += [*sending_options(settings), *options(python=detector_for(context))]
+    record = ".npz" if settings.record else None
+    return _start(context, "camera-live", words, settings.subject, record, grace_s=SENSORS_GRACE_S)
+
+
+def _start(
+    context: bpy.types.Context,
+    verb: str,
+    words: list[str],
+    subject: str,
+    suffix: str | None,
+    name: str = "live",
+    **more: float,
+) -> LiveRun:
+    """Start a live run. It is recorded to a file of a name and suffix, or not if that is None."""
+    from ...solving.live import start_live
+
+    folder = usable(files_folder(context.scene))
+    record = None if suffix is None else next_path(folder, name, suffix)
+    words = [*words, *options(subject=subject and absolute(subject), record=record)]
+    return start_live(verb, words, chosen_python(context), folder, **more)
 
 
 def _video(text: str) -> str:
@@ -310,18 +318,14 @@ class MOCAP_OT_start_sensors(MocapOperator, bpy.types.Operator):
         return PARTS[properties.part][1]
 
     def work(self, context: bpy.types.Context) -> None:
-        from ...solving.live import SENSORS_GRACE_S, start_live
+        from ...solving.live import SENSORS_GRACE_S
 
         scene, sensors, part = context.scene, context.scene.mocap.sensors, self.part
         _require_there(sensors.subject, sensors.source if sensors.kind == "FOLDER" else "")
-        folder = usable(files_folder(scene))
         words = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
-        if part == "TAKE":
-            words += sending_options(sensors) + options(subject=sensors.subject and absolute(sensors.subject))
-        if sensors.record:
-            words += options(record=next_path(folder, PARTS[part][2]))
-        words, python = [*sensors.sensors(), *words], chosen_python(context)
-        run = start_live("sensors-live", words, python, folder, grace_s=SENSORS_GRACE_S)
+        words = [*sensors.sensors(), *words, *(sending_options(sensors) if part == "TAKE" else [])]
+        subject, suffix = sensors.subject if part == "TAKE" else "", "" if sensors.record else None
+        run = _start(context, "sensors-live", words, subject, suffix, PARTS[part][2], grace_s=SENSORS_GRACE_S)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
 
 

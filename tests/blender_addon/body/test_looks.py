@@ -15,10 +15,11 @@ from blender_addon.__main__ import main
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile, read_body
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import look_of, show_look
+from blender_addon.body.shape import show_look
 from blender_addon.conventions.naming import LOOKS, MANNEQUIN, PERSON_LOOK
 from blender_addon.export.plain_take import plain_copy
 from solver_backend.body.body import load_body
+from tests.support.looks import look_of
 
 
 def skin(mesh: bpy.types.Object) -> np.ndarray:

@@ -10,10 +10,11 @@ import bpy
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
-from blender_addon.body.shape import bodies_of, look_of
+from blender_addon.body.shape import bodies_of
 from blender_addon.conventions.kept_findings import findings_text
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
+from tests.support.looks import look_of
 from tests.support.narrow_layout import NarrowLayout, draw_panel
 from tests.support.shown_panels import shown_panels
 from tests.support.trial_files import write_trial
