@@ -10,30 +10,32 @@ import numpy as np
 from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, switch_path
 from .curves import CurveTarget, action_curves
 
-Keys = dict[str, np.ndarray]  # Each field of the keys of one curve, by its name in Blender.
-
-_FLOATS = {"co": 2, "handle_left": 2, "handle_right": 2, "back": 1, "amplitude": 1, "period": 1}
-"""Numbers per keyframe point in each of Blender's columns."""
 _POINTS = ("co", "handle_left", "handle_right")
 _CHOICES = ("interpolation", "easing", "handle_left_type", "handle_right_type", "type")
+_KEY = np.dtype(
+    [(name, np.int32) for name in _CHOICES]
+    + [(name, np.float32, 2) for name in _POINTS]
+    + [(name, np.float32) for name in ("back", "amplitude", "period")]
+)
+"""Blender's fields of a keyframe point. Types of handles come before their places, which depend on them."""
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 
 
-def _read_keys(curve: bpy.types.FCurve) -> Keys:
-    points = curve.keyframe_points
-    keys: Keys = {name: np.empty(width * len(points), np.float32) for name, width in _FLOATS.items()}
-    keys |= {name: np.empty(len(points), np.int32) for name in _CHOICES}
-    for name, values in keys.items():
-        points.foreach_get(name, values)
-    return {name: values.reshape(len(points), -1) for name, values in keys.items()}
+def _read_keys(curve: bpy.types.FCurve) -> np.ndarray:
+    keys = np.empty(len(curve.keyframe_points), _KEY)
+    for name in _KEY.names:
+        values = np.empty(keys[name].size, keys[name].dtype)
+        curve.keyframe_points.foreach_get(name, values)
+        keys[name] = values.reshape(keys[name].shape)
+    return keys
 
 
-def _write_keys(curve: bpy.types.FCurve, keys: Keys) -> None:
+def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
     points = curve.keyframe_points
     points.clear()
-    points.add(len(keys["co"]))
-    for name in (*_CHOICES, *_FLOATS):
-        points.foreach_set(name, np.ascontiguousarray(keys[name]).ravel())
+    points.add(len(keys))
+    for name in _KEY.names:
+        points.foreach_set(name, keys[name].ravel())
     curve.update()
 
 
@@ -59,24 +61,17 @@ def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ra
         new.extrapolation, new.mute = curve.extrapolation, curve.mute
 
 
-def _select_keys(keys: Keys, chosen: np.ndarray) -> Keys:
-    return {name: values[chosen] for name, values in keys.items()}
-
-
-def _join_keys(*parts: Keys) -> Keys:
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-
-
-def _times(keys: Keys) -> np.ndarray:
+def _times(keys: np.ndarray) -> np.ndarray:
     return keys["co"][:, 0].astype(np.float64)
 
 
-def _linear_keys(times: np.ndarray, values: np.ndarray, like: Keys) -> Keys:
+def _linear_keys(times: np.ndarray, values: np.ndarray, like: np.ndarray) -> np.ndarray:
     """Return LINEAR keys of (K,) times and values, with the other fields of the first key of ``like``."""
-    keys = {name: np.repeat(field[:1], len(times), axis=0) for name, field in like.items()}
-    points = np.stack([times, values], axis=1).astype(np.float32).reshape(-1, 2)
-    keys |= {name: points.copy() for name in _POINTS}
-    return keys | {"interpolation": np.full((len(times), 1), _LINEAR, np.int32)}
+    keys = np.repeat(like[:1], len(times))
+    for name in _POINTS:
+        keys[name] = np.stack([times, values], axis=1)
+    keys["interpolation"] = _LINEAR
+    return keys
 
 
 _NEAR = 1e-3  # Scene frames within which a key lies on a frame.
@@ -131,18 +126,18 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
     """Put the solved keys of a range between the former ones, and fill gaps between sparse keys with samples."""
     old, new = _read_keys(curve), _inside(solved, times, sign)
-    if not len(old["co"]) or _is_constant(old, new):
+    if not len(old) or _is_constant(old, new):
         return
     at = _times(old)
-    left, right = _select_keys(old, at < times.first - _NEAR), _select_keys(old, at > times.last + _NEAR)
+    left, right = old[at < times.first - _NEAR], old[at > times.last + _NEAR]
     parts = [left, _bridge(curve, times, left, before=True), new, _bridge(curve, times, right, before=False), right]
-    _write_keys(curve, _join_keys(*parts))
+    _write_keys(curve, np.concatenate(parts))
 
 
-def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> Keys:
+def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> np.ndarray:
     keys = _read_keys(solved)
-    inside = _select_keys(keys, times.holds(_times(keys)))
-    if not len(inside["co"]) or len(keys["co"]) == 1:  # nothing ever changes
+    inside = keys[times.holds(_times(keys))]
+    if not len(inside) or len(keys) == 1:  # nothing ever changes
         ends = np.unique([times.first, times.last])
         inside = _linear_keys(ends, np.array([solved.evaluate(time) for time in ends]), keys)
     for name in _POINTS:
@@ -150,14 +145,14 @@ def _inside(solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> Keys:
     return inside
 
 
-def _is_constant(old: Keys, new: Keys) -> bool:
-    return len(old["co"]) == 1 and bool((new["co"][:, 1] == old["co"][0, 1]).all())
+def _is_constant(old: np.ndarray, new: np.ndarray) -> bool:
+    return len(old) == 1 and bool((new["co"][:, 1] == old["co"][0, 1]).all())
 
 
-def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: Keys, *, before: bool) -> Keys:
+def _bridge(curve: bpy.types.FCurve, times: RangeTimes, kept: np.ndarray, *, before: bool) -> np.ndarray:
     """Return keys on the frames between the range and the nearest former key, which keep the motion there."""
     near = times.first if before else times.last
-    if len(kept["co"]):
+    if len(kept):
         far = float(_times(kept)[-1 if before else 0])
         frames = times.between(far, near) if before else times.between(near, far)
         if before and len(frames):
@@ -171,8 +166,8 @@ def _switch_off(curve: bpy.types.FCurve, times: RangeTimes) -> None:
     ends = np.array([times.first - times.step, times.first, times.last, times.last + times.step])
     values = np.array([curve.evaluate(ends[0]), 0.0, 0.0, curve.evaluate(ends[3])])
     old = _read_keys(curve)
-    if not len(old["co"]) or not (old["co"][:, 1].any() or values.any()):
+    if not len(old) or not (old["co"][:, 1].any() or values.any()):
         return
     at = _times(old)
-    left, right = at < ends[0] - _NEAR, at > ends[3] + _NEAR
-    _write_keys(curve, _join_keys(_select_keys(old, left), _linear_keys(ends, values, old), _select_keys(old, right)))
+    parts = old[at < ends[0] - _NEAR], _linear_keys(ends, values, old), old[at > ends[3] + _NEAR]
+    _write_keys(curve, np.concatenate(parts))

@@ -3,12 +3,9 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache, wraps
+from functools import lru_cache
 from pathlib import Path
-from typing import Concatenate, ParamSpec, TypeVar
-from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -108,8 +105,8 @@ _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license", *_BLANK)
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "GPL-3.0-or-later"
-_Key = ParamSpec("_Key")
-_Result = TypeVar("_Result")
+once_a_body = lru_cache(maxsize=8)
+"""Decorator of functions of a body and of hashable values, which keep their last results. Nobody may change those."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -139,25 +136,6 @@ class BodyFile:
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
         """Return the (J, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
         return self.J_regressor @ self.shaped(betas)
-
-
-def once_a_body(
-    function: Callable[Concatenate[BodyFile, _Key], _Result],
-) -> Callable[Concatenate[BodyFile, _Key], _Result]:
-    """Let a function of a body and of hashable values compute each result once while that body is in use.
-
-    Results are shared and must not be changed.
-    """
-    known: WeakKeyDictionary[BodyFile, dict[object, _Result]] = WeakKeyDictionary()
-
-    @wraps(function)
-    def call(body: BodyFile, *args: _Key.args, **kwargs: _Key.kwargs) -> _Result:
-        results, key = known.setdefault(body, {}), (args, tuple(kwargs.items()))
-        if key not in results:
-            results[key] = function(body, *args, **kwargs)
-        return results[key]
-
-    return call
 
 
 def default_body_path() -> Path:

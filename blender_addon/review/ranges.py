@@ -15,6 +15,7 @@ from ..animation.lanes import read_lane
 from ..animation.layers import without_layers
 from ..animation.takes import BETAS, take_file
 from ..body.body_file import body_path_of, read_body
+from ..body.mesh import positions
 from ..body.shape import body_mesh, get_betas
 from ..errors import TakeMissing
 
@@ -138,9 +139,8 @@ def _lowest(skin: bpy.types.Object) -> float:
     posed = skin.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = posed.to_mesh()
     try:
-        points = np.empty(3 * len(mesh.vertices), np.float32)
-        mesh.vertices.foreach_get("co", points)
+        points = positions(mesh.vertices)
     finally:
         posed.to_mesh_clear()
     world = np.array(posed.matrix_world)
-    return float((points.reshape(-1, 3) @ world[2, :3] + world[2, 3]).min())
+    return float((points @ world[2, :3] + world[2, 3]).min())

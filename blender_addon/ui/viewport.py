@@ -177,15 +177,16 @@ def _draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
     import gpu  # pyright: ignore[reportMissingImports]
     import numpy as np
 
+    from ..body.mesh import positions
+
     mesh, count = posed.data, len(shades)
-    places, normals = np.empty(3 * count, np.float32), np.empty(3 * count, np.float32)
-    mesh.vertices.foreach_get("co", places)
+    normals = np.empty(3 * count, np.float32)
     mesh.vertex_normals.foreach_get("vector", normals)
     mesh.calc_loop_triangles()
     triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
     mesh.loop_triangles.foreach_get("vertices", triangles)
     colour = np.column_stack([shades, np.full(count, _OPACITY)]).astype(np.float32)
-    content = {"pos": (places + _OFF_SKIN_M * normals).reshape(-1, 3), "color": colour}
+    content = {"pos": positions(mesh.vertices) + _OFF_SKIN_M * normals.reshape(-1, 3), "color": colour}
     gpu.state.blend_set("ALPHA")
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.face_culling_set("BACK")

@@ -16,21 +16,8 @@ from ...export.formats import FORMATS, ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
 from ..acquisition_properties import allowed_address
 from ..project_files import usable
 from ..setting_properties import choice, number, switch, text
-from .base import (
-    IDLE,
-    INTERNAL,
-    MARKERS,
-    PRESETS,
-    TAKE,
-    Call,
-    MocapOperator,
-    Need,
-    SolverOperator,
-    Steps,
-    choose_file,
-    operator,
-    options,
-)
+from . import base
+from .base import Call, MocapOperator, Need, SolverOperator, Steps, operator, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import MarkersResult
@@ -61,7 +48,9 @@ class ChoosesOutput(ExportHelper):
         return absolute(self.filepath)
 
 
-_MARKER_TAKE = Need("Solve a marker recording first", lambda context: TAKE.is_met(context) and MARKERS.is_met(context))
+_MARKER_TAKE = Need(
+    "Solve a marker recording first", lambda context: base.TAKE.is_met(context) and base.MARKERS.is_met(context)
+)
 _FORMATS = tuple((name, item.label, item.description) for name, item in FORMATS.items())
 _MARKER_FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
 _CONTENTS = (
@@ -74,12 +63,12 @@ _UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
 
 
 class MOCAP_OT_export_take(
-    MocapOperator, bpy.types.Operator, choose_file([item.suffix for item in FORMATS.values()]), ChoosesOutput
+    MocapOperator, bpy.types.Operator, base.choose_file([item.suffix for item in FORMATS.values()]), ChoosesOutput
 ):
     """Export the motion of the selected armature or the shown body to a file for other programs."""
 
     bl_label = "Export Take"
-    bl_options = PRESETS
+    bl_options = base.PRESETS
     needs = (
         Need("Solve a capture, or select an armature first", lambda context: exported_armature(context) is not None),
     )
@@ -150,13 +139,13 @@ def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 class MOCAP_OT_export_markers(
-    SolverOperator, bpy.types.Operator, choose_file([f".{ending}" for ending in MARKER_FORMATS]), ChoosesOutput
+    SolverOperator, bpy.types.Operator, base.choose_file([f".{ending}" for ending in MARKER_FORMATS]), ChoosesOutput
 ):
     """Export the markers of the shown take to a file for other programs."""
 
     bl_label = "Export Markers"
-    bl_options = PRESETS
-    needs = (_MARKER_TAKE, IDLE)
+    bl_options = base.PRESETS
+    needs = (_MARKER_TAKE, base.IDLE)
 
     format: choice("Format", "File format", _MARKER_FORMATS, "c3d")
     contents: choice("Markers", "Positions of the markers", _CONTENTS)
@@ -196,27 +185,18 @@ class CurrentSending:
         """Whether a take is being sent."""
         return self.sender is not None
 
-    def begin(self, sender: TakeSender, message: str) -> None:
-        """Start sending."""
-        self.stop()
-        self.sender, self.message = sender, message
-
     def on_frame(self, scene: bpy.types.Scene) -> None:
         """Send the pose of a frame, or stop if the body was removed."""
-        if self.sender is None:
-            return
-        message = self.sender.send(scene)
+        message = "" if self.sender is None else self.sender.send(scene)
         if message is None:
-            self.stop()
-            self.message = "The body was removed: sending has stopped."
-        elif message:
-            self.message = message
+            self.stop("The body was removed: sending has stopped.")
+        self.message = message or self.message
 
-    def stop(self) -> None:
+    def stop(self, message: str = "") -> None:
         """Stop sending."""
         if self.sender is not None:
             self.sender.close()
-        self.sender, self.message = None, ""
+        self.sender, self.message = None, message
 
 
 playing = CurrentSending()
@@ -240,7 +220,7 @@ _BODY_TO_SEND = Need(
 )
 
 
-@operator("Send While Playing", _BODY_TO_SEND, options=INTERNAL)
+@operator("Send While Playing", _BODY_TO_SEND, options=base.INTERNAL)
 def send_take(self: Any, context: bpy.types.Context) -> None:
     """Send the body's pose with every hand edit over VMC in each frame that is shown."""
     from ...scene.take_sender import TakeSender
@@ -249,5 +229,6 @@ def send_take(self: Any, context: bpy.types.Context) -> None:
         playing.stop()
         return
     address = allowed_address(context.scene.mocap.live.send_to)
-    playing.begin(TakeSender(context.scene.mocap.review.armature, address), f"Sending to {address} while playing.")
+    playing.sender = TakeSender(context.scene.mocap.review.armature, address)
+    playing.message = f"Sending to {address} while playing."
     playing.on_frame(context.scene)

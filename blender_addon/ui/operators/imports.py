@@ -16,24 +16,8 @@ from ...solving.take_paths import MARKER_SUFFIXES, capture_folder, capture_root,
 from ..project_files import bring_home, files_folder, usable
 from ..properties import SCENE_SETUP
 from ..setting_properties import choice, number, switch, text
-from .base import (
-    IDLE,
-    OBJECT_MODE,
-    PRESETS,
-    TAKE,
-    UNDOABLE,
-    Call,
-    Need,
-    SolverOperator,
-    Steps,
-    ViewportDrop,
-    choose_file,
-    chosen_files,
-    current,
-    is_chosen,
-    operator,
-    options,
-)
+from . import base
+from .base import Call, Need, SolverOperator, Steps, operator, options
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, ClipResult, GlovesResult, Remarks
@@ -81,12 +65,12 @@ _HANDS = (
 )
 
 
-class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, choose_file(MOTIONS), ImportHelper):
+class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
     """Import a solved motion, or fit a clip (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS) to our body."""
 
     bl_label = "Import Motion"
-    bl_options = UNDOABLE | PRESETS
-    needs = (OBJECT_MODE, IDLE)
+    bl_options = base.UNDOABLE | base.PRESETS
+    needs = (base.OBJECT_MODE, base.IDLE)
 
     filename_ext = ".npz"
     capture_path: text("Capture", "Capture file of a solved motion, to add its cameras, footage and detections")
@@ -122,7 +106,7 @@ def _bake_motion(self: Any, context: bpy.types.Context, file: Path, settings: Ba
     from .import_results import add_motion, set_up_said
 
     take = add_motion(context, file, settings, *paths)
-    current.last = None
+    base.current.last = None
     self.tell(*take.notes, kind="WARNING")
     cameras = f" with {counted(len(take.cameras), 'camera')}" if paths else ""
     return f"Baked '{take.action.name}'{cameras}; {set_up_said(context.scene, take_over=settings.set_scene)}"
@@ -164,11 +148,11 @@ def motion_from_rig(self: Any, context: bpy.types.Context) -> Steps:
         path.unlink(missing_ok=True)
 
 
-class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES, several=True), ImportHelper):
+class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(GLOVES, several=True), ImportHelper):
     """Add the fingers of glove recordings (BVH, FBX, glTF, MANUS or Rokoko CSV) to this take as a new take."""
 
     bl_label = "Add Gloves"
-    needs = (TAKE, IDLE)
+    needs = (base.TAKE, base.IDLE)
 
     side: choice("Hand", "Hand of a file with one hand", _HANDS)
     states_offset: switch("Set the Start", "Enter the start of the gloves instead of finding it by the wrists")
@@ -179,7 +163,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, choose_file(GLOVES
         from ...animation.takes import SolveFiles, take_file
         from .import_results import take_motion
 
-        take, recordings = context.scene.mocap.review.take, chosen_files(self)
+        take, recordings = context.scene.mocap.review.take, base.chosen_files(self)
         name, motion = take.name, take_file(take, "motion_file")
         for path in (motion, *recordings):
             if not path.is_file():
@@ -208,13 +192,15 @@ SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 """Captures, detections, calibrations, settings, and marker recordings."""
 
 
-class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SUFFIXES, several=True), ImportHelper):
+class MOCAP_OT_import_capture(
+    SolverOperator, bpy.types.Operator, base.choose_file(SUFFIXES, several=True), ImportHelper
+):
     """Import a folder of detections and a calibration, or a marker recording, with cameras, footage and floor."""
 
     bl_label = "Import Capture"
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        return self.execute(context) if is_chosen(self) else ImportHelper.invoke(self, context, event)
+        return self.execute(context) if base.is_chosen(self) else ImportHelper.invoke(self, context, event)
 
     def steps(self, context: bpy.types.Context) -> Steps:
         """Set up the scene for each capture, or bake a solved motion. The longest trial sets the frame range."""
@@ -222,7 +208,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, choose_file(SU
         from ...scene.bake import BakeSettings
         from .import_results import takes_over
 
-        chosen, settings = chosen_files(self)[0], context.scene.mocap
+        chosen, settings = base.chosen_files(self)[0], context.scene.mocap
         if is_motion(chosen):
             take_over = takes_over(context.scene, settings.reading.scene_setup)
             start = context.scene.frame_start
@@ -267,7 +253,7 @@ def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     bring_capture(context, result, Path(result["capture"]))
 
 
-class MOCAP_FH_capture(ViewportDrop, bpy.types.FileHandler):
+class MOCAP_FH_capture(base.ViewportDrop, bpy.types.FileHandler):
     """Import of files dropped on the 3D viewport. Blender passes no folders, so a file stands for its folder."""
 
     bl_idname = "MOCAP_FH_capture"

@@ -12,7 +12,7 @@ from ...errors import MapInvalid
 from ...solving.take_paths import safe_name
 from ..properties import show_map
 from ..setting_properties import text
-from .base import MocapOperator, Need, operator
+from .base import Need, operator
 
 if TYPE_CHECKING:
     from ...conventions.timing import TakeTiming
@@ -56,34 +56,32 @@ def set_map_pose(self: Any, context: bpy.types.Context) -> str:
     return f"The pose of {counted(len(pose), 'bone')} is kept as the map pose"
 
 
-class MOCAP_OT_save_preset(MocapOperator, bpy.types.Operator):
+def _ask_for_name(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    if (rig := context.scene.mocap.retarget.target) is not None:
+        self.name = self.name or rig.name
+    return context.window_manager.invoke_props_dialog(self)
+
+
+_NAME = text("Name", "Name of the preset, which replaces one with the same name", options={"SKIP_SAVE"})
+
+
+@operator("Save Preset", _ACTOR, invoke=_ask_for_name, name=_NAME)
+def save_preset(self: Any, context: bpy.types.Context) -> str:
     """Save the table and the map pose as your own preset for every rig with these bones."""
+    from dataclasses import replace
 
-    bl_label = "Save Preset"
-    needs = (_ACTOR,)
+    from ...retarget.recognition import user_presets_folder
+    from ...retarget.rig_map import write_map
 
-    name: text("Name", "Name of the preset, which replaces one with the same name", options={"SKIP_SAVE"})
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if (rig := context.scene.mocap.retarget.target) is not None:
-            self.name = self.name or rig.name
-        return context.window_manager.invoke_props_dialog(self)
-
-    def work(self, context: bpy.types.Context) -> str:
-        from dataclasses import replace
-
-        from ...retarget.recognition import user_presets_folder
-        from ...retarget.rig_map import write_map
-
-        rig, rig_map = chosen_target(context), table_map(context)
-        folder = user_presets_folder(make=True)
-        if folder is None:
-            raise OutputNotWritable("Blender has no folder for user presets.", hint="Set BLENDER_USER_SCRIPTS.")
-        name = self.name.strip() or rig.name
-        path = folder / f"{safe_name(name)}.json"
-        write_map(path, replace(rig_map, label=name), overwrite=True)
-        show_map(context.scene.mocap.retarget, replace(rig_map, label=name, doubts=()))
-        return f"Preset '{name}' was written to {path}"
+    rig, rig_map = chosen_target(context), table_map(context)
+    folder = user_presets_folder(make=True)
+    if folder is None:
+        raise OutputNotWritable("Blender has no folder for user presets.", hint="Set BLENDER_USER_SCRIPTS.")
+    name = self.name.strip() or rig.name
+    path = folder / f"{safe_name(name)}.json"
+    write_map(path, replace(rig_map, label=name), overwrite=True)
+    show_map(context.scene.mocap.retarget, replace(rig_map, label=name, doubts=()))
+    return f"Preset '{name}' was written to {path}"
 
 
 @operator("Retarget", _ACTOR)

@@ -9,7 +9,7 @@ import bpy
 from ...errors import TakeMissing
 from ..setting_properties import choice, number
 from ..viewport import colour_markers
-from .base import BODY, EDITABLE, TAKE, MocapOperator, Need, operator
+from .base import BODY, EDITABLE, TAKE, Need, operator
 
 _LIMITS = (
     ("RATE", "Keys per Second", "Keep this number of keys, at any distance"),
@@ -39,31 +39,26 @@ def show_take(self: Any, context: bpy.types.Context) -> str:
     return aside_note(armature, played)
 
 
-class MOCAP_OT_delete_take(MocapOperator, bpy.types.Operator):
+def _confirm(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+    return context.window_manager.invoke_confirm(self, event)
+
+
+@operator("Delete Take", BODY, EDITABLE, invoke=_confirm, name=str)
+def delete_take(self: Any, context: bpy.types.Context) -> None:
     """Delete this take from the .blend file, and keep the solver's files on the disk."""
+    from ...animation.takes import show_take
+    from ...conventions.timing import show_frame
 
-    bl_label = "Delete Take"
-    needs = (BODY, EDITABLE)
-
-    name: str
-
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        return context.window_manager.invoke_confirm(self, event)
-
-    def work(self, context: bpy.types.Context) -> None:
-        from ...animation.takes import show_take
-        from ...conventions.timing import show_frame
-
-        settings = context.scene.mocap
-        take, review = _take_named(settings, self.name), settings.review
-        if not take.is_editable:
-            raise TakeMissing(f"The take '{self.name}' is linked from another file: delete it there.")
-        others = [other for other in takes_of_person(settings) if other != take]
-        if review.take == take and others:
-            show_take(review.armature, others[-1])
-        bpy.data.actions.remove(take)
-        colour_markers(context.scene)
-        show_frame(context.scene)
+    settings = context.scene.mocap
+    take, review = _take_named(settings, self.name), settings.review
+    if not take.is_editable:
+        raise TakeMissing(f"The take '{self.name}' is linked from another file: delete it there.")
+    others = [other for other in takes_of_person(settings) if other != take]
+    if review.take == take and others:
+        show_take(review.armature, others[-1])
+    bpy.data.actions.remove(take)
+    colour_markers(context.scene)
+    show_frame(context.scene)
 
 
 def takes_of_person(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:
@@ -81,27 +76,26 @@ def _take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Actio
     return action
 
 
-class MOCAP_OT_thin_take(MocapOperator, bpy.types.Operator):
+def _draw_limit(self: Any, context: bpy.types.Context) -> None:
+    self.layout.prop(self, "by", expand=True)
+    self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
+
+
+_THINNING = {
+    "by": choice("Keep by", "Limit of the reduction", _LIMITS, "TOLERANCE"),
+    "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
+    "keys_per_second": number("Keys per Second", "Average number of keys", 2.0, 0.1, 30),
+}
+
+
+@operator("Reduce Keys", TAKE, EDITABLE, draw=_draw_limit, **_THINNING)
+def thin_take(self: Any, context: bpy.types.Context) -> str:
     """Add a take with few keys and your edits, and report its distance from this one."""
+    from ...scene.bake import thinned_take
 
-    bl_label = "Reduce Keys"
-    needs = (TAKE, EDITABLE)
-
-    by: choice("Keep by", "Limit of the reduction", _LIMITS, "TOLERANCE")
-    tolerance_mm: number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500)
-    keys_per_second: number("Keys per Second", "Average number of keys", 2.0, 0.1, 30)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        self.layout.prop(self, "by", expand=True)
-        self.layout.prop(self, "tolerance_mm" if self.by == "TOLERANCE" else "keys_per_second")
-
-    def work(self, context: bpy.types.Context) -> str:
-        from ...scene.bake import thinned_take
-
-        scene, review = context.scene, context.scene.mocap.review
-        limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
-        action = thinned_take(scene, review.take, review.armature, *limits)
-        return action["keys_deviation"]
+    review = context.scene.mocap.review
+    limits = (None, self.tolerance_mm) if self.by == "TOLERANCE" else (self.keys_per_second, None)
+    return thinned_take(context.scene, review.take, review.armature, *limits)["keys_deviation"]
 
 
 @operator("Push Down to NLA", TAKE, EDITABLE, _NOT_ON_NLA)
