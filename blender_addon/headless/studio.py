@@ -83,7 +83,7 @@ def _by_workers(args: Namespace, shots: list[str], coloured: bool, progress: Pro
 
 
 def _film_in_colour(folder: Path, shots: list[str], frames: int, videos: bool, progress: Progress) -> None:
-    from ..studio.data_set import film_data_set_in_colour, write_videos
+    from ..studio.colour_film import film_data_set_in_colour, write_videos
 
     film_data_set_in_colour(folder, shots, frames, progress)
     if videos:

@@ -12,9 +12,9 @@ import numpy as np
 
 from .._exchange.outputs import temporary_folder
 from .._exchange.progress import Progress
-from .picture import blend, draw_dots, gradient, layer_from_render, write_png
-from .stage import RenderQuality, open_stage, render_still, write_targa
-from .subject import RenderedTake
+from .picture import blend, draw_dots, gradient, layer_from_render, soften_edges, write_png
+from .stage import RenderQuality, RenderStage, open_stage, render_still, write_targa
+from .subject import Backdrop, Colour, RenderedTake
 from .view import View, close_view, three_quarter_view
 
 _ASCENT, _DESCENT = 0.95, 0.35  # Reach of letters above and below the line, in font sizes.
@@ -158,7 +158,7 @@ def _even(length: float) -> int:
 
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
-_LOOK = RenderQuality(shrink=3, cavity=True, shadows=True)
+_LOOK, _CAMERA_LOOK = RenderQuality(3, cavity=True, shadows=True), RenderQuality(3, cavity=True)
 """Tiles are rendered three times as large and shrunk, chosen by hand."""
 _FOOTAGE_OPACITY = 0.8  # Opacity of the body over footage, chosen by hand.
 _SHEET_COLOUR = (24, 26, 30)  # Red, green and blue between the tiles, 0 to 255, chosen by hand.
@@ -185,7 +185,9 @@ def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) 
             progress(_STAGE, i + 1, total)
         for i, (camera, tile) in enumerate(zip(cameras, views, strict=True)):
             view = close_view(camera, subject.joints, (tile.width, tile.height))
-            _paste(sheet, _camera_picture(stack, folder, subject, view, letters), tile, poses_height + GAP)
+            pane, middle = open_pane(stack, folder, subject, view, tile, _CAMERA_LOOK), subject.motion.num_frames // 2
+            words = f"{camera.name}  {middle / subject.motion.fps:.2f} s"
+            _paste(sheet, pane.picture(subject, middle, letters, words, 150), tile, poses_height + GAP)
             progress(_STAGE, POSES + i + 1, total)
     write_png(path, sheet)
 
@@ -212,20 +214,38 @@ def _around(subject: RenderedTake, frame: int) -> np.ndarray:
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
 
 
-def _camera_picture(
-    stack: ExitStack, folder: Path, subject: RenderedTake, view: View, letters: Lettering
-) -> np.ndarray:
-    frame = subject.motion.num_frames // 2
+@dataclass(frozen=True)
+class Pane:
+    """A camera's view in a picture: the body over footage or the floor, with the detections."""
+
+    view: View
+    tile: PictureTile
+    stage: RenderStage
+    backdrop: Backdrop
+    opacity: float  # Opacity of the body.
+    detections: np.ndarray  # (F, K, 2) pixels of the picture, NaN where unseen.
+    dot_colour: Colour
+
+    def picture(self, subject: RenderedTake, frame: int, letters: Lettering, words: str, dots: float) -> np.ndarray:
+        """Return the picture of a frame with words, and with dots by their number that the height has room for."""
+        picture, window = self.backdrop(frame), self.view.window(subject.joints[frame])
+        if window is not None:
+            shrink = self.stage.look.shrink
+            layer = layer_from_render(self.stage.render(float(subject.times[frame]), window), shrink)
+            layer = soften_edges(layer) if shrink == 1 else layer
+            blend(picture, layer, window[0], window[1], opacity=self.opacity)
+        draw_dots(picture, self.detections[frame], max(1.5, self.tile.height / dots), self.dot_colour)
+        letters.write(picture, words, 8, 8)
+        return picture
+
+
+def open_pane(
+    stack: ExitStack, folder: Path, subject: RenderedTake, view: View, tile: PictureTile, look: RenderQuality
+) -> Pane:
+    """Return the pane of a view, which the stack closes."""
     backdrop, is_footage = subject.backdrop(stack, view, folder)
-    picture, window = backdrop(frame), view.window(subject.joints[frame])
-    if window is not None:
-        with open_stage("camera", (subject.take.body,), view, RenderQuality(shrink=3, cavity=True), folder) as stage:
-            layer = layer_from_render(stage.render(float(subject.times[frame]), window), stage.look.shrink)
-        blend(picture, layer, window[0], window[1], opacity=_FOOTAGE_OPACITY if is_footage else 1.0)
-    detections, colour = subject.detections(view)
-    draw_dots(picture, detections[frame], max(1.5, view.size[1] / 150), colour)
-    letters.write(picture, f"{view.camera.name}  {frame / subject.motion.fps:.2f} s", 8, 8)
-    return picture
+    stage = stack.enter_context(open_stage("camera", (subject.take.body,), view, look, folder))
+    return Pane(view, tile, stage, backdrop, _FOOTAGE_OPACITY if is_footage else 1.0, *subject.detections(view))
 
 
 def _paste(sheet: np.ndarray, picture: np.ndarray, tile: PictureTile, below: int = 0) -> None:

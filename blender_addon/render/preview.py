@@ -11,11 +11,11 @@ import numpy as np
 from .._exchange.outputs import temporary_folder
 from .._exchange.progress import Progress
 from ..scene.cameras import find_footage
-from .contact_sheet import Lettering, PictureTile, canvas_size, open_lettering, pack
-from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png
-from .stage import RenderQuality, RenderStage, open_stage
+from .contact_sheet import PictureTile, canvas_size, open_lettering, open_pane, pack
+from .picture import write_png
+from .stage import RenderQuality
 from .strips import encode_video
-from .subject import Backdrop, Colour, RenderedTake
+from .subject import RenderedTake
 from .view import View, close_view, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)
@@ -32,20 +32,6 @@ class PreviewSettings:
     most_frames: int = 360  # Maximum number of video frames.
     most_views: int = 4  # Maximum number of cameras.
     most_footage_pictures: int = 720  # Maximum number of footage images to read, which may reduce the cameras.
-    body_opacity: float = 0.8  # Opacity of the body over footage.
-
-
-@dataclass(frozen=True)
-class Pane:
-    """One view in the video."""
-
-    view: View
-    tile: PictureTile
-    stage: RenderStage
-    backdrop: Backdrop
-    opacity: float  # Opacity of the body.
-    detections: np.ndarray  # (F, K, 2) pixels of the picture, NaN where unseen.
-    dot_colour: Colour
 
 
 def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tuple[list[int], float]:
@@ -68,14 +54,17 @@ def render_preview(
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     with temporary_folder() as folder, ExitStack() as stack:
         letters = stack.enter_context(open_lettering(folder, _LINE))
-        panes = [_pane(stack, folder, subject, view, tile, settings) for view, tile in _views(subject, settings)]
+        views, look = _views(subject, settings), RenderQuality(shrink=1)
+        panes = [open_pane(stack, folder, subject, view, tile, look) for view, tile in views]
         pictures = []
         size = canvas_size([pane.tile for pane in panes])
         for done, frame in enumerate(frames):
             canvas = np.empty((size[1], size[0], 3), dtype=np.uint8)
             canvas[:] = _CANVAS_COLOUR
             for pane in panes:
-                _draw(canvas, pane, subject, frame, letters)
+                tile, words = pane.tile, pane.view.camera.name
+                picture = pane.picture(subject, frame, letters, words, 180)
+                canvas[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = picture
             letters.write(canvas, f"{frame / subject.motion.fps:.1f} s", 8, size[1] - _LINE - 8)
             pictures.append(folder / f"preview_{done:06d}.png")
             write_png(pictures[-1], canvas, level=1)
@@ -104,23 +93,3 @@ def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
         return settings.most_views
     frames, _ = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
     return min(settings.most_views, max(1, settings.most_footage_pictures // len(frames)))
-
-
-def _pane(
-    stack: ExitStack, folder: Path, subject: RenderedTake, view: View, tile: PictureTile, settings: PreviewSettings
-) -> Pane:
-    backdrop, is_footage = subject.backdrop(stack, view, folder)
-    detections, colour = subject.detections(view)
-    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, RenderQuality(shrink=1), folder))
-    return Pane(view, tile, stage, backdrop, settings.body_opacity if is_footage else 1.0, detections, colour)
-
-
-def _draw(canvas: np.ndarray, pane: Pane, subject: RenderedTake, frame: int, letters: Lettering) -> None:
-    picture, tile = pane.backdrop(frame), pane.tile
-    window = pane.view.window(subject.joints[frame])
-    if window is not None:
-        layer = soften_edges(layer_from_render(pane.stage.render(float(subject.times[frame]), window)))
-        blend(picture, layer, window[0], window[1], opacity=pane.opacity)
-    draw_dots(picture, pane.detections[frame], max(1.5, tile.height / 180), pane.dot_colour)
-    letters.write(picture, pane.view.camera.name, 8, 8)
-    canvas[tile.y : tile.y + tile.height, tile.x : tile.x + tile.width] = picture

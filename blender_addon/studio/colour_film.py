@@ -1,4 +1,4 @@
-"""A shot filmed in colour: every camera and frame rendered, bent by its lens, exposed, with the sensor's noise."""
+"""Shots and data sets filmed in colour: pictures bent by lenses, exposed, with the sensor's noise, and videos."""
 
 from __future__ import annotations
 
@@ -12,16 +12,18 @@ import bpy
 import numpy as np
 
 from .._exchange.capture_file import CameraFile, CaptureFile, read_capture
-from .._exchange.errors import FileDamaged
+from .._exchange.errors import FileDamaged, FileMissing
 from .._exchange.json_file import read_json_file
 from .._exchange.lens import DEFAULT_MODEL, is_pinhole, normalised, pixels, undistort
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import publish, temporary_folder, unfinished_names, write_text
+from .._exchange.progress import Progress
 from .._exchange.verb_results import ShotRecord, is_shot_record
 from ..body.body_file import body_path_of, read_body
 from ..errors import RenderFailed
 from ..render.picture import Resampling, write_png
 from ..render.stage import light_studio, render_still, write_targa
+from ..render.strips import encode_video
 from ..scene.cameras import create_camera, look_through
 from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
 from .room import LIGHTS, Light, build_room, light_room
@@ -284,3 +286,45 @@ def _with_noise(picture: np.ndarray, sigma: float, rng: np.random.Generator) -> 
         return np.ascontiguousarray(picture)
     noisy = picture + (255 * sigma) * rng.standard_normal(picture.shape, np.float32)
     return np.clip(noisy + 0.5, 0, 255).astype(np.uint8)
+
+
+SHOTS, VIDEOS = "shots", "videos"
+
+
+def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
+    """Render the colour pictures of every shot without them, and return the number of new pictures.
+
+    Raises:
+        FileMissing: a shot is missing.
+        RenderFailed: Blender cannot render here.
+    """
+    made, each = 0, max(1, frames // max(len(shots), 1))
+    for number, name in enumerate(shots):
+        folder = out / SHOTS / name
+        if not (folder / "shot.json").is_file():
+            raise FileMissing("The shot is missing.", where=str(folder), hint="Run the studio again.")
+        start = number * each
+        made += film_in_colour(folder, lambda n, start=start: progress("colour", start + n, frames))
+        progress("colour", (number + 1) * each, frames)
+    return made
+
+
+def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
+    """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes.
+
+    Raises ``RenderFailed`` if this Blender writes no video.
+    """
+    for done, name in enumerate(shots, start=1):
+        folder = out / SHOTS / name
+        record = read_json_file(folder / "shot.json")
+        (folder / VIDEOS).mkdir(exist_ok=True)
+        for camera, (width, height) in zip(record["cameras"], record["size"], strict=True):
+            path = folder / VIDEOS / f"{camera}.mp4"
+            if path.is_file():
+                continue
+            pictures = sorted((folder / FOLDER / camera).glob("*.png"))
+            with unfinished_names(folder / VIDEOS) as name:
+                unfinished = path.with_name(f"{name}{path.name}")
+                encode_video(pictures, (width // 2 * 2, height // 2 * 2), float(record["fps"]), unfinished)
+                unfinished.replace(path)
+        progress("videos", done, len(shots))
