@@ -13,8 +13,7 @@ from .._exchange.progress import Progress
 from ..scene.cameras import find_footage
 from .contact_sheet import PictureTile, canvas_size, open_lettering, open_pane, pack
 from .picture import write_png
-from .stage import RenderQuality
-from .strips import encode_video
+from .stage import RenderQuality, encode_video
 from .subject import RenderedTake
 from .view import View, close_view, three_quarter_view
 

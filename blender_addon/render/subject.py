@@ -20,8 +20,7 @@ from ..conventions.skeleton import SMPL
 from ..scene.bake import BakedTake
 from ..scene.cameras import Footage, find_footage
 from .picture import Resampling, blend, gradient, layer_from_render
-from .stage import RenderQuality, open_stage
-from .strips import open_footage
+from .stage import RenderQuality, open_footage, open_stage
 from .view import View
 
 Backdrop = Callable[[int], np.ndarray]  # Returns a new (h, w, 3) picture behind the body for a frame of the footage.

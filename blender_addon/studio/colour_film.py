@@ -22,8 +22,7 @@ from .._exchange.verb_results import ShotRecord, is_shot_record
 from ..body.body_file import body_path_of, read_body
 from ..errors import RenderFailed
 from ..render.picture import Resampling, write_png
-from ..render.stage import light_studio, render_still, write_targa
-from ..render.strips import encode_video
+from ..render.stage import encode_video, light_studio, render_still, write_targa
 from ..scene.cameras import create_camera, look_through
 from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
 from .room import LIGHTS, Light, build_room, light_room

@@ -45,7 +45,7 @@ def render_apart(passage: Passage, out: Path) -> None:
 def render(folder: Path, out: Path) -> None:
     """Render the motions of a folder side by side."""
     from blender_addon.render.picture import write_png
-    from blender_addon.render.strips import encode_video
+    from blender_addon.render.stage import encode_video
     from blender_addon.scene.session import fresh_scene
 
     paths = sorted(folder.glob("*.npz"))

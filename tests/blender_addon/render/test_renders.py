@@ -16,8 +16,7 @@ from blender_addon._exchange.progress import silent
 from blender_addon.render.contact_sheet import open_lettering, render_contact_sheet
 from blender_addon.render.picture import draw_dots, layer_from_render, write_png
 from blender_addon.render.preview import PreviewSettings, preview_frames, render_preview
-from blender_addon.render.stage import RenderQuality, open_stage
-from blender_addon.render.strips import encode_video, open_footage
+from blender_addon.render.stage import RenderQuality, encode_video, open_footage, open_stage
 from blender_addon.render.subject import DETECTION_DOT, KEYPOINT_DOT, RenderedTake, footage_backdrop
 from blender_addon.render.view import View
 from blender_addon.scene.bake import BakedTake, bake_take
