@@ -144,7 +144,7 @@ def _draw_skins() -> None:
 
 def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
     from ..animation.lanes import current_confidence, resting_bones
-    from ..review.colours import joint_weights, skin_colours
+    from ..review.ranges import joint_weights, skin_colours
 
     posed = skin.evaluated_get(context.evaluated_depsgraph_get())
     count, joints = len(skin.data.vertices), layout_of(armature.data.bones).joints
@@ -158,7 +158,7 @@ def _draw_skin(context: bpy.types.Context, armature: bpy.types.Object, skin: bpy
 
 
 def _draw_bands() -> None:
-    from ..review.colours import doubtful_bands
+    from ..review.ranges import doubtful_bands
 
     context = bpy.context
     view, height = context.region.view2d, _BAND_PX * context.preferences.system.ui_scale
@@ -209,7 +209,7 @@ HANDLERS = (
 
 def colour_bones(scene: bpy.types.Scene) -> None:
     """Colour the bones of the bodies by confidence, or remove the colours."""
-    from ..review.colours import paint_bones
+    from ..review.ranges import paint_bones
 
     for review in _reviews_of(scene):
         paint_bones(review.armature, scene.frame_current, shown=review.colours)

@@ -14,7 +14,7 @@ from blender_addon.animation.lanes import resting_at, resting_bones
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
-from blender_addon.review.colours import RESTING, joint_weights, paint_bones, skin_colours
+from blender_addon.review.ranges import RESTING, joint_weights, paint_bones, skin_colours
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
 from solver_backend.io.markers.read import read_markers
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from blender_addon.review.colours import colours
+from blender_addon.review.ranges import colours
 
 
 def test_colours_go_from_red_over_amber_to_green():

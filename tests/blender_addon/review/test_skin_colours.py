@@ -9,7 +9,7 @@ import numpy as np
 
 from blender_addon.animation.curves import create_action, key_type_values, write_curves
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.review.colours import colours, doubtful_bands, joint_weights, skin_colours
+from blender_addon.review.ranges import colours, doubtful_bands, joint_weights, skin_colours
 from blender_addon.scene.bake import BakedTake
 
 
