@@ -11,8 +11,8 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import quat_from_rotvec, quat_multiply, rotvec_from_quat, sign_continuous
 from ..body.armature import rotation_from_body_axes
+from ..body.body_file import rotvec_on
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
-from ..body.posed_body import rotvec_on
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
 from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming

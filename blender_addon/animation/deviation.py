@@ -8,9 +8,8 @@ import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile
-from ..body.body_file import BodyFile
+from ..body.body_file import BodyFile, pose_joints, rotvec_on, skin
 from ..body.mesh import positions
-from ..body.posed_body import pose_joints, rotvec_on, skin
 from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming, go_to_frame
 

@@ -14,8 +14,7 @@ from .._exchange.capture_file import CameraFile, CaptureFile
 from .._exchange.lens import distort, is_pinhole, normalised, pixels
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import matrix_from_rotvec
-from ..body.body_file import BodyFile
-from ..body.posed_body import pose_joints, rotvec_on
+from ..body.body_file import BodyFile, pose_joints, rotvec_on
 from ..conventions.skeleton import SMPL
 from ..scene.bake import BakedTake
 from ..scene.cameras import Footage, find_footage

@@ -10,8 +10,7 @@ import numpy as np
 from .._exchange.finger_joints import FIRST_FINGER
 from .._exchange.rigs.skeleton import FINGERS, SIDES, is_of_a_finger
 from ..animation.takes import push_down
-from ..body.body_file import BodyFile
-from ..body.posed_body import turns_on
+from ..body.body_file import BodyFile, turns_on
 from ..conventions.skeleton import SMPL
 from .hanging import set_switches
 from .motion.figures import actor_of_poses, body_at_rest

@@ -15,8 +15,7 @@ from ..animation.curves import current_action, curve_target, laid_rate, relay_ta
 from ..animation.layers import PLACE, without_layers
 from ..animation.range_merge import RangeTimes, carry_curves, merge_range
 from ..animation.takes import BETAS, DIAGNOSTICS, PATHS, PERSON, found_in, mark_as_asset, show_take, take_file
-from ..body.body_file import BodyFile, body_path_of, read_body, require_body
-from ..body.posed_body import with_own_hands
+from ..body.body_file import BodyFile, body_path_of, read_body, require_body, with_own_hands
 from ..body.rig import create_rig
 from ..conventions.coordinates import fit_units
 from ..conventions.datablocks import KEYPOINT_COLOUR, child_collection

@@ -14,9 +14,8 @@ from ..animation.curves import action_curves, is_take, laid_rate
 from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
 from ..animation.layers import without_layers
 from ..animation.takes import take_file
-from ..body.body_file import body_path_of, read_body
+from ..body.body_file import body_path_of, read_body, with_own_hands
 from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
-from ..body.posed_body import with_own_hands
 from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming
 from .limb_modes import own_channels, sample_bones

@@ -13,8 +13,7 @@ from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
 from ..animation.action import bone_quaternions
 from ..body.armature import rotation_from_body_axes
-from ..body.body_file import BodyFile
-from ..body.posed_body import pose_joints, turns_on
+from ..body.body_file import BodyFile, pose_joints, turns_on
 from ..body.rig import create_rig
 from ..body.shape import set_betas
 from ..conventions.coordinates import fit_units

@@ -8,8 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile
-from ..body.body_file import BodyFile
-from ..body.posed_body import skin
+from ..body.body_file import BodyFile, skin
 from ..conventions.datablocks import shader_of
 from .scene_file import SceneFile
 

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import read_motion as read_shown
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import with_own_hands
+from blender_addon.body.body_file import default_body_path, read_body, with_own_hands
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.body.kinematics import forward_kinematics

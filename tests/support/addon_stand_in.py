@@ -11,8 +11,7 @@ import numpy as np
 from blender_addon._exchange.capture_file import CaptureFile, read_capture
 from blender_addon._exchange.lens import distort, pixels
 from blender_addon._exchange.motion_file import MotionFile, read_motion
-from blender_addon.body.body_file import BodyFile, read_body
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import BodyFile, pose_joints, read_body
 from blender_addon.conventions.skeleton import NUM_JOINTS, PARENTS, SMPL
 
 _REST = np.array([

@@ -10,8 +10,7 @@ import numpy as np
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.action import bone_quaternions
 from blender_addon.body.armature import rotation_from_body_axes
-from blender_addon.body.body_file import BodyFile
-from blender_addon.body.posed_body import pose_joints, skin
+from blender_addon.body.body_file import BodyFile, pose_joints, skin
 from blender_addon.body.rig import Rig
 from blender_addon.body.shape import get_betas
 from blender_addon.conventions.skeleton import JOINTS

@@ -10,8 +10,7 @@ import numpy as np
 
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon._exchange.so3 import quat_from_matrix, rotvec_from_matrix
-from blender_addon.body.body_file import BodyFile
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import BodyFile, pose_joints
 from blender_addon.conventions.timing import go_to_frame
 from solver_backend.metrics import foot_skating_cm_per_frame
 

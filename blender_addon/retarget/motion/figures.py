@@ -12,8 +12,7 @@ import numpy as np
 
 from ..._exchange.motion_file import MotionFile
 from ..._exchange.rigs.skeleton import FINGERS, JOINT_OF, SIDES
-from ...body.body_file import BodyFile
-from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
+from ...body.body_file import BodyFile, pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import SMPL, BodyLayout
 

@@ -67,8 +67,7 @@ def _true_view(path: Path):
     """Return the true joints and a view that holds all of the passage."""
     from blender_addon._exchange.motion_file import read_motion
     from blender_addon._exchange.so3 import matrix_from_rotvec
-    from blender_addon.body.body_file import default_body_path, read_body
-    from blender_addon.body.posed_body import pose_joints
+    from blender_addon.body.body_file import default_body_path, pose_joints, read_body
     from blender_addon.render.view import View, three_quarter_view
 
     motion, body = read_motion(path), read_body(default_body_path())

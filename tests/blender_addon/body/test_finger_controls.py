@@ -12,10 +12,9 @@ from blender_addon._exchange.body_layout import SMPL_HANDS
 from blender_addon._exchange.joint_sets import FINGERS
 from blender_addon.animation.action import read_pose
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body
 from blender_addon.body.controls.limbs import FINGER_CONTROLS as CONTROLS
 from blender_addon.body.controls.limbs import finger_control, fist_control, has_finger_controls
-from blender_addon.body.posed_body import pose_joints
 from blender_addon.body.rig import create_rig
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take

@@ -12,8 +12,7 @@ import pytest
 from blender_addon._exchange.body_layout import SMPL, SMPL_HANDS
 from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.animation.deviation import measure_deviation
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints, skin, with_own_hands
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body, skin, with_own_hands
 from blender_addon.conventions.coordinates import R_ARMATURE_BODY
 from blender_addon.retarget.motion.figures import Target, actor_of_motion
 from blender_addon.retarget.motion.limbs import bend_fingers

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from blender_addon._exchange.so3 import matrix_from_rotvec
-from blender_addon.body.posed_body import pose_joints, skin
+from blender_addon.body.body_file import pose_joints, skin
 from tests.support.addon_stand_in import bare_motion
 
 

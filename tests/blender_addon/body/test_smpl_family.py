@@ -9,8 +9,7 @@ import pytest
 
 from blender_addon._exchange.errors import BodyInvalid
 from blender_addon._exchange.motion_file import MotionFile
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import skin
+from blender_addon.body.body_file import default_body_path, read_body, skin
 from solver_backend.body.body import load_body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3

@@ -9,8 +9,7 @@ import pytest
 from blender_addon._exchange.body_layout import SMPL_HANDS
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints, with_own_hands
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body, with_own_hands
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take

@@ -17,7 +17,7 @@ from blender_addon._exchange.motion_file import read_motion
 from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import push_down
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import pose_joints
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.conventions.coordinates import euler_from_matrix
 from blender_addon.conventions.skeleton import JOINTS

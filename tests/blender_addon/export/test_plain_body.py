@@ -10,8 +10,7 @@ import numpy as np
 
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
-from blender_addon.body.body_file import BodyFile
-from blender_addon.body.posed_body import skin
+from blender_addon.body.body_file import BodyFile, skin
 from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
 from blender_addon.conventions.skeleton import JOINTS

@@ -13,8 +13,7 @@ import pytest
 
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.deviation import evaluated_joints
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body
 from blender_addon.headless.main import main
 from solver_backend.body.body import load_body
 from tests.support.bvh_texts import known_motion, write_bvh

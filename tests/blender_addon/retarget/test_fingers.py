@@ -8,8 +8,7 @@ import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
 from blender_addon.animation.curves import action_curves
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints, rotvec_on
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body, rotvec_on
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.recognition import map_rig

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import MotionFile
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body
 from blender_addon.conventions.skeleton import SMPL, SMPL_HANDS
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import TargetUnsuitable

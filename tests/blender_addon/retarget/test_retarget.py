@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.curves import action_curves
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import pose_joints
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import MapInvalid, TargetUnsuitable
 from blender_addon.retarget.motion.figures import actor_of_motion

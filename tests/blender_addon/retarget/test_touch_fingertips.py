@@ -8,8 +8,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from blender_addon._exchange.motion_file import MotionFile
-from blender_addon.body.body_file import BodyFile, default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import BodyFile, default_body_path, pose_joints, read_body
 from blender_addon.conventions.coordinates import R_ARMATURE_BODY
 from blender_addon.conventions.skeleton import SMPL_HANDS
 from blender_addon.conventions.timing import TakeTiming

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import read_motion
-from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.posed_body import pose_joints
+from blender_addon.body.body_file import default_body_path, pose_joints, read_body
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.recognition import map_rig
