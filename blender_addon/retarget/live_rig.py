@@ -14,8 +14,7 @@ from ..body.body_file import BodyFile, turns_on
 from ..conventions.skeleton import SMPL
 from .hanging import set_switches
 from .motion.figures import actor_of_poses, body_at_rest
-from .motion.map_pose import map_pose
-from .motion.proportions import measure_proportions, scale_of
+from .motion.map_pose import map_pose, measure_proportions, scale_of
 from .motion.transfer import Transferred, transfer
 from .retarget import Channel, RetargetSettings, channels_of, measure_deviation_mm
 from .rig_map import RigMap

@@ -18,8 +18,7 @@ from ..errors import TargetUnsuitable
 from ..scene.session import alone
 from .hanging import neutral
 from .motion.figures import Actor, Target
-from .motion.map_pose import map_pose, map_pose_values
-from .motion.proportions import Proportions, measure_proportions
+from .motion.map_pose import Proportions, map_pose, map_pose_values, measure_proportions
 from .motion.transfer import Transferred, TransferSettings, transfer
 from .rig_map import RigMap, map_values
 from .target_rig import TargetRig, read_target

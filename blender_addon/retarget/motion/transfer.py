@@ -13,7 +13,7 @@ from ...animation.ground_path import ground_path
 from . import limbs
 from .figures import Actor, Target, carried_places
 from .limbs import bend_to, hips_of, longest_reach
-from .proportions import length, measure_proportions, scale_of
+from .map_pose import length, measure_proportions, scale_of
 from .touch import keep_hands_on_body, keep_hands_together
 
 (_NECK, _HEAD), _HIPS = SMPL.numbers("neck", "head"), SMPL.both("hip")
