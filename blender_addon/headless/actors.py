@@ -74,8 +74,8 @@ def _of_motion(path: Path, body: Path | None) -> ReadActor:
 
 
 def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    from ..retarget.recognition import open_scene
     from ..retarget.rig_actor import chosen_actor
-    from ..retarget.scene_files import open_scene
 
     scene = open_scene(path)
     return scene, chosen_actor(scene, armature, str(path))

@@ -35,8 +35,8 @@ def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Pr
     """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
     if clip.suffix.lower() not in _OWN:
         return clip
+    from ..retarget.recognition import open_scene
     from ..retarget.rig_actor import chosen_actor, play_action, skeleton_of_rig
-    from ..retarget.scene_files import open_scene
 
     progress("reading the clip", 0, 1)
     scene = open_scene(clip)

@@ -213,8 +213,8 @@ def _listing(kind: str, failed: list[dict[str, Any]], most: int = 3) -> str:
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
     """Open the target's file and return its only armature, or the one with the given name."""
+    from ..retarget.recognition import open_scene
     from ..retarget.rig_actor import is_actor
-    from ..retarget.scene_files import open_scene
 
     scene = open_scene(args.target)
     rigs = [o for o in scene.objects if o.type == "ARMATURE" and (args.object or not is_actor(o))]

@@ -26,8 +26,8 @@ from blender_addon.render.picture import blend, gradient, layer_from_render, wri
 from blender_addon.render.stage import RenderQuality, open_stage
 from blender_addon.render.view import View, three_quarter_view
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.recognition import open_scene
 from blender_addon.retarget.retarget import retarget
-from blender_addon.retarget.scene_files import open_scene
 from blender_addon.scene.bake import bake_take
 from tests.support.foreign_files import CHARACTERS
 from tests.support.played_character import FPS, known_clip

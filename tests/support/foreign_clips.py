@@ -110,8 +110,8 @@ def cmu_files(shared_data: Path, folder: Path, count: int) -> list[Path]:
 
 def library_files(shared_data: Path, folder: Path, count: int) -> Iterator[Path]:
     """Write clips of the CC0 library by way of Blender, as ``motion`` of the add-on does it."""
+    from blender_addon.retarget.recognition import open_scene
     from blender_addon.retarget.rig_actor import chosen_actor, clips_of, play_action, skeleton_of_rig
-    from blender_addon.retarget.scene_files import open_scene
 
     with tarfile.open(shared_data / "mesh2motion_cc0.tar.xz") as archive:
         archive.extract(_LIBRARY, folder, filter="data")

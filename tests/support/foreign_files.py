@@ -7,7 +7,7 @@ from pathlib import Path
 
 import bpy
 
-from blender_addon.retarget.scene_files import open_scene
+from blender_addon.retarget.recognition import open_scene
 from tests.support.foreign_characters import write_character
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import limbs_of

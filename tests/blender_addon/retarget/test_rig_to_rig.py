@@ -12,10 +12,9 @@ import pytest
 
 from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
-from blender_addon.retarget.recognition import map_rig
+from blender_addon.retarget.recognition import frame_rate, humanoid, map_rig, open_scene, read_header
 from blender_addon.retarget.retarget import Retargeted, retarget
 from blender_addon.retarget.rig_actor import read_rig_actor
-from blender_addon.retarget.scene_files import frame_rate, humanoid, open_scene, read_header
 from tests.support.foreign_characters import write_character
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
