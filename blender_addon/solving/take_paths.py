@@ -1,4 +1,4 @@
-"""Paths of captures, takes and subjects."""
+"""Paths of captures, takes and subjects, and the reports of steps from videos."""
 
 from __future__ import annotations
 
@@ -6,8 +6,13 @@ import re
 import zlib
 from dataclasses import dataclass
 from itertools import islice
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
+from .._exchange.diagnostics import Diagnostic, read_diagnostics
+from .._exchange.errors import MocapError
+from .._exchange.json_file import read_json_file
+from .._exchange.plain_text import plain
 from ..conventions.naming import next_number, next_path
 
 _POSE_FOLDERS = frozenset({"pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync"})
@@ -99,3 +104,41 @@ def _holds_cameras(folder: Path) -> bool:
 def _holds_frames(folder: Path) -> bool:
     numbered = (path for path in folder.glob("*.json") if re.search(r"\d", path.stem))
     return len(list(islice(numbered, 2))) > 1
+
+
+NAME = "road.json"
+_FORMAT, _VERSION = "manifold_mocap_road", 2
+_LARGEST = 1 << 20
+"""Bytes of a file that is read, chosen by hand."""
+
+
+@dataclass(frozen=True)
+class RoadStep:
+    """One step that is done."""
+
+    name: str
+    diagnostics: tuple[Diagnostic, ...]  # Diagnostics of the step.
+    pictures: tuple[Path, ...]  # Pictures that are there.
+
+
+def read_road(folder: Path) -> tuple[RoadStep, ...]:
+    """Return the finished steps in order, none without a valid file. Pictures outside the folder are ignored."""
+    path = folder / NAME
+    try:
+        values = read_json_file(path, _LARGEST)
+    except MocapError:
+        return ()
+    if not isinstance(values, dict) or values.get("format") != _FORMAT or values.get("version") != _VERSION:
+        return ()
+    steps = values.get("steps")
+    rows = [row for row in steps if isinstance(row, dict)] if isinstance(steps, list) else []
+    names = [plain(str(row.get("step", ""))) for row in rows]
+    pictures = [_pictures(folder, row.get("pictures")) for row in rows]
+    return tuple(map(RoadStep, names, [read_diagnostics(row.get("diagnostics")) for row in rows], pictures))
+
+
+def _pictures(folder: Path, value: Any) -> tuple[Path, ...]:
+    inside = folder.resolve()
+    named = [PurePosixPath(item) for item in value if isinstance(item, str)] if isinstance(value, list) else []
+    paths = [(folder / name).resolve() for name in named if name.suffix == ".png"]
+    return tuple(path for path in paths if path.is_relative_to(inside) and path.is_file())

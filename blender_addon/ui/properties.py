@@ -173,7 +173,7 @@ class MocapVideos(
 
     def take_steps(self, folder: str) -> None:
         """Show the steps with results in a folder. Open steps stay open."""
-        from ..solving.road_file import read_road
+        from ..solving.take_paths import read_road
 
         opened = {step.name for step in self.steps if step.open}
         self.steps.clear()

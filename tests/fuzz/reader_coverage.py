@@ -46,7 +46,7 @@ _READERS = (
     "blender_addon/headless/batch/record.py",
     "blender_addon/headless/batch/engines/cluster_task.py",
     "blender_addon/render/picture.py",
-    "blender_addon/solving/road_file.py",
+    "blender_addon/solving/take_paths.py",
     "blender_addon/studio/places.py",
     "blender_addon/body/body_file.py",
     "blender_addon/retarget/rig_map.py",

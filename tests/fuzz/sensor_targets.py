@@ -13,8 +13,8 @@ from blender_addon.body.body_file import body_path_of
 from blender_addon.headless.batch.engines.cluster_task import MARKER as MARKER
 from blender_addon.headless.batch.engines.cluster_task import marker_in
 from blender_addon.solving.live import read_pose_line
-from blender_addon.solving.road_file import NAME as ROAD
-from blender_addon.solving.road_file import read_road
+from blender_addon.solving.take_paths import NAME as ROAD
+from blender_addon.solving.take_paths import read_road
 from blender_addon.studio.places import FORMAT as PLACES
 from blender_addon.studio.places import read_places, shared_limits
 from solver_backend.camera_calibration.formats import opencv_yaml

@@ -155,13 +155,13 @@ def _results(context: bpy.types.Context, folder: Path, name: str) -> Path:
 
 
 def _with_reports(results: Path) -> list[Path]:
-    from ...solving.road_file import NAME
+    from ...solving.take_paths import NAME
 
     return [path.parent for path in (*results.glob(NAME), *results.glob(f"*/{NAME}"))]
 
 
 def _changed(folder: Path) -> int:
-    from ...solving.road_file import NAME
+    from ...solving.take_paths import NAME
 
     try:
         return (folder / NAME).stat().st_mtime_ns

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.solving.road_file import read_road
+from blender_addon.solving.take_paths import read_road
 from blender_addon.ui.operators.base import SolverOperator, current
 from blender_addon.ui.panels.videos import Previews
 from solver_backend.exchange.diagnostics import diagnostic, sentence
