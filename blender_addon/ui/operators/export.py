@@ -21,7 +21,7 @@ from .base import Call, MocapOperator, Need, SolverOperator, Steps, operator, op
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import MarkersResult
-    from ...scene.take_sender import TakeSender
+    from ...scene.live_figure import TakeSender
 
 _ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
 
@@ -223,7 +223,7 @@ _BODY_TO_SEND = Need(
 @operator("Send While Playing", _BODY_TO_SEND, options=base.INTERNAL)
 def send_take(self: Any, context: bpy.types.Context) -> None:
     """Send the body's pose with every hand edit over VMC in each frame that is shown."""
-    from ...scene.take_sender import TakeSender
+    from ...scene.live_figure import TakeSender
 
     if playing.busy:
         playing.stop()
