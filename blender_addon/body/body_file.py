@@ -1,4 +1,4 @@
-"""The body file: an SMPL-type body with our materials and texture coordinates, a motion's choice of it, and its poses."""
+"""The body file: an SMPL-type body with materials and texture coordinates, the choice of a motion's body, its poses."""
 
 from __future__ import annotations
 

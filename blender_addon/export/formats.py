@@ -25,10 +25,10 @@ FORMATS: dict[str, Format] = {
     "fbx": Format(".fbx", "FBX", f"{_SKINNED}; Y up", "blender_exporters.export_fbx", ("unit", "up", *_BONES, "node")),
     "gltf": Format(".glb", "glTF", f"{_SKINNED}; metres, Y up", "blender_exporters.export_gltf", _BONES),
     "usd": Format(".usdc", "USD", f"{_SKINNED}; metres, Z up", "blender_exporters.export_usd", _BONES),
-    "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up", "alembic.export_alembic"),
+    "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up", "blender_exporters.export_alembic"),
     "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body; Z up", "amass.export_amass"),
     "amass-x": Format(".npz", "AMASS, SMPL-X", f"{_POSES}; Z up", "amass.export_amass_x"),
-    "blend": Format(".blend", "Blend", f"{_RIGGED}; Z up", "blend.export_blend", is_sampled=False),
+    "blend": Format(".blend", "Blend", f"{_RIGGED}; Z up", "blender_exporters.export_blend", is_sampled=False),
     "trc": Format(".trc", "TRC", "Joint positions for OpenSim; millimetres, Y up", "joint_tables.export_trc"),
     "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up", "joint_tables.export_csv"),
 }

@@ -1,4 +1,4 @@
-"""Temporary scenes: they render parts of a take, read footage and write videos, so that the user's scene does not change."""
+"""Temporary scenes that render parts of a take, read footage and write videos, so that the user's scene stays."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Recognition of a rig: a humanoid map in its file, or presets, structure and names of its bones."""
+"""Recognition of a rig by its file, presets, structure and names, and files with characters opened as a scene."""
 
 from __future__ import annotations
 

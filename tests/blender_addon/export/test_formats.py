@@ -25,7 +25,7 @@ from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take, file_names, writer_of
-from blender_addon.export.writers import alembic, blender_exporters
+from blender_addon.export.writers import blender_exporters
 from blender_addon.export.writers.blender_exporters import run_exporter
 from blender_addon.scene.bake import BakedTake, bake_take
 from solver_backend.io.motions.bvh import read_bvh
@@ -95,7 +95,7 @@ def test_a_cut_file_is_no_result(
         pytest.skip(str(missing))
     whole = path.read_bytes()
     cut = whole[: len(whole) // 2] if name == "usd" else whole[:5] + b"\0" + whole[6:]
-    module = {"usd": blender_exporters, "alembic": alembic}[name]
+    module = {"usd": blender_exporters, "alembic": blender_exporters}[name]
     monkeypatch.setattr(module, "run_exporter", lambda _, part, *settings: part.write_bytes(cut))
     with pytest.raises(OutputNotWritable, match="stopped in the middle of the file"):
         export_take(take_of(scene, take.armature, FEW), name, path, overwrite=True)
