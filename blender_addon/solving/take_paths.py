@@ -73,16 +73,18 @@ def capture_root(path: Path) -> Path:
 
 def is_session(path: Path) -> bool:
     """Return whether a folder is no recording itself but holds some below it."""
-    return path.is_dir() and not _holds_cameras(path) and _holds_trials(path)
+    return path.is_dir() and not _holds_cameras(path) and bool(trials_below(path))
 
 
-def _holds_trials(path: Path, levels: int = 3) -> bool:
-    """Return whether a recording is below a session's folder, at most this many folders deep."""
-    return any(
-        not _POSE_FOLDERS.isdisjoint(below.name.lower() for below in _folders(folder))
-        or (levels > 1 and _holds_trials(folder, levels - 1))
-        for folder in _folders(path)
-    )
+def trials_below(path: Path, levels: int = 3) -> list[Path]:
+    """Return the recordings of a session's folder, at most this many folders deep, by name."""
+    found: list[Path] = []
+    for folder in _folders(path):
+        if not _POSE_FOLDERS.isdisjoint(inner.name.lower() for inner in _folders(folder)):
+            found.append(folder)
+        elif levels > 1:
+            found += trials_below(folder, levels - 1)
+    return found
 
 
 def _folders(path: Path) -> list[Path]:

@@ -1,7 +1,7 @@
 """The map pose: the rotation of each bone of a rig from its rest to the pose of our body at rest.
 
 Bones are compared by their anatomy, never by their axes: a limb's direction, and the side to which its hinge bends.
-Trunk and head keep their posture, feet stay flat, hands follow their forearm.
+Trunk and head keep their posture, feet stay flat, hands follow their forearm. Lengths of limbs give the scale.
 """
 
 from __future__ import annotations
