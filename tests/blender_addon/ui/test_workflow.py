@@ -22,7 +22,6 @@ from blender_addon.body.shape import body_mesh, sliders
 from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.scene.bake import add_take
 from blender_addon.solving.presets import PRESETS
-from blender_addon.ui.operators import solve
 from blender_addon.ui.operators.base import SolverOperator, current
 from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
@@ -218,7 +217,7 @@ def test_solving_a_range_again_writes_the_job_the_solver_is_promised(mocap, take
     review.first, review.last = 10, 20
     written = []
     monkeypatch.setattr("blender_addon._exchange.job_file.write_job", lambda path, job: written.append(job.as_dict()))
-    monkeypatch.setattr(solve._Solves, "launch", lambda *_: {"CANCELLED"})
+    monkeypatch.setattr(SolverOperator, "launch", lambda *_: {"CANCELLED"})
     bpy.ops.mocap.resolve_range()
     (job,) = written
     resolve = job["resolve"]
