@@ -74,6 +74,10 @@ class Body:
         """Height of the mean shape in metres."""
         return float(np.ptp(self.v_template[:, 1]))
 
+    def stature_of(self, betas: np.ndarray) -> float:
+        """Return the height of a shape (10,) in metres."""
+        return float(np.ptp(self.v_template[:, 1] + self.shapedirs[:, 1] @ betas))
+
 
 def load_body(path: Path | None = None) -> Body:
     """Read a body from an ``.npz`` with SMPL's key names; ``docs/reference/body-file.md`` lists them.

@@ -141,20 +141,6 @@ def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) ->
     return float(np.percentile(soles[:, 2], STANDING_PERCENT)) if len(soles) else None
 
 
-def surest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, sigma: np.ndarray) -> float | None:
-    """Return the median height of the lower sole with weights ``1 / σ²``, metres; None if no foot is seen.
-
-    Feet of people who squat or lie are lifted 0.1 m too low or too high, with larger deviations ``sigma`` (F, L).
-    """
-    frames, column = _lower(points, names, seen, _UP)
-    if not len(frames):
-        return None
-    weight, heights = sigma[frames, column] ** -2.0, lower_soles(points, names, seen, _UP)[:, 2]
-    order = np.argsort(heights)
-    share = np.cumsum(weight[order])
-    return float(heights[order][np.searchsorted(share, 0.5 * share[-1])])
-
-
 def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Return the (n, 3) lower sole of each frame with a visible foot, in the direction ``up`` (3,).
 

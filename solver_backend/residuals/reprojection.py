@@ -35,6 +35,14 @@ class ReprojectionTerm:
         parts = (constant(part, like) for part in (xy, weight, keypoints.confidence))
         return cls(CameraArrays.of(cameras, like), *parts)
 
+    def with_unseen(self, count: int) -> ReprojectionTerm:
+        """Return the term with so many more landmarks that no camera sees."""
+        xp = array_namespace(self.xy)
+        parts = (self.xy, self.weight, self.confidence)
+        zeros = (xp.zeros((*a.shape[:2], count, *a.shape[3:]), dtype=a.dtype) for a in parts)
+        xy, weight, confidence = (xp.concat([a, more], axis=2) for a, more in zip(parts, zeros, strict=True))
+        return replace(self, xy=xy, weight=weight, confidence=confidence)
+
     def select(self, frames: Any) -> ReprojectionTerm:
         """Return the term of the frames at these indices or of this slice."""
         xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))

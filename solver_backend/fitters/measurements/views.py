@@ -83,11 +83,13 @@ class ViewPoints(_Points):
 
     def record(self, motion: Motion, posed: PosedTake) -> Motion:
         """See ``SolvedLayer``."""
-        return replace(motion, keypoints3d=posed.points, joint_set=self.keypoints.joint_set)
+        return replace(
+            motion, keypoints3d=posed.points[:, : self.keypoints.xy.shape[2]], joint_set=self.keypoints.joint_set
+        )
 
     def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
         """See ``PointSource``."""
-        error = reprojection_px(self.cameras, points, self.keypoints)
+        error = reprojection_px(self.cameras, points[:, : self.keypoints.xy.shape[2]], self.keypoints)
         median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
         return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}
 

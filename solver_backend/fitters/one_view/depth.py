@@ -266,6 +266,8 @@ class OneCamera(PointSource):
     open: OneView
     floor: tuple[PointTerm, ...]  # The floor, if the person's feet show it.
     lifted: RelativePositionTerm
+    heights: np.ndarray | None = None
+    """(L,) heights of a standing foot's points above the known floor, NaN for other points."""
     REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
 
     @property

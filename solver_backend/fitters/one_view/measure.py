@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -17,10 +18,11 @@ from solver_backend.fitters.hands.solve_hands import hands_in_views
 from solver_backend.fitters.measurements.views import ViewPoints
 from solver_backend.fitters.model.subject import FrameStates, Subject
 from solver_backend.fitters.one_view.depth import OneCamera, OneView, bridge_repeats, diagnose_cuts, restore_sides
+from solver_backend.fitters.one_view.shape import fit_shape, sole_heights, with_soles
 from solver_backend.fitters.problem import Measurements, RoughMotion, seen_frames
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.priors.lifted_take import lift_take, surest_feet
+from solver_backend.priors.lifted_take import LiftedTake, lift_take
 from solver_backend.priors.view_lifter import load_limb_slants
 from solver_backend.residuals.floor import FloorTerm
 from solver_backend.residuals.positions import RelativePositionTerm
@@ -29,112 +31,52 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 
 PEOPLE_SIGMA = 0.055
 """Relative standard deviation of adults' statures, women and men together (ANSUR II: 93 mm of 1.71 m)."""
-FLOOR_SIGMA_M = 0.05  # Error of the floor under the feet, from its height, up, and the lifted legs.
-SHAPE_SIGMA = 0.01  # Relative error of the size of a known shape.
-LARGEST = 10.0  # Largest size relative to the average; also of anybody who would be above the camera.
+SHAPE_SIGMA = 0.01  # Relative error of the size of a given shape or stature.
 LEAST_HEIGHT_M = 0.3  # Smallest height of the camera above the feet from which they show a size.
-_AVERAGE = "what adults are"
-AT_ODDS_SIGMAS = 3.0
-"""A floor at which the person's size deviates more than this from other knowledge is rejected."""
+AT_ODDS_SIGMAS = 3.0  # A floor contradicts a given size from this many deviations.
 
 
 @dataclass(frozen=True)
 class Size:
-    """Size of a person relative to the average."""
+    """Shape and size of a person before one camera."""
 
-    factor: float
-    sigma: float
+    betas: np.ndarray  # (10,)
+    sigma: float  # Relative deviation of the size.
     source: str  # Source of the size, for people.
     has_floor: bool = True  # The person's feet are on the world's floor.
     at_odds: tuple[float, float] = (0.0, 0.0)
-    """Size by the floor and its deviation, if they contradict the size that is used; zero otherwise."""
+    """Stature by the floor and its deviation in metres, if they contradict the size that is used; zero otherwise."""
 
 
 def size_of(
-    capture: Capture,
-    body: Body,
-    betas: tuple[float, ...] | None,
-    points: np.ndarray,
-    names: tuple[str, ...],
-    seen: np.ndarray,
-    camera_height: float,
-    sigma: np.ndarray,
+    capture: Capture, body: Body, betas: tuple[float, ...] | None, take: LiftedTake, landmarks: Landmarks
 ) -> Size:
-    """Return the person's size: from the known shape or stature, else by the floor; see ``measured_size``."""
-    if capture.floor_from_person:
-        by_floor, measured = Size(1.0, PEOPLE_SIGMA, _AVERAGE), None
-    else:
-        measured = measured_size(points, names, seen, camera_height, sigma)
-        by_floor = size_by_floor(measured)
+    """Return the person's shape: the given one, or a fit with the given stature, the floor, or an adult's stature."""
+    cameras, _ = capture.require_views()
+    height = float(cameras.centres[0, 2])
+    stands = not capture.floor_from_person and abs(height) >= LEAST_HEIGHT_M
+    fit = partial(fit_shape, take, body, landmarks)
+    by_floor = fit((cameras.R[0, :, 2], height)) if stands else None
+    if by_floor is not None and not np.isfinite(by_floor.sole_m):
+        by_floor = None
     if betas is not None:
-        factor, source = _size_of_shape(body, betas), "the given shape"
+        known = Size(np.asarray(betas, dtype=float), SHAPE_SIGMA, "the given shape", by_floor is not None)
+        given = body.stature_of(known.betas)
     elif capture.stature_m:
-        factor, source = capture.stature_m / body.stature_m, "the given stature"
+        given = capture.stature_m
+        floor = (cameras.R[0, :, 2], height) if by_floor is not None else None
+        known = Size(fit(floor, given).betas, SHAPE_SIGMA, "the given stature", by_floor is not None)
+    elif by_floor is not None and by_floor.fits_people:
+        return Size(by_floor.betas, by_floor.sigma, "feet on the floor")
     else:
-        return by_floor
-    doubted = measured is not None and _at_odds(measured, factor, SHAPE_SIGMA)
-    known = Size(factor, SHAPE_SIGMA, source, by_floor.has_floor and not doubted)
-    return replace(known, at_odds=measured) if doubted and measured is not None else known
-
-
-def measured_size(
-    points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float, sigma: np.ndarray
-) -> tuple[float, float] | None:
-    """Return the size at which an average person's feet reach the floor, and its deviation; None if no foot shows it.
-
-    A person ``s`` times as large looks the same ``s`` times as far away: a foot at height h moves down to
-    ``H - s (H - h)`` below a camera at height H.
-
-    Args:
-        points: (F, L, 3) an average person's points in the world, metres.
-        names: of the points.
-        seen: (F, L) bool.
-        camera_height: H above the floor, metres.
-        sigma: (F, L) deviations of the points' heights, metres.
-    """
-    lowest = surest_feet(points, names, seen, sigma)
-    if lowest is None or abs(camera_height) < LEAST_HEIGHT_M:
-        return None
-    drop = camera_height - lowest
-    deviation = float(FLOOR_SIGMA_M * np.sqrt(2.0) / max(abs(drop), 1e-6))
-    size = camera_height / drop if drop * camera_height > 0 else LARGEST
-    return min(size, LARGEST), deviation
-
-
-def size_by_floor(measured: tuple[float, float] | None) -> Size:
-    """Return the measured size weighted with adults' statures, or the average adult's if both contradict."""
-    if measured is None:
-        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
-    if _at_odds(measured, 1.0, PEOPLE_SIGMA):
-        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False, at_odds=measured)
-    by_feet, sigma = measured
-    weight = sigma**-2 / (sigma**-2 + PEOPLE_SIGMA**-2)
-    return Size(1.0 + weight * (by_feet - 1.0), (sigma**-2 + PEOPLE_SIGMA**-2) ** -0.5, "feet on the floor")
-
-
-def _at_odds(measured: tuple[float, float], factor: float, sigma: float) -> bool:
-    return not abs(measured[0] - factor) < AT_ODDS_SIGMAS * np.hypot(measured[1], sigma)
-
-
-def _stature_joints(body: Body) -> tuple[int, list[int]]:
-    names = body.layout.joints
-    return names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
-
-
-def _size_of_shape(body: Body, betas: tuple[float, ...]) -> float:
-    top, bottom = _stature_joints(body)
-    bodies = (body.rest_joints(np.asarray(betas)), body.joints_template)
-    own, average = (joints[top, 1] - joints[bottom, 1].mean() for joints in bodies)
-    return float(own / average)
-
-
-def betas_of_size(body: Body, factor: float) -> np.ndarray:
-    """Return the smallest shape (10,) with a size: ``b = g (f - 1) h / |g|²``, g the gradient of the height h."""
-    top, bottom = _stature_joints(body)
-    rest, by_shape = body.joints_template[:, 1], body.joints_shapedirs[:, 1]
-    height = rest[top] - rest[bottom].mean()
-    gradient = by_shape[top] - by_shape[bottom].mean(axis=0)
-    return gradient * (factor - 1.0) * height / float(gradient @ gradient)
+        average = fit(None, body.stature_m)
+        at_odds = (by_floor.stature_m, by_floor.sigma * by_floor.stature_m) if by_floor else (0.0, 0.0)
+        return Size(average.betas, PEOPLE_SIGMA, "what adults are", capture.floor_from_person, at_odds)
+    if by_floor is not None:
+        sigma = float(np.hypot(by_floor.sigma, SHAPE_SIGMA)) * by_floor.stature_m
+        if abs(by_floor.stature_m - given) > AT_ODDS_SIGMAS * sigma or not by_floor.fits_people:
+            return replace(known, has_floor=False, at_odds=(by_floor.stature_m, sigma))
+    return known
 
 
 MODEL_ERROR_M = 0.015
@@ -174,7 +116,10 @@ def measure_one_view(
     progress("Lifting", 0, 1)
     R, t, centre = camera.R[0], camera.t[0], camera.centres[0]
     take = lift_take(camera, detected, body, prior, R[:, 2])
-    landmarks = keypoint_landmarks(body, detected.joint_set)
+    landmarks = with_soles(body, keypoint_landmarks(body, detected.joint_set))
+    more = len(landmarks) - detected.joint_set.num_keypoints
+    image = np.pad(take.image, [(0, 0), (0, more), (0, 0)], constant_values=np.nan)
+    take = replace(take, image=image, confidence=np.pad(take.confidence, [(0, 0), (0, more)]))
     average = take.placed(body, landmarks, np.zeros(10))[0]
     seen = take.confidence > 0
     known = seen_frames(np.where(seen[..., None], average, np.nan))
@@ -182,17 +127,18 @@ def measure_one_view(
         hint = "Check that the person is whole in the picture for some frames."
         raise NoDetections("In no frame are enough keypoints detected to place a body.", where=capture.name, hint=hint)
     sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
-    height_sigma = np.hypot(sigma[..., 0], sigma[..., 1] * sight[:, None, 2])
-    in_world, names = (average - t) @ R, landmarks.names
-    size = size_of(capture, body, betas, in_world, names, seen, float(centre[2]), height_sigma)
+    size = size_of(replace(capture, cameras=camera), body, betas, take, landmarks)
+    shape, stature = size.betas, body.stature_of(size.betas)
     if size.at_odds[1]:
-        given, measured, deviation = (part * body.stature_m for part in (size.factor, *size.at_odds))
-        found.append(diagnostic("stature_at_odds", given=given, source=size.source, measured=measured, sigma=deviation))
-    shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
+        measured, deviation = size.at_odds
+        found.append(
+            diagnostic("stature_at_odds", given=stature, source=size.source, measured=measured, sigma=deviation)
+        )
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
     points = (in_camera - t) @ R
     frames = np.flatnonzero(known)
+    noise = _sigma_px(cameras, keypoints, in_camera[:, : len(landmarks) - more, 2], view)
     parts = (take.z, R.T @ take.view.root, (places - t) @ R)
     states = FrameStates(*(constant(part[frames], like) for part in parts))
     precision = _precision(sigma, sight, known, _joint_of(landmarks, body))
@@ -201,6 +147,12 @@ def measure_one_view(
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
     deep = take.view.sigma_m[:, recorded, 1]
     assert take.view.hidden is not None
+    heights = None
+    if size.has_floor:
+        rest, by_shape = sole_heights(body, landmarks)
+        heights = np.where(
+            ["_sole_" in name for name in landmarks.names], np.maximum(rest + by_shape @ shape, 0.0), np.nan
+        )
     one = OneView(
         cameras.names[view],
         centre,
@@ -216,13 +168,18 @@ def measure_one_view(
         landmarks=landmarks,
         points=np.where(seen[..., None], points, np.nan),
         covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre)),
-        term=ReprojectionTerm.of(cameras, keypoints, _sigma_px(cameras, keypoints, in_camera[..., 2], view), like),
+        term=ReprojectionTerm.of(cameras, keypoints, noise, like).with_unseen(more),
         fps=detected.fps,
-        source=OneCamera(ViewPoints(cameras, keypoints), one, (FloorTerm(),) if size.has_floor else (), lifted),
+        source=OneCamera(
+            ViewPoints(cameras, keypoints), one, (FloorTerm(),) if size.has_floor else (), lifted, heights
+        ),
         known_person=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
         rough=RoughMotion(frames, states),
         layers=hands,
-        provenance={"diagnostics": [item.as_dict() for item in found], "size_factor": round(size.factor, 4)},
+        provenance={
+            "diagnostics": [item.as_dict() for item in found],
+            "size_factor": round(stature / body.stature_m, 4),
+        },
     )
 
 

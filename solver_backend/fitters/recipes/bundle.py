@@ -271,12 +271,12 @@ def learn_noise(bundle: Bundle) -> Bundle:
     return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
 
 
-def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None) -> Bundle:
-    """Find standing feet, to hold them; ``sight`` (F, 3) is the viewing direction of a single camera."""
+def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None, heights: np.ndarray | None = None) -> Bundle:
+    """Find standing feet, to hold them; for ``sight`` and ``heights`` of a single camera see ``find_contacts``."""
     if not bundle.settings.contacts:
         return bundle
     points, names = to_numpy(bundle.posed.points), bundle.posed.subject.landmarks.names
-    return replace(bundle, contacts=find_contacts(points, names, bundle.problem.fps, sight=sight))
+    return replace(bundle, contacts=find_contacts(points, names, bundle.problem.fps, sight=sight, heights=heights))
 
 
 STAGE = "Global bundle"  # Name of the passes over a whole take.
@@ -341,7 +341,7 @@ def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ..
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
     source = cast("OneCamera", problem.measurements.source)  # no other source names this recipe
-    feet: Step = partial(find_standing_feet, sight=source.sight)
+    feet: Step = partial(find_standing_feet, sight=source.sight, heights=source.heights)
     return (
         Pass(near, ON_THE_MANIFOLD),
         Pass(replace(last, scales=(2 * scale,)), free, (space_keys, feet)),

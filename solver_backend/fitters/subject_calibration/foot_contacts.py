@@ -8,7 +8,7 @@ from itertools import chain
 import numpy as np
 
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.stands import stands, steps
+from solver_backend.exchange.stands import SPEED_M_S, stands, steps
 from solver_backend.fitters.model.subject import PosedFrames, Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.geometry.arrays import Array, array_namespace, constant, to_numpy
@@ -19,8 +19,10 @@ ALONG_SIGHT = 3.0
 """Factor of the speed limit along the line of sight of a single camera, which sees no depth. On 48 filmed takes of
 subjects 08, 60 and of some that the lifter is trained on, feet skate by 0.011 cm a frame instead of 0.012 and joints
 are 0.1 mm nearer, with 2 as with 4. On the benchmark's own takes a foot goes deeper below the floor with 4."""
+SLOW_SHARE = 0.2  # A foot before one camera may seem to stand as fast as this share of its fast speeds.
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")
 """A detector's keypoints and places of markers, without their side."""
+_SOLE_POINTS = ("sole_heel", "sole_toe", "sole_inner", "sole_outer")  # Points of the skin, see ``with_soles``.
 _SIDES = (("left_", "L"), ("right_", "R"))
 
 
@@ -50,6 +52,7 @@ def find_contacts(
     fps: float,
     fixed: np.ndarray | None = None,
     sight: np.ndarray | None = None,
+    heights: np.ndarray | None = None,
 ) -> Contacts:
     """Find the frame ranges in which points of the feet are slow and low.
 
@@ -57,9 +60,11 @@ def find_contacts(
         points: (F, L, 3) solved positions, metres, Z up.
         fixed: (F,) bool, frames that will not move: a stand that includes some is where they are.
         sight: (F, 3) unit direction of the one camera that sees the person, None where several do.
+        heights: (L,) of the points of a standing foot above a known floor, NaN for other points; None if the floor is
+            not known. Anchors are at these heights.
     """
     fixed = np.zeros(len(points), dtype=bool) if fixed is None else fixed
-    columns = _foot_columns(names)
+    columns = _foot_columns(names) if heights is None else [int(k) for k in np.flatnonzero(np.isfinite(heights))]
     planted, anchors = np.zeros(points.shape[:2], dtype=bool), np.zeros(points.shape)
     if len(points) < 3 or not columns:
         return Contacts(planted, anchors)
@@ -68,16 +73,21 @@ def find_contacts(
     if sight is not None:
         along = np.einsum("fka,fa->fk", way, sight)[..., None] * sight[:, None]
         way = way - (1.0 - 1.0 / ALONG_SIGHT) * along
-    for place, runs in enumerate(stands(feet[..., 2], np.linalg.norm(way, axis=-1) / seconds, fps)):
+    speed = np.linalg.norm(way, axis=-1) / seconds
+    if sight is not None:
+        speed *= min(1.0, SPEED_M_S / max(SLOW_SHARE * float(np.nanpercentile(speed, 90.0)), 1e-9))
+    for place, runs in enumerate(stands(feet[..., 2], speed, fps)):
         for first, stop in runs:
             planted[first:stop, columns[place]] = True
             sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
             anchors[first:stop, columns[place]] = feet[first:stop, place][sure].mean(axis=0)
+    if heights is not None:
+        anchors[..., 2] = np.where(planted, np.nan_to_num(heights), 0.0)
     return Contacts(planted, anchors)
 
 
 def _foot_columns(names: tuple[str, ...]) -> list[int]:
-    feet = {side + point for side in chain(*_SIDES) for point in _FOOT_POINTS}
+    feet = {side + point for side in chain(*_SIDES) for point in (*_FOOT_POINTS, *_SOLE_POINTS)}
     return [k for k, name in enumerate(names) if name in feet]
 
 

@@ -68,10 +68,13 @@ class Person:
         return replace(self, transl=transl)
 
 
-def cast_person(take: Take, rng: np.random.Generator, body: Body | None = None) -> Person:
-    """Return a person of random shape who repeats a take on the floor; steps are scaled to the legs."""
+def cast_person(
+    take: Take, rng: np.random.Generator, body: Body | None = None, betas: np.ndarray | None = None
+) -> Person:
+    """Return a person who repeats a take on the floor, of random shape unless ``betas`` (10,) are given."""
     body = body or load_body()
-    betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
+    if betas is None:
+        betas = np.clip(BETAS_SIGMA * rng.normal(size=NUM_BETAS), -2.0, 2.0)
     rest = body.rest_joints(betas)
     legs = rest[0, 1] - rest[SMPL_JOINTS.index("left_ankle"), 1]
     recorded = float(np.percentile(take.root[:, 1], 90))

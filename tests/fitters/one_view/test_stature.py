@@ -1,80 +1,94 @@
-"""The size of a person whom one camera sees: given, by the floor, or the average's with its spread."""
+"""The shape of a person whom one calibrated camera sees: from the floor, a given stature, or an adult's."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.fitters.one_view.measure import (
-    AT_ODDS_SIGMAS,
-    PEOPLE_SIGMA,
-    SHAPE_SIGMA,
-    betas_of_size,
-    measured_size,
-    size_by_floor,
-    size_of,
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.fitters.one_view.shape import SeenShape, foot_columns, sole_heights, standing_soles, with_soles
+from solver_backend.fitters.pipeline import solve
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.simulation.cast import cast_person
+from solver_backend.types import JointSet
+from tests.support.one_view_people import PersonTake, betas_of_stature, figures, filmed, on_the_floor
+from tests.support.walking_take import walk
+
+UP = np.array([0.0, 0.0, 1.0])
+
+
+def person_who_stands(stature: float, joint_set: JointSet, height: float) -> PersonTake:
+    """Return somebody who bends the knees and moves the arms, with both feet on the floor."""
+    body, rng, take = load_body(), np.random.default_rng(1), walk(90)
+    bend = np.zeros((90, 22, 3))
+    bend[:, [1, 2], 0] = -0.35 * np.sin(np.linspace(0.0, np.pi, 90))[:, None] ** 2
+    bend[:, [4, 5], 0], bend[:, [7, 8], 0] = -2.0 * bend[:, [1, 2], 0], bend[:, [1, 2], 0]
+    rotations = take.rotations.copy()
+    rotations[:, 1:3] = np.eye(3)
+    rotations = rotations @ exp_so3(bend)
+    still = replace(take, rotations=rotations, root=np.tile(take.root.mean(axis=0), (90, 1)))
+    person = cast_person(still, rng, body, betas=betas_of_stature(body, rng, stature))
+    return filmed("stands", on_the_floor(person, take.fps), take.fps, height, joint_set, rng)
+
+
+@pytest.mark.parametrize(
+    ("stature", "joint_set", "height"),
+    [
+        (1.48, JointSet.COCO_17, 1.4),
+        (2.05, JointSet.BODY_25, 1.4),
+        pytest.param(1.95, JointSet.COCO_17, 0.7, marks=pytest.mark.slow),
+    ],
 )
-from solver_backend.types import Capture
-
-NAMES = ("left_heel", "right_heel", "nose")
-SEEN = np.ones((10, 3), dtype=bool)
-SOLE = 0.02
-SIGMA = np.full((10, 3), 0.05)
+def test_small_and_tall_people_stand_on_the_floor(stature: float, joint_set: JointSet, height: float) -> None:
+    found = figures(person_who_stands(stature, joint_set, height))
+    assert found["stature"] < 5.5 and found["world"] < 80.0  # within two seconds
+    assert found["soles_within_10mm"] > 85.0
 
 
-def standing(size: float, camera: float = 1.6) -> np.ndarray:
-    """Return where an average person would stand who looks like one ``size`` times as large on the floor."""
-    points = np.zeros((10, 3, 3))
-    points[:, :2, 2] = SOLE + camera - camera / size
-    points[:, 2, 2] = 1.6
-    return points
-
-
-@pytest.mark.parametrize("size", [0.93, 1.0, 1.08])
-def test_feet_on_the_floor_say_the_size(size: float) -> None:
-    found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6, SIGMA))
-    assert found.source == "feet on the floor" and found.has_floor and found.sigma < PEOPLE_SIGMA
-    assert abs(found.factor - 1.0) <= abs(size - 1.0) + 1e-9
-    assert (found.factor - 1.0) * (size - 1.0) >= 0 and abs(found.factor - size) < 0.05
-
-
-def test_frames_whose_feet_are_unsure_do_not_say_the_size() -> None:
-    points, sigma = standing(1.0), SIGMA.copy()
-    points[:6, :2, 2] -= 0.12  # lifted too low while the person squats
-    assert measured_size(points, NAMES, SEEN, 1.6, sigma)[0] < 0.95  # type: ignore[index]
-    sigma[:6] *= 1.5
-    assert measured_size(points, NAMES, SEEN, 1.6, sigma)[0] == pytest.approx(1.0)  # type: ignore[index]
-
-
-def test_a_floor_that_nobody_could_stand_on_is_none() -> None:
-    for size in (0.5, 2.0):
-        found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6, SIGMA))
-        assert (found.factor, found.sigma, found.has_floor) == (1.0, PEOPLE_SIGMA, False)
-    assert AT_ODDS_SIGMAS * PEOPLE_SIGMA < 0.5
-    assert not size_by_floor(measured_size(standing(1.0), NAMES, SEEN, 0.0, SIGMA)).has_floor
-    assert not size_by_floor(measured_size(standing(1.0)[:, 2:], ("nose",), SEEN[:, 2:], 1.6, SIGMA[:, 2:])).has_floor
-
-
-def test_what_is_given_binds_and_a_floor_from_the_person_says_nothing() -> None:
+def test_a_given_stature_is_kept_and_a_wrong_one_is_contradicted() -> None:
+    take = person_who_stands(1.7, JointSet.BODY_25, 1.5)
     body = load_body()
-
-    def size(betas=None, **known):
-        return size_of(Capture("one", **known), body, betas, standing(1.05), NAMES, SEEN, 1.6, SIGMA)
-
-    assert size().source == "feet on the floor"
-    assert size((0.0,) * 10).sigma == SHAPE_SIGMA and size((0.0,) * 10).factor == 1.0
-    shape = tuple(betas_of_size(body, 1.1))
-    assert size(shape).factor == pytest.approx(1.1, abs=5e-3) and size(shape).at_odds == (0.0, 0.0)
-    far = size(tuple(betas_of_size(body, 1.6)))
-    assert far.at_odds[0] == pytest.approx(1.05, abs=1e-6) and not far.has_floor
-    tall = size(stature_m=1.05 * body.stature_m)
-    assert tall.factor == pytest.approx(1.05) and tall.sigma == SHAPE_SIGMA
-    assert size(floor_from_person=True).sigma == PEOPLE_SIGMA
+    for stature, contradicted in ((1.72, False), (2.1, True)):
+        motion = solve(replace(take.capture, stature_m=stature)).motion
+        assert body.stature_of(motion.betas) == pytest.approx(stature, abs=1e-3)
+        codes = {item["code"] for item in motion.provenance["diagnostics"]}
+        assert ("stature_at_odds" in codes) is contradicted
 
 
-def test_a_shape_of_a_size_is_that_much_taller() -> None:
+@pytest.mark.parametrize(
+    ("shape", "people"),
+    [
+        (SeenShape(np.zeros(10), 1.2, 0.02, 0.01), True),
+        (SeenShape(np.zeros(10), 2.5, 0.02, 0.01), False),
+        (SeenShape(np.zeros(10), 1.7, 0.02, -0.2), False),
+        (SeenShape(np.zeros(10), 1.7, 0.02, np.nan), False),
+    ],
+)
+def test_a_floor_that_nobody_could_stand_on_is_none(shape: SeenShape, people: bool) -> None:
+    assert shape.fits_people is people
+
+
+def test_points_under_the_feet_are_at_the_height_of_the_sole() -> None:
     body = load_body()
-    names = body.layout.joints
-    for factor in (0.92, 1.0, 1.1):
-        rest, average = body.rest_joints(betas_of_size(body, factor)), body.joints_template
-        tall = [joints[names.index("head"), 1] - joints[names.index("left_ankle"), 1] for joints in (rest, average)]
-        assert tall[0] / tall[1] == pytest.approx(factor, abs=5e-3)
+    marks = with_soles(body, keypoint_landmarks(body, JointSet.COCO_17))
+    soles = ["_sole_" in name for name in marks.names]
+    heights, by_shape = sole_heights(body, marks)
+    assert sum(soles) == 8 and heights[soles].min() >= 0.0 and heights[soles].max() < 0.008
+    betas = np.array([2.0, -1.0, 0.5, *np.zeros(7)])
+    lowest = (body.v_template[:, 1] + body.shapedirs[:, 1] @ betas).min()
+    points = marks.anchors.sum(axis=1)[:, 1] + marks.shapedirs.sum(axis=1)[:, 1] @ betas
+    np.testing.assert_allclose((heights + by_shape @ betas)[soles], points[soles] - lowest, atol=2e-3)
+
+
+def test_ankles_stand_for_feet_without_keypoints() -> None:
+    names = ("left_ankle", "left_heel", "right_ankle", "right_heel", "nose")
+    assert foot_columns(names, np.array([1.0, 1.0, 1.0, 0.1, 1.0])) == [1, 2]
+
+
+def test_a_lifted_foot_and_a_fast_one_do_not_stand() -> None:
+    points = np.zeros((30, 2, 3))
+    points[:, 1, 2] = 0.2
+    points[20:, 0, 0] = 0.1 * np.arange(10)
+    stands = standing_soles(points, np.zeros(2), UP, np.tile([0.0, 1.0, 0.0], (30, 1)), 30.0)
+    assert stands[2:18, 0].all() and not stands[22:, 0].any() and not stands[:, 1].any()

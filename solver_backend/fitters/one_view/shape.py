@@ -1,0 +1,183 @@
+"""The person's shape from one calibrated view: limbs across the picture, and soles that stand on the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.stands import SPEED_M_S, steps
+from solver_backend.fitters.subject_calibration.foot_contacts import ALONG_SIGHT, SLOW_SHARE
+from solver_backend.priors.lifted_take import LEAST_POINTS, LiftedTake
+
+POINT_M, OUTLIER_M = 0.05, 0.12  # Error of a lifted point across the picture, and distance at which it loses weight.
+SOLE_M, OUTLIER_SOLE_M, WIDEST_SOLE_M = 0.012, 0.06, 1.0
+"""The same for the height of a standing sole; the first step accepts soles as far from the floor as the last."""
+ALIKE_S = 0.7  # Frames within this time have the same errors and count once.
+SOLE_DEPTH_M = 0.008  # Vertices this far above the lowest one are under a foot.
+LOWER_M = 0.03  # The lower sole, and the other within this height of it, may stand.
+WIDER = 2.0  # Statures vary so many times as much as adults', as children and athletes are filmed, too.
+STATURE_M = 1e-4  # Error of a given stature, which binds.
+LEAST_STANDS, LEAST_SEEN, MOST_FRAMES, ROUNDS = 5, 0.3, 400, 8
+"""Frames with a standing sole, share of the frames that show a foot's keypoint, frames that are used, and steps."""
+STATURES_M = (1.1, 2.25)  # Statures beyond these contradict the floor: children of six years to the tallest athletes.
+OFF_FLOOR_M = 0.05  # Standing soles this far from the floor with the fitted shape contradict it.
+_SOLES, _ANKLES = ("heel", "big_toe", "small_toe"), ("ankle",)
+
+
+@dataclass(frozen=True)
+class SeenShape:
+    """Shape of a person before one camera."""
+
+    betas: np.ndarray  # (10,)
+    stature_m: float  # Of this shape.
+    sigma: float  # Relative deviation of the stature.
+    sole_m: float  # Median height of standing soles above the floor with this shape, metres; NaN if none stands.
+
+    @property
+    def fits_people(self) -> bool:
+        """People of this stature exist, and standing soles are on the floor."""
+        return STATURES_M[0] < self.stature_m < STATURES_M[1] and abs(self.sole_m) < OFF_FLOOR_M
+
+
+def sole_heights(body: Body, landmarks: Landmarks) -> tuple[np.ndarray, np.ndarray]:
+    """Return the heights (L,) of keypoints above the sole of the mean person at rest, and their slopes (L, 10)."""
+    lowest = int(np.argmin(body.v_template[:, 1]))
+    rest = landmarks.anchors.sum(axis=1)[:, 1] - body.v_template[lowest, 1]
+    return rest, landmarks.shapedirs.sum(axis=1)[:, 1] - body.shapedirs[lowest, 1]
+
+
+def with_soles(body: Body, landmarks: Landmarks) -> Landmarks:
+    """Return the landmarks with four points of the skin under each foot at the end: heel, toe, inner and outer edge."""
+    low = body.v_template[:, 1] < body.v_template[:, 1].min() + SOLE_DEPTH_M
+    names, vertices = list[str](), list[int]()
+    for side, sign in (("left", 1.0), ("right", -1.0)):
+        foot = np.flatnonzero(low & (sign * body.v_template[:, 0] > 0))
+        ahead, outward = body.v_template[foot, 2], sign * body.v_template[foot, 0]
+        ends = (("heel", -ahead), ("toe", ahead), ("inner", -outward), ("outer", outward))
+        names += [f"{side}_sole_{end}" for end, _ in ends]
+        vertices += [int(foot[np.argmax(along)]) for _, along in ends]
+    soles = Landmarks.of_points(
+        tuple(names), body.v_template[vertices], body.shapedirs[vertices], body.weights[vertices]
+    )
+    fields = ("weights", "anchors", "shapedirs")
+    joined = (np.concatenate([getattr(landmarks, name), getattr(soles, name)]) for name in fields)
+    return Landmarks((*landmarks.names, *names), *joined)
+
+
+def foot_columns(names: tuple[str, ...], seen: np.ndarray) -> list[int]:
+    """Return the keypoints that show whether a foot stands: seen heels and toes, ankles where a foot has none.
+
+    ``seen`` (L,) is the share of frames that show each.
+    """
+    found = []
+    for side in ("left", "right"):
+        for parts in (_SOLES, _ANKLES):
+            columns = [k for k, name in enumerate(names) if name in {f"{side}_{part}" for part in parts}]
+            columns = [k for k in columns if seen[k] > LEAST_SEEN]
+            if columns:
+                found += columns
+                break
+    return found
+
+
+def standing_soles(
+    points: np.ndarray, heights: np.ndarray, up: np.ndarray, sight: np.ndarray, fps: float
+) -> np.ndarray:
+    """Return (F, K) bool, points of the feet that stand: slow for this take, and lowest.
+
+    Args:
+        points: (F, K, 3) points of the feet, NaN where unseen.
+        heights: (K,) of the points above a standing sole.
+        up: (3,) direction against gravity.
+        sight: (F, 3) unit direction from the camera to the person.
+    """
+    way, seconds = steps(points, fps)
+    along = np.einsum("fka,fa->fk", way, sight)[..., None] * sight[:, None]
+    speed = np.linalg.norm(way - (1.0 - 1.0 / ALONG_SIGHT) * along, axis=-1) / seconds
+    known = np.isfinite(speed)
+    fast = np.percentile(speed[known], 90.0) if known.any() else 0.0
+    soles = np.where(known, points @ up - heights, np.inf)
+    lower = soles <= soles.min(axis=1, keepdims=True, initial=np.inf) + LOWER_M
+    return known & lower & (np.nan_to_num(speed, nan=np.inf) < max(SPEED_M_S, SLOW_SHARE * float(fast)))
+
+
+def fit_shape(
+    take: LiftedTake,
+    body: Body,
+    landmarks: Landmarks,
+    floor: tuple[np.ndarray, float] | None,
+    stature_m: float = 0.0,
+) -> SeenShape:
+    """Fit the shape to a lifted take by Gauss-Newton steps; each frame's place t is eliminated.
+
+    ``min Σ_f e [Σ_i |(p_i + t)_xy - x_i (p_i + t)_z|² / σ_p² + Σ_s h_s² / σ_h²] + |β|²``, with e the share of a frame's
+    information that is new, x the keypoints in focal lengths and h the heights of standing soles above the floor.
+
+    Args:
+        floor: (3,) direction against gravity in the camera's axes, and the camera's height in metres; None if unknown.
+        stature_m: a given stature, 0 if unknown.
+    """
+    weight = np.where(np.isfinite(take.image).all(-1), take.confidence, 0.0)
+    frames = np.flatnonzero((weight > 0).sum(axis=1) >= LEAST_POINTS)
+    frames = frames[:: max(1, len(frames) // MOST_FRAMES)]
+    seconds = len(take.local) / take.fps
+    share = min(1.0, max(1.0, seconds / ALIKE_S) / max(len(frames), 1))
+    betas = np.zeros(body.shapedirs.shape[-1])
+    points, places = take.placed(body, landmarks, betas)
+    rest, by_rest = sole_heights(body, landmarks)
+    feet = foot_columns(landmarks.names, (weight > 0).mean(axis=0)) if floor is not None else []
+    up, height = floor if floor is not None else (np.zeros(3), 0.0)
+    seen = np.where(weight[..., None] > 0, points, np.nan)[:, feet]
+    stands = standing_soles(seen, rest[feet] + by_rest[feet] @ betas, up, take.view.sight[:, 2], take.fps)[frames]
+    stands &= stands.any(axis=1).sum() >= LEAST_STANDS
+    x = np.where(weight[frames, :, None] > 0, take.image[frames], 0.0)
+    rows = np.zeros((*x.shape, 3))
+    rows[..., 0, 0] = rows[..., 1, 1] = 1.0
+    rows[..., 2] = -x
+    shift = np.nan_to_num(places[frames])
+    high, low = (int(pick(body.v_template[:, 1])) for pick in (np.argmax, np.argmin))
+    by_stature = body.shapedirs[high, 1] - body.shapedirs[low, 1]
+    known = np.eye(len(betas)) - (1.0 - WIDER**-2) * np.outer(by_stature, by_stature) / (by_stature @ by_stature)
+    inverse, sole = np.eye(len(betas)), np.nan
+    for outlier in np.geomspace(WIDEST_SOLE_M, OUTLIER_SOLE_M, ROUNDS):
+        posed = pose_landmarks(
+            body,
+            landmarks,
+            betas,
+            take.view.root[frames],
+            take.local[frames],
+            np.zeros((len(frames), 3)),
+            jacobian=True,
+        )
+        p, J = np.asarray(posed.points) + shift[:, None], np.asarray(posed.by_betas)
+        off, by_betas = np.einsum("flka,fla->flk", rows, p), np.einsum("flka,flab->flkb", rows, J)
+        W = share * weight[frames] / POINT_M**2 * (OUTLIER_M**2 / ((off**2).sum(-1) + OUTLIER_M**2)) ** 2
+        h = p[:, feet] @ up + height - rest[feet] - by_rest[feet] @ betas
+        by_height = np.einsum("flab,a->flb", J[:, feet], up) - by_rest[feet]
+        V = np.where(stands, share / SOLE_M**2 / (1.0 + (h / outlier) ** 2) ** 2, 0.0)
+        V /= np.maximum(stands.sum(axis=1, keepdims=True), 1)
+        A = (
+            np.einsum("fl,flka,flkb->fab", W, rows, rows)
+            + 1e-6 * np.eye(3)
+            + V.sum(1)[:, None, None] * np.outer(up, up)
+        )
+        B = np.einsum("fl,flka,flkb->fab", W, rows, by_betas) + np.einsum("fl,a,flb->fab", V, up, by_height)
+        C = np.einsum("fl,flka,flkb->ab", W, by_betas, by_betas) + np.einsum("fl,fla,flb->ab", V, by_height, by_height)
+        a = np.einsum("fl,flka,flk->fa", W, rows, off) + np.einsum("fl,fl,a->fa", V, h, up)
+        c = np.einsum("fl,flkb,flk->b", W, by_betas, off) + np.einsum("fl,fl,flb->b", V, h, by_height)
+        C, c = C + known, c + known @ betas
+        if stature_m:
+            C += np.outer(by_stature, by_stature) / STATURE_M**2
+            c += by_stature * (body.stature_m + by_stature @ betas - stature_m) / STATURE_M**2
+        solved = np.linalg.solve(A, np.concatenate([B, a[..., None]], axis=-1))
+        inverse = np.linalg.inv(C - np.einsum("fab,fac->bc", B, solved[..., :-1]))
+        step = -inverse @ (c - np.einsum("fab,fa->b", B, solved[..., -1]))
+        shift = shift - solved[..., -1] - solved[..., :-1] @ step
+        betas = betas + step
+        sole = float(np.median(h[stands])) if stands.any() else np.nan
+    stature = body.stature_m + float(by_stature @ betas)
+    return SeenShape(betas, stature, float(np.sqrt(by_stature @ inverse @ by_stature)) / stature, sole)
