@@ -1,6 +1,6 @@
 """Manifold MoCap's solver: captures in, motions of an SMPL-type body out (never imports bpy).
 
-The names below are the public interface; everything else may move. Each is imported when it is first asked for, so that
+The names below are the public interface. Everything else may move. Each is imported when it is first asked for, so that
 a command line that only prints its help starts at once.
 """
 

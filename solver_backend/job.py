@@ -49,7 +49,7 @@ class Job(JobFile):
         """Build a job from the plain values of a job file.
 
         Args:
-            values: ``version``, ``capture``, ``out`` and any other field; ``settings`` holds the settings of the solve.
+            values: ``version``, ``capture``, ``out`` and any other field. ``settings`` holds the settings of the solve.
             folder: base of relative paths.
 
         Raises:

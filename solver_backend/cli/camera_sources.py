@@ -120,7 +120,7 @@ def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return names, lenses, keypoints, and whether lenses are rough; use a calibration of the capture."""
+    """Return names, lenses, keypoints, and whether lenses are rough. Use a calibration of the capture."""
     try:
         cameras, keypoints = capture_of(args, progress).require_multiview()
     except (CalibrationMissing, CalibrationMismatch):

@@ -102,7 +102,7 @@ class LiveOutput:
                         line = {**line, "rate_hz": round(self.statistics.rate_hz, 1)}
                 self.lines.write(line)
             hold()
-        except Cancelled:  # the usual end of a live run; recordings are kept
+        except Cancelled:  # the usual end of a live run. Recordings are kept
             self.lines.end_line()
             self.stopped = True
 

@@ -45,8 +45,8 @@ ADULTS: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tup
     "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
     "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
 }
-"""Axis of the twist, and least and greatest angle in degrees about x, y and z; of the left side where there are two.
-Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979); the spine's 130 degrees of flexion, 70 of
+"""Axis of the twist, and least and greatest angle in degrees about x, y and z. Of the left side where there are two.
+Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979). The spine's 130 degrees of flexion, 70 of
 extension, 70 to each side and 75 of rotation are shared out to three joints, the neck's to two, the forearm's
 pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses differ in the roll of the upper arm."""
 
@@ -65,7 +65,7 @@ def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
 
 
 SMPL_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
-"""Fingers of a hand in SMPL-H's order; three joints each from the palm outwards, the thumb's first at the wrist."""
+"""Fingers of a hand in SMPL-H's order. Three joints each from the palm outwards, the thumb's first at the wrist."""
 
 
 @dataclass(frozen=True)
@@ -74,13 +74,13 @@ class BodyLayout:
 
     name: str
     joints: tuple[str, ...]
-    """Names; the same joint of the other side is named alike, with ``left_`` and ``right_`` exchanged."""
+    """Names. The same joint of the other side is named alike, with ``left_`` and ``right_`` exchanged."""
     parents: tuple[int, ...]  # Parent of each joint; -1 at the root.
     groups: tuple[str, ...]  # Group of each joint, such as trunk, left_arm or left_hand.
     resting: tuple[str, ...] = ()  # Groups at the end of the joints that solves leave at rest.
-    recorded_as: BodyLayout | None = None  # Layout of the motions of such bodies; None: this one.
+    recorded_as: BodyLayout | None = None  # Layout of the motions of such bodies. None: this one.
     limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
-    """How far joints turn, by name; what is not in it turns freely. Motion files do without."""
+    """How far joints turn, by name. What is not in it turns freely. Motion files do without."""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -116,7 +116,7 @@ class BodyLayout:
 
     @cached_property
     def mirror(self) -> tuple[int, ...]:
-        """The joint on the other side; a joint of the midline, or of one side alone, is its own."""
+        """The joint on the other side. A joint of the midline, or of one side alone, is its own."""
         other = [_other_side(name) for name in self.joints]
         return tuple(self.joints.index(name) if name in self.joints else j for j, name in enumerate(other))
 
@@ -142,7 +142,7 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in joints)
 
     def both(self, *parts: str) -> tuple[int, ...]:
-        """Return the numbers of the left and the right joint of each part, such as hip; raises as ``numbers`` does."""
+        """Return the numbers of the left and the right joint of each part, such as hip. Raises as ``numbers`` does."""
         return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
 
     def group(self, name: str) -> tuple[int, ...]:
@@ -246,7 +246,7 @@ FINGER_COLUMNS = 90  # Columns of the fingers, the last.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
-    """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``; jaw and eyes are left out."""
+    """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``. Jaw and eyes are left out."""
     import numpy as np  # a bare Blender has not loaded it when add-ons are registered
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)

@@ -34,14 +34,14 @@ class CameraFile:
     image_size: tuple[int, int]  # Width and height in pixels.
     distortion: np.ndarray  # (8,) coefficients in the order of the lens model, padded with zeros.
     distortion_model: str  # Name of the lens model, of ``LENS_MODELS``.
-    footage: Path | None  # Video file or folder of images; it may not exist.
+    footage: Path | None  # Video file or folder of images. It may not exist.
     footage_first: int = 0
-    """Picture of the footage that belongs to the first frame, from 0; negative where the camera started later."""
+    """Picture of the footage that belongs to the first frame, from 0. Negative where the camera started later."""
 
 
 @dataclass(frozen=True)
 class CaptureFile:
-    """What was recorded; C cameras, F frames, K keypoints."""
+    """What was recorded. C cameras, F frames, K keypoints."""
 
     name: str
     cameras: tuple[CameraFile, ...]  # The calibrated cameras, in the order of the views.
@@ -100,7 +100,7 @@ def portable_path(path: Path | None, folder: Path) -> str:
 
 
 def footage_path(name: str, capture: Path | str) -> Path | None:
-    """Return the footage that a capture file names; the inverse of ``portable_path``."""
+    """Return the footage that a capture file names. The inverse of ``portable_path``."""
     return Path(capture).absolute().parent / name if name else None
 
 

@@ -89,7 +89,7 @@ def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
 
     Args:
         stream: file descriptor of the pipe.
-        grace_s: seconds after which the process is ended in any case; None waits for ever.
+        grace_s: seconds after which the process is ended in any case. None waits for ever.
     """
 
     def watch() -> None:
@@ -135,7 +135,7 @@ class Report:
             print(plain(line, keep="\n"), file=self._err, flush=True)
 
     def error(self, error: MocapError) -> int:
-        """Report what went wrong, where, and what to try; return the exit code."""
+        """Report what went wrong, where, and what to try. Return the exit code."""
         if self._lines is not None:
             self._lines.event(error.as_event())
         else:
@@ -147,7 +147,7 @@ class Report:
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Return the named error of anything that a verb raised; the traceback of a fault is printed.
+    """Return the named error of anything that a verb raised. The traceback of a fault is printed.
 
     Args:
         error: what was raised.

@@ -1,4 +1,4 @@
-"""Detectors that have a name; each is a worker in ``videos/detect/child/pose_workers``."""
+"""Detectors that have a name. Each is a worker in ``videos/detect/child/pose_workers``."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ class NamedDetector:
     label: str  # In a panel.
     description: str  # A sentence without a full stop.
     worker: str  # Module of ``pose_workers``.
-    own_environment: bool = False  # It runs in the Python that Set Up Detector makes; else in that of the solver.
+    own_environment: bool = False  # It runs in the Python that Set Up Detector makes. Else in that of the solver.
 
 
 MEDIAPIPE = "mediapipe"  # The default.

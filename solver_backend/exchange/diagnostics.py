@@ -20,12 +20,12 @@ _RESULTS = "Results of a solve"
 _AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
 _LISTS = ("frames", "cameras", "markers", "joints")
 LONGEST_LIST = 6
-"""Names or frame ranges that a sentence lists; the rest is counted."""
+"""Names or frame ranges that a sentence lists. The rest is counted."""
 MOST_DOUBTS = 3  # Warnings of the reader that a refusal repeats.
 
 
 class Severity(StrEnum):
-    """How grave a diagnostic is; the value is the name written to files."""
+    """How grave a diagnostic is. The value is the name written to files."""
 
     ERROR = "error"  # It cannot be: the input or the result is refused.
     WARNING = "warning"  # The result may be wrong.
@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """What the program did about it; the value is the name written to files."""
+    """What the program did about it. The value is the name written to files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
@@ -52,7 +52,7 @@ class DiagnosticEntry:
     severity: Severity  # Unless the caller states another one.
     text: str  # A sentence without its full stop, with parameters in braces.
     cause: str  # The usual cause, for the reference page.
-    remedy: str  # Advice; empty if there is nothing to do.
+    remedy: str  # Advice. Empty if there is nothing to do.
     role: str = ""  # In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all".
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Text of each named value of a parameter, which may hold parameters itself."""
@@ -86,11 +86,11 @@ def is_of_reading(code: str) -> bool:
 
 @dataclass(frozen=True)
 class Where:
-    """What a diagnostic concerns; fields are empty if it is none in particular."""
+    """What a diagnostic concerns. Fields are empty if it is none in particular."""
 
     file: str = ""
     frames: Frames = ()  # Frame ranges.
-    cameras: tuple[str, ...] = ()  # Names of cameras; the first is at fault if others are named for comparison.
+    cameras: tuple[str, ...] = ()  # Names of cameras. The first is at fault if others are named for comparison.
     markers: tuple[str, ...] = ()
     joints: tuple[str, ...] = ()
     person: str = ""
@@ -116,7 +116,7 @@ class DiagnosticValues(TypedDict):
 class Diagnostic:
     """One thing that was found."""
 
-    code: str  # Its row in the table; a file of another version may have a code that the table lacks.
+    code: str  # Its row in the table. A file of another version may have a code that the table lacks.
     severity: Severity
     where: Where = Where()
     values: Mapping[str, Any] = field(default_factory=dict)  # Parameters of the table's texts: plain JSON values.
@@ -133,7 +133,7 @@ class Words(NamedTuple):
     """A diagnostic for people."""
 
     what: str
-    advice: str  # What to do; empty if there is nothing to do.
+    advice: str  # What to do. Empty if there is nothing to do.
 
 
 # fmt: off
@@ -148,7 +148,7 @@ def diagnostic(
     Args:
         severity: the table's if None.
         file, frames, cameras, markers, joints, person: see ``Where``.
-        values: parameters of the table's texts; numbers are kept to six digits.
+        values: parameters of the table's texts. Numbers are kept to six digits.
     """
     runs = tuple((int(a), int(b)) for a, b in frames)
     where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)
@@ -191,7 +191,7 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it; others are left out."""
+    """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it. Others are left out."""
     items = values if isinstance(values, list | tuple) else ()
     return tuple(_read(item) for item in items if isinstance(item, Mapping) and isinstance(item.get("code"), str))
 
@@ -226,10 +226,10 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return a diagnostic in words; a code that the table lacks is shown by name.
+    """Return a diagnostic in words. A code that the table lacks is shown by name.
 
     Args:
-        fps: frames per second, to state how long frame ranges are; 0 omits that.
+        fps: frames per second, to state how long frame ranges are. 0 omits that.
     """
     where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
     try:
@@ -323,7 +323,7 @@ def check_accepted(codes: Iterable[str]) -> None:
     """Check that results are refused for these codes.
 
     Raises:
-        JobInvalid: one is no such code; the hint lists the valid ones.
+        JobInvalid: one is no such code. The hint lists the valid ones.
     """
     unknown = [code for code in codes if code not in list_refusals()]
     if unknown:
@@ -338,7 +338,7 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
         accepted: codes of ``list_refusals``.
 
     Raises:
-        ResultRefused: an error is not accepted; the message has every one, the hint what to do.
+        ResultRefused: an error is not accepted. The message has every one, the hint what to do.
     """
     found, accepted = tuple(found), set(accepted)
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]

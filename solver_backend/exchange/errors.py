@@ -19,7 +19,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
     FAILED = 4  # The solver, or what else does the work, failed.
-    CANCELLED = CANCELLED  # The user, or a signal, ended the work; nothing was left half-written.
+    CANCELLED = CANCELLED  # The user, or a signal, ended the work. Nothing was left half-written.
 
 
 class ErrorEvent(TypedDict):

@@ -22,7 +22,7 @@ class Skinning:
 
     weights: np.ndarray  # (V, J), rows sum to 1.
     J_regressor: np.ndarray  # (J, V), rows sum to 1.
-    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature; None: the body has none.
+    posedirs: np.ndarray | None  # (V, 3, 9 (J - 1)) metres per unit of pose feature. None: the body has none.
 
 
 def needs_hands_file(layout: BodyLayout) -> bool:
@@ -33,7 +33,7 @@ def needs_hands_file(layout: BodyLayout) -> bool:
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning by the joints of ``SMPL_HANDS``; with fingers at rest it does as the one given.
+    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest it does as the one given.
 
     SMPL-X's jaw and eyes rest: what they carry, the head does.
 
@@ -71,7 +71,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
     """Return finger rotations since rest of those since a flat hand: ``R_j = F_pᵀ R'_j F_j``.
 
     A bone that points along d at rest points along ``F d`` in the flat hand, so that its rotation since rest is
-    ``G' F``; the first joint's parent, the wrist, has no F.
+    ``G' F``. The first joint's parent, the wrist, has no F.
 
     Args:
         rotations: (..., 30, 3, 3) R', each joint's against its parent.
@@ -81,7 +81,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return finger rotations since a flat hand of those since rest; see ``from_flat``."""
+    """Return finger rotations since a flat hand of those since rest. See ``from_flat``."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

@@ -1,4 +1,4 @@
-"""The job file: everything one solve needs, as JSON; the same file works on the command line and in Blender."""
+"""The job file: everything one solve needs, as JSON. The same file works on the command line and in Blender."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from .json_file import as_plain
 from .outputs import write_text
 from .reading_settings import ROWS, ReadingSettings, TimeSettings, WorldSettings
 
-VERSION = 1  # Of the schema; a job of another version is refused.
+VERSION = 1  # Of the schema. A job of another version is refused.
 MOTION_SUFFIX = ".npz"
 
 
@@ -47,14 +47,14 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
 
     capture: Path  # File or folder of the capture.
     out: Path  # Motion file to be written.
-    report: Path | None = None  # HTML page to be written; None for none.
+    report: Path | None = None  # HTML page to be written. None for none.
     overwrite: bool = False  # Replace results that are already there.
     strict: bool = False  # Refuse a result that has warnings, and write nothing.
     subject: Path | None = None  # Subject file of the person to solve, None to calibrate on the take itself.
     start: Path | None = None  # Earlier motion of these frames to start from, such as the motion of one camera.
     labels: Path | None = None  # File of labels that the user assigned to markers. The solver never overrides them.
     settings: Any = field(default_factory=dict)  # Settings of the solve by name. The others have their defaults.
-    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again; None for the whole take.
+    resolve: Any = None  # ``JobRange``: solve only some frames of an earlier motion again. None for the whole take.
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)  # which checks the settings of every class

@@ -42,7 +42,7 @@ _EYES = "right_eye left_eye right_ear left_ear"
 
 
 class JointSet(StrEnum):
-    """A detector's vocabulary; its value is the name written to files."""
+    """A detector's vocabulary. Its value is the name written to files."""
 
     _value_: str
     keypoints: tuple[str, ...]  # Anatomical name of each column that is used, from the first on.

@@ -11,7 +11,7 @@ from typing import Any
 from .errors import FileDamaged
 from .outputs import open_regular, require_file
 
-LARGEST = 20_000_000  # Bytes of a file that a person or a program writes as text; real ones have thousands.
+LARGEST = 20_000_000  # Bytes of a file that a person or a program writes as text. Real ones have thousands.
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:

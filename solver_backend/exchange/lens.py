@@ -20,7 +20,7 @@ LENS_MODELS: dict[str, LensModel] = {model.name: model for model in (OPENCV, FIS
 DEFAULT_MODEL = OPENCV.name  # Of lenses whose files name no model.
 _MOST_STEPS = 20
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
-"""Normalised units; at a focal length of 1000 px, 1e-7 is 0.0001 px."""
+"""Normalised units. At a focal length of 1000 px, 1e-7 is 0.0001 px."""
 
 
 def require_models(names: Sequence[str]) -> None:
@@ -31,7 +31,7 @@ def require_models(names: Sequence[str]) -> None:
 
 
 def model_named(text: str) -> str:
-    """Return the lens model that a calibration file means by a name; names that are unknown mean ``DEFAULT_MODEL``."""
+    """Return the lens model that a calibration file means by a name. Names that are unknown mean ``DEFAULT_MODEL``."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)
@@ -60,7 +60,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
         xy: (..., 2) distorted normalised points, NaN where unknown.
 
     Returns:
-        (..., 2); NaN where the input is NaN or no undistorted point exists.
+        (..., 2). NaN where the input is NaN or no undistorted point exists.
     """
     if is_pinhole(coefficients, model):
         return xy
@@ -101,6 +101,6 @@ def normalised(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
 
 
 def pixels(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Return normalised image points as pixels: (..., 2); the inverse of ``normalised``."""
+    """Return normalised image points as pixels: (..., 2). The inverse of ``normalised``."""
     u = K[0, 0] * xy[..., 0] + K[0, 1] * xy[..., 1] + K[0, 2]
     return np.stack([u, K[1, 1] * xy[..., 1] + K[1, 2]], axis=-1)

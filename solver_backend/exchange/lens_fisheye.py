@@ -2,7 +2,7 @@
 
 ``x' = x θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)/r`` with ``θ = atan r``, and y likewise.
 
-Reference: OpenCV 4, "Fisheye camera model"; Kannala and Brandt 2006.
+Reference: OpenCV 4, "Fisheye camera model". Kannala and Brandt 2006.
 """
 
 from __future__ import annotations

@@ -10,12 +10,12 @@ import numpy as np
 
 Terms = Sequence[Any] | np.ndarray
 """Coefficients in the model's order: numbers, or arrays that broadcast against the coordinates."""
-MOST_TERMS = 8  # Coefficients of a lens at most; models with fewer are padded with zeros.
+MOST_TERMS = 8  # Coefficients of a lens at most. Models with fewer are padded with zeros.
 
 
 @dataclass(frozen=True)
 class LensModel:
-    """One lens model; its functions take arrays of any namespace ``xp`` that follows the array interface."""
+    """One lens model. Its functions take arrays of any namespace ``xp`` that follows the array interface."""
 
     name: str  # As files and messages call it.
     terms: tuple[str, ...]  # Names of the coefficients, in order.
@@ -27,7 +27,7 @@ class LensModel:
     by_terms: Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
     """From (N,) x and y and (N, 8) terms to the (N, 2, 8) derivative of distorted coordinates by the terms."""
     invert: Callable[[Any, Terms, Any], Any] | None = None
-    """From distorted (..., 2), terms and xp to undistorted coordinates; None for Newton's method in the plane."""
+    """From distorted (..., 2), terms and xp to undistorted coordinates. None for Newton's method in the plane."""
     turn: Callable[[np.ndarray], np.ndarray] = np.copy
     """From (8,) terms to those of pictures turned by 90 degrees clockwise."""
     aliases: tuple[str, ...] = ()  # Other names in calibration files, in lower case without separators.

@@ -1,4 +1,4 @@
-"""The formats that markers are written in; ``io/markers/write.py`` has a writer for each."""
+"""The formats that markers are written in. ``io/markers/write.py`` has a writer for each."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def other_kind(found: str, expected: str, where: str) -> FileDamaged:
 
 
 REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'  # Stands in the head of every report.
-_HEAD_BYTES = 2000  # Bytes of a page in which the mark stands; chosen by hand.
+_HEAD_BYTES = 2000  # Bytes of a page in which the mark stands. Chosen by hand.
 
 
 def is_report(path: Path, folder: Path) -> bool:

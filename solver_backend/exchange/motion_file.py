@@ -32,8 +32,8 @@ FLAG_UNSURE = 2  # The frame's residual, or the uncertainty of one of its joints
 FLAG_RESTING = 4
 """Nothing measured informs some part of the body in the frame: it is shown at rest, see ``MotionFile.resting``."""
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
-"""A marker of a frame was recorded; lies in a gap that the solve filled; was recorded under another marker's label,
-which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
+"""A marker of a frame was recorded. Lies in a gap that the solve filled. Was recorded under another marker's label,
+which was undone. Was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
@@ -78,7 +78,7 @@ def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Sha
 
 @dataclass(frozen=True)
 class MotionFile:
-    """An animated body, F frames; metres, radians, world Z up."""
+    """An animated body, F frames. Metres, radians, world Z up."""
 
     name: str
     rotvec: np.ndarray  # (F, J, 3) axis-angle: the root maps body to world, the others child to parent.
@@ -87,7 +87,7 @@ class MotionFile:
     fps: float  # Frames per second.
     body: str = ""  # Id of the body it was solved for, "" if the file does not name it.
     body_layout: BodyLayout = SMPL  # Names and tree of the J joints.
-    flat_hands: bool = False  # Fingers turn from a flat hand, as AMASS has it; False: from the body's rest.
+    flat_hands: bool = False  # Fingers turn from a flat hand, as AMASS has it. False: from the body's rest.
     joints: np.ndarray | None = None  # (F, J, 3) world metres.
     keypoints3d: np.ndarray | None = None  # (F, K, 3) triangulated keypoints in world metres, NaN where unseen.
     joint_set: str = ""  # Name of the set of ``keypoints3d``.
@@ -98,7 +98,7 @@ class MotionFile:
     """(F, J, 6) covariance of each joint's position in square metres: xx, xy, xz, yy, yz, zz."""
     flags: np.ndarray | None = None  # (F,) bit mask of ``FLAG_UNSEEN``, ``FLAG_UNSURE`` and ``FLAG_RESTING``.
     resting: np.ndarray | None = None
-    """(F, J) bool: nothing measured informs where the joint is; it is shown at rest. None: all are informed."""
+    """(F, J) bool: nothing measured informs where the joint is. It is shown at rest. None: all are informed."""
     reprojection_px: np.ndarray | None = None
     """(views, F, K) distance between observed and solved keypoints in pixels, NaN where unseen."""
     markers: np.ndarray | None = None  # (F, M, 3) world metres: where the solved body puts each optical marker.
@@ -135,7 +135,7 @@ class MotionFile:
 
 
 def is_motion(path: Path) -> bool:
-    """Return whether a file is a motion of ours or of AMASS; one that cannot be read is none."""
+    """Return whether a file is a motion of ours or of AMASS. One that cannot be read is none."""
     if path.suffix.lower() != ".npz":
         return False
     try:
@@ -163,7 +163,7 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
 
 
 def motion_of(fields: Fields) -> MotionFile:
-    """Return the motion that the arrays of a file describe; optional ones that are not there are None."""
+    """Return the motion that the arrays of a file describe. Optional ones that are not there are None."""
     layout, flat = layout_of(fields), has_amass_fingers(fields)
     layout = SMPL_HANDS if flat else layout
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
@@ -187,9 +187,9 @@ def motion_of(fields: Fields) -> MotionFile:
 
 
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
-    """Write a motion; parts it lacks are left out of the file.
+    """Write a motion. Parts it lacks are left out of the file.
 
-    ``poses`` (F, 156) holds the root and the joints that SMPL shares with AMASS; SMPL's hand joints, which AMASS does
+    ``poses`` (F, 156) holds the root and the joints that SMPL shares with AMASS. SMPL's hand joints, which AMASS does
     not know, are kept in ``hand_pose`` (F, 6) where they are not zero. A motion of another layout holds all its joints
     in ``poses`` (F, 3 J), and the layout.
     """
@@ -231,7 +231,7 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def layout_of(fields: Fields) -> BodyLayout:
-    """Return the layout that a motion file names; files without one are SMPL's."""
+    """Return the layout that a motion file names. Files without one are SMPL's."""
     if "joint_names" not in fields:
         return SMPL
     joints, groups, resting = (fields.texts(key) for key in _LAYOUT[1:])

@@ -132,13 +132,13 @@ _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
 def array_names(path: Path | str) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz``; none of them is read."""
+    """Return the names of the arrays of an ``.npz``. None of them is read."""
     with _opened(path) as members:
         return frozenset(members.names)
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays of an ``.npz`` that need no pickle; arrays that would need it are left out."""
+    """Read the wanted arrays of an ``.npz`` that need no pickle. Arrays that would need it are left out."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -148,7 +148,7 @@ def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True
 
 
 def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Read the named arrays of an ``.npz``; optional ones that are not there are left out."""
+    """Read the named arrays of an ``.npz``. Optional ones that are not there are left out."""
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
@@ -182,7 +182,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Yield the archive's arrays; whatever is wrong with its bytes, here or in the block, becomes a named error."""
+    """Yield the archive's arrays. Whatever is wrong with its bytes, here or in the block, becomes a named error."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -75,7 +75,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
-    """Give a folder that is whole its name; where another process has done the same meanwhile, that one stays.
+    """Give a folder that is whole its name. Where another process has done the same meanwhile, that one stays.
 
     Args:
         unfinished: folder beside the other, named by ``unfinished_names``.
@@ -95,7 +95,7 @@ def sweep(folder: Path, now: float | None = None) -> None:
     """Remove what processes that are gone have left in a folder.
 
     Args:
-        now: the time by the folder's own clock, which may be another machine's; None for this one's.
+        now: the time by the folder's own clock, which may be another machine's. None for this one's.
     """
     now = time.time() if now is None else now
     with suppress(OSError):
@@ -130,7 +130,7 @@ def _remove(held: Path) -> None:
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a process that is alive holds the lock of a file; False where the system has no such locks."""
+    """Return whether a process that is alive holds the lock of a file. False where the system has no such locks."""
     if fcntl is None:
         return False
     handle = os.open(path, os.O_RDWR)
@@ -141,7 +141,7 @@ def is_held(path: Path) -> bool:
 
 
 def lock(handle: int) -> bool:
-    """Lock an open file if nobody holds it; False where another does, or the system has no such locks."""
+    """Lock an open file if nobody holds it. False where another does, or the system has no such locks."""
     if fcntl is None:
         return False
     try:
@@ -156,7 +156,7 @@ _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROF
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
-    """Return the output's path after checking that it can be written; meant to be called before long work.
+    """Return the output's path after checking that it can be written. Meant to be called before long work.
 
     Missing folders are made. Nothing is left behind in the folder.
     """
@@ -181,7 +181,7 @@ def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path; those that are written take their names when the block ends well."""
+    """Yield a temporary path beside each path. Those that are written take their names when the block ends well."""
     checked = [check_output(path, overwrite=overwrite) for path in paths]
     with _named_at_the_end(checked, checked[0], overwrite) as temporary:
         yield temporary
@@ -189,7 +189,7 @@ def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Ite
 
 @contextmanager
 def atomic_outputs(folder: Path, names: tuple[str, ...], *, overwrite: bool = False) -> Iterator[dict[str, Path]]:
-    """Yield a temporary path for each name; they become the files when the block ends well and vanish otherwise.
+    """Yield a temporary path for each name. They become the files when the block ends well and vanish otherwise.
 
     Existing files are replaced only with ``overwrite``. Missing folders are made, and removed again if nothing was
     written.
@@ -228,7 +228,7 @@ def is_free(folder: Path) -> bool:
 
 @contextmanager
 def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> Iterator[list[Path]]:
-    """Yield a temporary path for each path; those that were written take the paths' names in one moment."""
+    """Yield a temporary path for each path. Those that were written take the paths' names in one moment."""
     try:
         with ExitStack() as unfinished:
             folders = dict.fromkeys(path.parent for path in paths)
@@ -252,7 +252,7 @@ def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> It
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Give the files their names, all or none; without ``overwrite`` a name that somebody took meanwhile is kept."""
+    """Give the files their names, all or none. Without ``overwrite`` a name that somebody took meanwhile is kept."""
     if overwrite:
         for part, path in written:
             _require_plain(path)
@@ -270,7 +270,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file to a name that must be free; a second link fails where it is not, which a rename does not."""
+    """Rename a file to a name that must be free. A second link fails where it is not, which a rename does not."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -335,7 +335,7 @@ def open_regular(path: Path | str) -> BinaryIO:
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return what an ordinary file holds, and its size; of a larger one nothing, of one that grows a byte too much."""
+    """Return what an ordinary file holds, and its size. Of a larger one nothing, of one that grows a byte too much."""
     handle, size = _opened(path)
     try:
         if size > largest:

@@ -9,11 +9,11 @@ from .errors import MocapError
 FRAME_RATES = (0.01, 30_000.0)  # Hz: a picture in 100 seconds, and the fastest cameras that film people.
 FARTHEST_M = 1e5  # From the origin, 100 km: recordings in millimetres of a whole town lie within.
 FARTHEST_IN_UNITS = 1e9  # The same in a tenth of a millimetre, the smallest unit of files of any length unit.
-FARTHEST_PX = 1e7  # Pixels from a picture's corner; the largest pictures have a hundredth of that.
+FARTHEST_PX = 1e7  # Pixels from a picture's corner. The largest pictures have a hundredth of that.
 LONGEST_S = 1e5
 """Of a recording, more than a day: nobody films so long, and milliseconds for seconds would take all memory."""
-LARGEST_BETA = 100.0  # Standard deviations of people; nobody has more than 5.
-LARGEST_TURN = 1000.0  # Radians of an axis-angle vector; tracks that count turns stay far below.
+LARGEST_BETA = 100.0  # Standard deviations of people. Nobody has more than 5.
+LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turns stay far below.
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:

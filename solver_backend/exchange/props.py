@@ -34,7 +34,7 @@ class Prop:
     """(F, 2) standard deviations: of the origin, the root mean square over the axes (metres), and of the rotation about
     the axis that is known least (radians)."""
     seen: np.ndarray
-    """(F,) how many of its markers are seen; where there are none the pose lies between its neighbours."""
+    """(F,) how many of its markers are seen. Where there are none the pose lies between its neighbours."""
 
     def __post_init__(self) -> None:
         frames, count = len(self.rotvec), len(self.labels)

@@ -16,7 +16,7 @@ from .npz import read_npz
 if TYPE_CHECKING:
     from .joint_sets import JointSet
 
-Shape = tuple[int | str | None, ...]  # Lengths of an array's axes; a name or None stands for any length.
+Shape = tuple[int | str | None, ...]  # Lengths of an array's axes. A name or None stands for any length.
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ class Fields:
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a string, or the default where the field is absent and a default is given; bytes are UTF-8."""
+        """Return a string, or the default where the field is absent and a default is given. Bytes are UTF-8."""
         if key not in self.arrays and default is not None:
             return default
         value = self.array(key)
@@ -83,7 +83,7 @@ class Fields:
         return item.decode("utf-8", "replace") if isinstance(item, bytes) else str(item)
 
     def texts(self, key: str) -> tuple[str, ...]:
-        """Return a list of strings; an absent field is an empty list."""
+        """Return a list of strings. An absent field is an empty list."""
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:

@@ -1,4 +1,4 @@
-"""A setting is one row: kind, range, default, unit, words and group; everything that takes settings derives from it."""
+"""A setting is one row: kind, range, default, unit, words and group. Everything that takes settings derives from it."""
 
 from __future__ import annotations
 
@@ -42,33 +42,33 @@ class Setting:
     kind: Kind
     label: str  # Noun phrase of the panel.
     description: str  # A sentence without a full stop: the tooltip and the help text.
-    group: str = ""  # Heading in help and panels; a verb's own options need none.
+    group: str = ""  # Heading in help and panels. A verb's own options need none.
     low: float | None = None  # Least value of numbers, or least count of "numbers".
     high: float | None = None  # Greatest value of numbers, or greatest count of "numbers".
     soft_high: float | None = None  # End of the panel's slider, if before ``high``.
-    unit: str = ""  # Of numbers; "" for a plain factor.
-    count: int = 0  # Number of values; 0 for one, or for any number of "numbers".
+    unit: str = ""  # Of numbers. "" for a plain factor.
+    count: int = 0  # Number of values. 0 for one, or for any number of "numbers".
     choices: tuple[Choice, ...] = ()
     metavar: str = ""  # Stands for the value in help texts.
     in_panel: bool = True  # False where the panel has its own control, such as a list.
-    methods: tuple[str, ...] = ()  # Methods of a solve in which it acts; empty for all.
+    methods: tuple[str, ...] = ()  # Methods of a solve in which it acts. Empty for all.
     name: str = ""  # Key in job files, attribute of parsed arguments and name of the panel's property.
     default: Any = None
     of_class: bool = False
     """Declared in a dataclass, which has the default: where it is not given, the command line states None."""
-    option: str = ""  # Options of the command line, blanks between; empty for ``--name``.
+    option: str = ""  # Options of the command line, blanks between. Empty for ``--name``.
     positional: bool = False  # Named by its place on the command line.
     required: bool = False
     many: bool = False  # Takes one or more values.
-    repeated: bool = False  # May be given several times; the value is a list.
+    repeated: bool = False  # May be given several times. The value is a list.
     excludes: str = ""  # Settings of one verb with the same text here exclude each other.
-    endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots; empty for any.
+    endings: tuple[str, ...] = ()  # Endings that the file may have, with their dots. Empty for any.
     is_output: bool = False  # A file that the verb writes: it is checked before the work begins.
     hidden: bool = False  # Left out of help and reference pages.
 
     @property
     def options(self) -> tuple[str, ...]:
-        """Options of the command line; none of a positional argument."""
+        """Options of the command line. None of a positional argument."""
         if self.positional:
             return ()
         return tuple(self.option.split()) or (f"--{self.name.replace('_', '-')}",)
@@ -98,7 +98,7 @@ class Setting:
         return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value is valid; true and false are no numbers."""
+        """Return whether a value is valid. True and false are no numbers."""
         if self.kind in ("switch", "flag"):
             return isinstance(value, bool)
         if self.kind in ("whole", "number"):
@@ -121,7 +121,7 @@ class Setting:
         return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
     def words(self, value: Any) -> list[str]:
-        """Return the command-line arguments of a value; none for None, an empty list and a flag that is off."""
+        """Return the command-line arguments of a value. None for None, an empty list and a flag that is off."""
         if value is None or (is_list(value) and not value):
             return []
         if self.positional:
@@ -146,7 +146,7 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return the field of a dataclass that declares a setting; see ``Setting`` for the arguments.
+    """Return the field of a dataclass that declares a setting. See ``Setting`` for the arguments.
 
     Args:
         default: ``REQUIRED`` where a value must be given.
@@ -179,10 +179,10 @@ def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, An
 
 
 def check_settings(values: Any) -> None:
-    """Check each value of a dataclass of settings; None is valid where it is the default.
+    """Check each value of a dataclass of settings. None is valid where it is the default.
 
     Raises:
-        JobInvalid: one has another type or is out of range; the message names it and what is expected.
+        JobInvalid: one has another type or is out of range. The message names it and what is expected.
     """
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
@@ -201,7 +201,7 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> bool:
-    """Return whether a value is a list of others; text is not."""
+    """Return whether a value is a list of others. Text is not."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 

@@ -17,18 +17,18 @@ FORMAT, VERSION = "manifold_mocap_skeleton", 1
 _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
 
 _OFF = 1e-3
-"""Of R R^T from the identity, from which a matrix is no rotation: cameras' own bound; files keep six digits."""
+"""Of R R^T from the identity, from which a matrix is no rotation: cameras' own bound. Files keep six digits."""
 
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """F frames of J joints; world Z up. Rest places are in the skeleton's own axes."""
+    """F frames of J joints. World Z up. Rest places are in the skeleton's own axes."""
 
     name: str
     names: tuple[str, ...]
-    """J joints, parents before children; places where a chain ends count as joints and are named after their parent."""
+    """J joints, parents before children. Places where a chain ends count as joints and are named after their parent."""
     parents: tuple[int, ...]  # Parent of each joint, -1 at the root.
-    rest: np.ndarray  # (J, 3) places where no joint turns; metres, but in a file any unit.
+    rest: np.ndarray  # (J, 3) places where no joint turns. Metres, but in a file any unit.
     joints: np.ndarray  # (F, J, 3) places, in the same unit.
     turns: np.ndarray  # (F, J, 3, 3) rotations from the rest axes to the world.
     fps: float
@@ -73,7 +73,7 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 class SkeletonFile(SkeletonMotion):
     """A motion as a file holds it."""
 
-    roles: dict[str, str]  # Joint by role; empty where its writer did not know them.
+    roles: dict[str, str]  # Joint by role. Empty where its writer did not know them.
 
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:

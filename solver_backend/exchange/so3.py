@@ -1,4 +1,4 @@
-"""Rotation formulas of bakes and files on NumPy arrays, quaternions wxyz; a test compares ``geometry/rotations.py``."""
+"""Rotation formulas of bakes and files on NumPy arrays, quaternions wxyz. A test compares ``geometry/rotations.py``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi]; the inverse of ``quat_from_rotvec``.
+    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi]. The inverse of ``quat_from_rotvec``.
 
     Args:
         quat: (..., 4) unit quaternions wxyz, of either sign.

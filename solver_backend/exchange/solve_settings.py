@@ -1,4 +1,4 @@
-"""The settings of a solve; solver, job file, command line, panels and reference page derive from these rows."""
+"""The settings of a solve. Solver, job file, command line, panels and reference page derive from these rows."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from .diagnostics import check_accepted
 from .setting import Choice, check_settings, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
-"""Groups; those of the first are what a preset of the panel chooses."""
+"""Groups. Those of the first are what a preset of the panel chooses."""
 GLOBAL, SLIDING = "global", "sliding"
 METHODS = (
     Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
@@ -57,7 +57,7 @@ class SolveSettings:
     window: int = setting(
         "whole", 20, "Window", "Frames at 60 a second between the ends of a window of keyframes", group=METHOD,
         low=4, high=240, unit="frames", methods=(SLIDING,))
-    """Frames a window of 'sliding'; it holds a key at each end and ``interpolation`` - 1 between."""
+    """Frames a window of 'sliding'. It holds a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = setting(
         "whole", 10, "Refined Window", "The same for the last passes; fewer follow faster limbs", group=METHOD,
         low=2, high=240, unit="frames", methods=(GLOBAL,))
@@ -66,7 +66,7 @@ class SolveSettings:
     interpolation: int = setting(
         "whole", 2, "Keys a Window", "Free keyframes of a sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
         group=METHOD, low=1, high=6, methods=(SLIDING,))
-    """Of 'sliding' alone (thesis 6.4); beyond 6 a polynomial of translations swings between its keys."""
+    """Of 'sliding' alone (thesis 6.4). Beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = setting(
         "choice", APART, "Root Curve", "How the root moves between the keyframes of a sliding window", group=METHOD,
         choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,))
@@ -155,5 +155,5 @@ class SolveSettings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
-        """Build settings from plain values; None stands for the default."""
+        """Build settings from plain values. None stands for the default."""
         return cls(**known_values(cls, values))

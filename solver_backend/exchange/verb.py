@@ -30,7 +30,7 @@ class Verb:
     group: Group
     help: str  # What it does, in lower case, without a full stop.
     example: str  # A command line without the program.
-    run: str  # ``module:function`` in the program's package; imported when the verb runs.
+    run: str  # ``module:function`` in the program's package. Imported when the verb runs.
     settings: tuple[Setting, ...] = ()
     passes_on: bool = False  # Also takes every option of the solver's verb of this name, and passes it on.
     needs_blender: bool = False  # Blender is loaded before it runs.
@@ -58,7 +58,7 @@ class Verb:
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
 
     def words(self, values: Mapping[str, Any]) -> list[str]:
-        """Return the arguments of a command line for values by name; what is None or at its default is left out."""
+        """Return the arguments of a command line for values by name. What is None or at its default is left out."""
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
@@ -69,7 +69,7 @@ def option(kind: Kind, name: str, metavar: str, description: str, default: Any =
     """Return one option of a verb.
 
     Args:
-        default: value where none is given; ``REQUIRED`` where one must be.
+        default: value where none is given. ``REQUIRED`` where one must be.
     """
     given = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
@@ -77,17 +77,17 @@ def option(kind: Kind, name: str, metavar: str, description: str, default: Any =
 
 
 def place(kind: Kind, name: str, metavar: str, description: str, default: Any = REQUIRED, **more: Any) -> Setting:
-    """Return a setting that is named by its place on the command line; see ``option``."""
+    """Return a setting that is named by its place on the command line. See ``option``."""
     return option(kind, name, metavar, description, default, positional=True, **more)
 
 
 def flag(name: str, description: str, **more: Any) -> Setting:
-    """Return a setting that is off unless given; see ``option``."""
+    """Return a setting that is off unless given. See ``option``."""
     return option("flag", name, "", description, False, **more)
 
 
 def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind = "path", **more: Any) -> Setting:
-    """Return the option ``-o``, ``--out``, which is checked before the work begins; see ``option``."""
+    """Return the option ``-o``, ``--out``, which is checked before the work begins. See ``option``."""
     return option(kind, "out", metavar, description, default, **{"option": "-o --out", "is_output": True, **more})
 
 
@@ -146,10 +146,10 @@ class Program:
     version: str = ""
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Return the parsed command line with the verb as ``verb``; ``rest`` holds what the verb passes on.
+        """Return the parsed command line with the verb as ``verb``. ``rest`` holds what the verb passes on.
 
         Raises:
-            CommandLineInvalid: it makes no sense; the hint is the usage or the nearest known word.
+            CommandLineInvalid: it makes no sense. The hint is the usage or the nearest known word.
         """
         if not argv or argv[0].startswith("-"):
             self.parser().parse_known_args(argv)
@@ -171,7 +171,7 @@ class Program:
         return args
 
     def parser(self) -> Parser:
-        """Return the parser of what may stand instead of a verb; its help lists the verbs by task."""
+        """Return the parser of what may stand instead of a verb. Its help lists the verbs by task."""
         whole = Parser(
             prog=self.name, usage=f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ...",
             description=f"{self.description} VERB --help lists a verb's options.",
@@ -207,13 +207,13 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Return a question for the nearest known word; "" where none is near."""
+    """Return a question for the nearest known word. "" where none is near."""
     near = get_close_matches(word, list(known), 1)
     return f"Did you mean {near[0]}?" if near else ""
 
 
 def describe_range(row: Setting) -> str:
-    """Return which values a setting may have, in a few words; "" for what its metavar states."""
+    """Return which values a setting may have, in a few words. "" for what its metavar states."""
     if row.kind == "choice":
         return ", ".join(choice.value for choice in row.choices)
     if row.low is None or row.kind == "numbers":
@@ -224,7 +224,7 @@ def describe_range(row: Setting) -> str:
 
 
 def describe_default(row: Setting) -> str:
-    """Return what a setting is where it is not given; "" for nothing."""
+    """Return what a setting is where it is not given. "" for nothing."""
     value = row.default
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"
@@ -249,7 +249,7 @@ def _range_in_help(row: Setting) -> str:
 
 
 def in_sentence(text: str) -> str:
-    """Return a description as it stands within a sentence; names keep their capitals."""
+    """Return a description as it stands within a sentence. Names keep their capitals."""
     word = text.split(maxsplit=1)[0].rstrip(",;:'s")
     is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
     return text if is_name else f"{text[0].lower()}{text[1:]}"
@@ -285,7 +285,7 @@ def _add(section: Any, row: Setting) -> None:
 
 
 class _Reader:
-    """Reads one value of a setting; declared as a class for the name in argparse's messages."""
+    """Reads one value of a setting. Declared as a class for the name in argparse's messages."""
 
     def __init__(self, row: Setting) -> None:
         self._row = row

@@ -1,4 +1,4 @@
-"""Result events of verbs that another program acts on; ``events`` checks them where they arrive."""
+"""Result events of verbs that another program acts on. ``events`` checks them where they arrive."""
 
 from __future__ import annotations
 
@@ -146,7 +146,7 @@ class GlovesResult(Remarks):
 
 
 class TakeOfVideos(TypedDict):
-    """A take that went through the steps from videos; it also holds a line of text a step."""
+    """A take that went through the steps from videos. It also holds a line of text a step."""
 
     folder: str
     source: str

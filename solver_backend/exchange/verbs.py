@@ -1,4 +1,4 @@
-"""The verbs of the solver as ``verbs.json`` declares them; both programs, panels and reference pages use this table."""
+"""The verbs of the solver as ``verbs.json`` declares them. Both programs, panels and reference pages use this table."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ SOLVE_ROWS = settings_of_class(SolveSettings)
 READING = (SOLVE_ROWS["sync"], *READING_ROWS.values())
 """How a capture is read."""
 SOLVING = tuple(row for name, row in SOLVE_ROWS.items() if name != "sync")
-"""How a capture is solved; ``sync`` is among the options of reading."""
+"""How a capture is solved. ``sync`` is among the options of reading."""
 _TEXTS = {"formats": FORMAT_NAMES, "detectors": ", ".join(DETECTORS)}
 """Texts of other tables that descriptions hold in braces."""
 
@@ -35,7 +35,7 @@ def read_rows(items: Sequence[Any], named: Named, tables: Tables) -> Iterator[Se
 
     Args:
         items: each is a name of ``named``, or the fields of a ``Setting``. The key of the name is ``place`` for an
-            argument, ``flag`` for a flag and ``name`` for an option; ``out`` is the metavar of the option ``--out``.
+            argument, ``flag`` for a flag and ``name`` for an option. ``out`` is the metavar of the option ``--out``.
             The fields of ``like`` are those of a named setting, with the others replaced.
     """
     for item in items:

@@ -32,7 +32,7 @@ _LEAD = (
 )
 
 
-Floor = float | None  # Height of the floor about the pelvis, metres; None where it is not drawn.
+Floor = float | None  # Height of the floor about the pelvis, metres. None where it is not drawn.
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ _SIZE, _SPAN_M = 150.0, 0.24
 
 
 def hands_section(motion: Motion) -> str:
-    """Each finger's share of frames that are informed, deviation and bends; curls over time; pictures."""
+    """Each finger's share of frames that are informed, deviation and bends. Curls over time. Pictures."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -289,7 +289,7 @@ def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand's fingers; those that rest are faint.
+    """Return the lines of a hand's fingers. Those that rest are faint.
 
     Args:
         chains: (5, 4, 2) metres up and to the right.
@@ -313,10 +313,10 @@ def _unit(vector: np.ndarray) -> np.ndarray:
 
 CELL_M = 0.006  # Of the raster that the body is drawn on.
 TONES = 4  # Shades of the body, by how far its surface is turned away.
-SAMPLES = 9  # Points along an edge of a triangle; triangles are some centimetres large.
+SAMPLES = 9  # Points along an edge of a triangle. Triangles are some centimetres large.
 BEHIND_M = 0.03  # A marker that lies so far behind what is seen of the body is on the other side.
-PX_PER_M = 330.0  # CSS pixels a metre; chosen by hand.
-MARGIN_M = 0.1  # Around the body, metres; chosen by hand.
+PX_PER_M = 330.0  # CSS pixels a metre. Chosen by hand.
+MARGIN_M = 0.1  # Around the body, metres. Chosen by hand.
 
 
 @dataclass(frozen=True)
@@ -326,7 +326,7 @@ class SurfaceView:
     title: str
     side: float  # 1 from the front, -1 from behind.
     low: np.ndarray  # (2,) metres, the raster's corner.
-    depth: np.ndarray  # (H, W) metres towards the viewer, -inf where there is no body; rows from below.
+    depth: np.ndarray  # (H, W) metres towards the viewer, -inf where there is no body. Rows from below.
     tone: np.ndarray  # (H, W) 0..1, how much the surface faces the viewer.
 
     @classmethod

@@ -79,7 +79,7 @@ STANDS_OUT = 2.0  # A marker that is far stands out where its residual is so man
 _WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
 _HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
 HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
-"""Metres by which the middle of hips moves at most where positions are relative to it, as far as files round; and by
+"""Metres by which the middle of hips moves at most where positions are relative to it, as far as files round. And by
 which some other point moves then."""
 USELESS = 5.0  # So many times as far is a result useless.
 
@@ -99,7 +99,7 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
-    """Yield that only labels show the side of a single limb; the ankle shows it for a leg."""
+    """Yield that only labels show the side of a single limb. The ankle shows it for a leg."""
     named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
     if len(named) < len(places) or not of_one_limb(named, load_layouts()):
         return
@@ -162,7 +162,7 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
 STATURES_M = (1.2, 2.2)  # Of people who are recorded: children of seven years to the tallest athletes.
 IMPOSSIBLE_STATURES_M = (0.65, 2.8)
 """Beyond babies who stand and the tallest man who was measured (2.72 m): the scale is wrong by half or more."""
-LEAST_AGREEMENT_PERCENT = 75.0  # Of the detections that are no outliers; where the tile of the report turns red.
+LEAST_AGREEMENT_PERCENT = 75.0  # Of the detections that are no outliers. Where the tile of the report turns red.
 LEAST_VIEWS_PERCENT = 75.0
 """Of the views that should see the person and see somebody. Real captures and the demo reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
@@ -170,12 +170,12 @@ USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 started seconds apart: 56 %, 2.2 views), two of three or three of five hardly. Of two cameras, less than three quarters
 leave half of the frames to one of them (the demo with one mirrored: 65 %, 201 mm off)."""
 AGREES_SHARE = 0.06
-"""A view agrees with the body up to this median distance over the person's extent in the picture; detectors are off by
+"""A view agrees with the body up to this median distance over the person's extent in the picture. Detectors are off by
 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distance over the person's extent that no detector has, and that makes a result useless."""
 TILT_DEGREES, TILT_SIGMAS = 8.0, 3.0
-"""Between a person's stance and the world's up; both must be surpassed. Levelled takes stay within 5 degrees."""
+"""Between a person's stance and the world's up. Both must be surpassed. Levelled takes stay within 5 degrees."""
 STANDS_SHARE = 0.5  # Of the frames: who is upright within half a right angle for less is no witness of what is up.
 
 
@@ -200,7 +200,7 @@ class ViewAgreement:
 
     @property
     def percent(self) -> float:
-        """Share of the views that agree; NaN where nobody is seen."""
+        """Share of the views that agree. NaN where nobody is seen."""
         return 100.0 * self.agrees.sum() / self.counted.sum() if self.counted.any() else float("nan")
 
     @property
@@ -238,7 +238,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return (C, F, K, 2) where the views have the body's keypoints; detections where the motion holds none."""
+    """Return (C, F, K, 2) where the views have the body's keypoints. Detections where the motion holds none."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -348,10 +348,10 @@ def without_explained(
             yield item
 
 
-UNSURE_SHARE = 0.02  # Of the frames; where more are unsure, an animator has more than single frames to look at.
+UNSURE_SHARE = 0.02  # Of the frames. Where more are unsure, an animator has more than single frames to look at.
 DISAGREES = 1.6  # A camera's median residual over the median of the others'.
 SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
-"""Of a keypoint's frames in which two cameras detect it; of its detections in one view that are outliers."""
+"""Of a keypoint's frames in which two cameras detect it. Of its detections in one view that are outliers."""
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
@@ -427,7 +427,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of every check of a result; ``residuals`` is None if no camera saw anything."""
+    """Yield the diagnostics of every check of a result. ``residuals`` is None if no camera saw anything."""
     yield from check_motion(motion)
     yield from _flagged(motion, capture.is_one_view)
     yield from _stature(motion)
@@ -447,7 +447,7 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return everything that was found, the gravest first; for a motion that has it already, the same again.
+    """Return everything that was found, the gravest first. For a motion that has it already, the same again.
 
     Args:
         motion: the solve, with the diagnostics of the solve in its provenance.

@@ -74,7 +74,7 @@ def heat_table(
     """Return a table whose cells are tinted.
 
     Args:
-        values: (R, C) numbers shown; NaN becomes a dash.
+        values: (R, C) numbers shown. NaN becomes a dash.
         strength: (R, C) tint of each cell in 0..1.
         unit: stated in each cell's tooltip.
         total: the last row and column sum the others up.

@@ -13,7 +13,7 @@ from solver_backend.types import Cameras, JointSet
 
 WIDTH, LEFT, RIGHT, TOP, BOTTOM = 960.0, 46.0, 8.0, 8.0, 22.0
 MAX_POINTS = 1200
-"""Points a line is drawn with; longer takes show the lowest and highest value of each block."""
+"""Points a line is drawn with. Longer takes show the lowest and highest value of each block."""
 MAX_READABLE = 6000
 """Frames up to which the values themselves travel with the plot, for the read-out under the pointer."""
 
@@ -22,7 +22,7 @@ MAX_READABLE = 6000
 class PlotCurve:
     """One curve."""
 
-    values: np.ndarray  # (F,) numbers; NaN interrupts the curve.
+    values: np.ndarray  # (F,) numbers. NaN interrupts the curve.
     label: str
     style: str = "a"  # CSS class: 'a' and 'b' for left and right, 'quiet' for the background, 'truth' dashed.
 
@@ -160,7 +160,7 @@ def _path(values: np.ndarray, x: _Scale, y: _Scale) -> str:
 
 
 def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
-    """Return (first, stop, tenths) of runs of equal tint; long takes are averaged over cells first."""
+    """Return (first, stop, tenths) of runs of equal tint. Long takes are averaged over cells first."""
     size = max(1, int(np.ceil(len(values) / MAX_POINTS)))
     starts = np.arange(0, len(values), size)
     tenths = np.array([round(10 * float(np.mean(values[s : s + size]))) for s in starts])
@@ -189,8 +189,8 @@ def _figure(parts: list[str], width: float, height: float, reading: dict[str, ob
     return f'<figure data-plot="{packed}">{drawing}<div class="reading"></div></figure>'
 
 
-SIZE = 420.0  # Width and height of the plan, CSS pixels; chosen by hand.
-PLAN_MARGIN = 34.0  # Around what is drawn, CSS pixels; chosen by hand.
+SIZE = 420.0  # Width and height of the plan, CSS pixels. Chosen by hand.
+PLAN_MARGIN = 34.0  # Around what is drawn, CSS pixels. Chosen by hand.
 Place = Callable[[np.ndarray], tuple[float, float]]  # From world metres to the drawing.
 
 
@@ -270,7 +270,7 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
     Args:
         cameras: whose pictures' corners are drawn, with a line down to the floor.
         points: (F, P, 3) keypoints or markers, world metres, NaN where unknown.
-        joint_set: names of the points, between which bones are drawn; None for markers.
+        joint_set: names of the points, between which bones are drawn. None for markers.
     """
     known = points[np.isfinite(points).all(-1)]
     centres = np.empty((0, 3)) if cameras is None else cameras.centres

@@ -1,4 +1,4 @@
-"""Write the page's sections, one function each; a section without data is empty."""
+"""Write the page's sections, one function each. A section without data is empty."""
 
 from __future__ import annotations
 
@@ -315,7 +315,7 @@ def props_section(motion: Motion) -> str:
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
-    """Return the section; nothing where it was not checked."""
+    """Return the section. Nothing where it was not checked."""
     if fit is None or capture.cameras is None:
         return ""
     names = capture.cameras.names

@@ -73,7 +73,7 @@ def _doubtful(take: TakeRecord) -> float:
 WIDTH, HEIGHT = 220, 72
 _MOMENTS = 5
 _TALL_M = 2.0
-"""Metres that the picture's height shows; chosen by hand."""
+"""Metres that the picture's height shows. Chosen by hand."""
 
 
 def thumbnail(motion: Path) -> str:

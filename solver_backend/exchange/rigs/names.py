@@ -23,7 +23,7 @@ _WORDS = {
     "foot": ("foot", "ankle"),
     "toe": ("toe", "toes", "ball", "toebase", "toe base"),
 }
-"""Words of each part, the surest first; those that stand for several parts are last."""
+"""Words of each part, the surest first. Those that stand for several parts are last."""
 _CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
 _NOT_BODY = frozenset({
     "ik", "pole", "target", "mch", "org", "vis", "ctrl", "twist", "roll", "helper", "end", "nub", "tip", "finger",
@@ -55,7 +55,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
     A limb is believed only as far as its bones hang below each other.
 
     Args:
-        parents: name of each bone's parent; roots have none.
+        parents: name of each bone's parent. Roots have none.
     """
     bones = list(bones)
     words = {bone: _words(bone) for bone in bones}
@@ -183,7 +183,7 @@ _BONES = 3  # Bones of a finger that roles are given to, as SMPL-H has them.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the bones of the fingers by role without its side (``index_1``); what is not sure is left out."""
+    """Return the bones of the fingers by role without its side (``index_1``). What is not sure is left out."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)

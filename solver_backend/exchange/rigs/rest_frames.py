@@ -21,10 +21,10 @@ _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton 
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a skeleton's axes to the stage's; None where nothing separates left from right.
+    """Return the (3, 3) rotation of a skeleton's axes to the stage's. None where nothing separates left from right.
 
     Args:
-        places: (3,) head at rest by role; the pelvis or the feet among them.
+        places: (3,) head at rest by role. The pelvis or the feet among them.
     """
     above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *places) if role in places)
     feet = [places[f"{side}_foot"] for side in SIDES if f"{side}_foot" in places]
@@ -43,7 +43,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return what is wrong with a rest pose that is none, such as the first frame of a clip; None if it stands.
+    """Return what is wrong with a rest pose that is none, such as the first frame of a clip. None if it stands.
 
     Args:
         places: (3,) head at rest by role.
@@ -86,7 +86,7 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
     Args:
         direction: (..., 3), not zero.
-        axis: (..., 3); any other where it lies along the direction.
+        axis: (..., 3). Any other where it lies along the direction.
     """
     x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     y = axis - (axis * x).sum(-1, keepdims=True) * x

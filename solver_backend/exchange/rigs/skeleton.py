@@ -16,7 +16,7 @@ class Skeleton:
 
     Args:
         heads: (3,) place of each bone's head.
-        parents: name of each bone's parent; roots have none.
+        parents: name of each bone's parent. Roots have none.
     """
 
     def __init__(self, heads: Mapping[str, Sequence[float] | np.ndarray], parents: Mapping[str, str]) -> None:
@@ -105,7 +105,7 @@ JOINT_OF = {
     **dict(zip(("pelvis", "head"), SMPL.numbers("pelvis", "head"), strict=True)),
     **{f"{side}_{part}": pair[s] for part, pair in _OF_A_SIDE.items() for s, side in enumerate(SIDES)},
 }  # fmt: skip
-"""The joint of SMPL's tree that turns each role's bone; spine and neck lie between joints."""
+"""The joint of SMPL's tree that turns each role's bone. Spine and neck lie between joints."""
 HELPER_OF = {
     "hand_ik": ("hand", "hand"), "foot_ik": ("foot", "foot"), "toe_ik": ("toe", "toe"),
     "elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin"),
@@ -125,7 +125,7 @@ _KNOWN = re.compile(
 
 
 def is_role(name: str) -> bool:
-    """Return whether this is a role; the carrier moves the whole body and may be the pelvis itself."""
+    """Return whether this is a role. The carrier moves the whole body and may be the pelvis itself."""
     return _KNOWN.fullmatch(name) is not None
 
 

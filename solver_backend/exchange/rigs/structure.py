@@ -1,4 +1,4 @@
-"""Roles by a skeleton's structure: its tree, its symmetry and its lengths; names are evidence among others."""
+"""Roles by a skeleton's structure: its tree, its symmetry and its lengths. Names are evidence among others."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _SKIPPED, _OFF_LINE = 0.4, 0.04
 """Cost of a bone inside a segment, as a twist bone is, and how far off the line it may lie, by the segment."""
 _HOPELESS = 60.0  # Cost that neither names nor fingers bring below that of a limb: nothing more is measured then.
 _PALM = 0.4
-"""Distance of a hand's middle from the wrist by the forearm, at most; depth cameras have 0.25 to 0.3, CMU's files 0.5
+"""Distance of a hand's middle from the wrist by the forearm, at most. Depth cameras have 0.25 to 0.3, CMU's files 0.5
 between the bones that they call wrist and hand."""
 _LONGEST = 14  # Bones of a branch that are looked at, from its beginning on: more are hair or rope.
 
@@ -37,12 +37,12 @@ class LimbFit:
 
 
 def leg_fits(skeleton: Skeleton, branch: int, named: float) -> list[LimbFit]:
-    """Return all ways in which a branch is a leg, the best first; a name that fits takes ``named`` off the cost."""
+    """Return all ways in which a branch is a leg, the best first. A name that fits takes ``named`` off the cost."""
     return _fits(skeleton, branch, _leg_cost, ("thigh", "shin", "foot"), named)
 
 
 def arm_fits(skeleton: Skeleton, branch: int, named: float) -> list[LimbFit]:
-    """Return all ways in which a branch is an arm, the best first; a name that fits takes ``named`` off the cost."""
+    """Return all ways in which a branch is an arm, the best first. A name that fits takes ``named`` off the cost."""
     return _fits(skeleton, branch, _arm_cost, ("upper_arm", "forearm", "hand"), named)
 
 
@@ -66,7 +66,7 @@ def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: lis
     """Return where a limb ends, of the bones after its middle joint that all bear the name of its end.
 
     It is the first one, unless the next lies farther on than a palm reaches: of depth cameras, the hand is the middle
-    of the palm; in Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
+    of the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -163,8 +163,8 @@ _MIDDLE = 0.04
 class StructureGuess:
     """What a skeleton's structure indicates."""
 
-    roles: dict[str, str]  # Bone by role; empty for no humanoid.
-    doubts: tuple[str, ...]  # What is not sure, one sentence each; roles in doubt are left out.
+    roles: dict[str, str]  # Bone by role. Empty for no humanoid.
+    doubts: tuple[str, ...]  # What is not sure, one sentence each. Roles in doubt are left out.
 
 
 @dataclass(frozen=True)
@@ -333,7 +333,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Take out of the roles what another way to see the skeleton, nearly as cheap, has otherwise; return sentences."""
+    """Take out of the roles what another way to see the skeleton, nearly as cheap, has otherwise. Return sentences."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)

@@ -26,7 +26,7 @@ BONE_OF = {
         for joint, bone in _OF_A_SIDE.items() for side in ("left", "right")
     },
 }  # fmt: skip
-"""Unity's bone of each joint of the SMPL family; SMPL's hand joints, the knuckles of flat hands, have none."""
+"""Unity's bone of each joint of the SMPL family. SMPL's hand joints, the knuckles of flat hands, have none."""
 JOINT_OF = {bone: joint for joint, bone in BONE_OF.items()}
 
 
@@ -39,7 +39,7 @@ _HANDS = ("left_hand", "right_hand")
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
     """Return how each joint turns from a body's rest pose to the T-pose, all of it in the body's axes.
 
-    Arms and fingers lie along ±X and legs along -Y, by the shortest turn of each bone; thumbs lie halfway between ±X
+    Arms and fingers lie along ±X and legs along -Y, by the shortest turn of each bone. Thumbs lie halfway between ±X
     and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about Y
     alone until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not turn, for how
     they are bent at rest belongs to the character.
@@ -84,7 +84,7 @@ def _shortest(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     source, target = source / np.linalg.norm(source), target / np.linalg.norm(target)
     turn = np.concatenate([[1.0 + source @ target], np.cross(source, target)])
     length = np.linalg.norm(turn)
-    # Opposite directions have no shortest turn; no body rests with an arm through its chest.
+    # Opposite directions have no shortest turn. No body rests with an arm through its chest.
     return turn / length if length > 1e-6 else np.array([1.0, 0.0, 0.0, 0.0])
 
 
@@ -102,7 +102,7 @@ def turned(quat: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 _Y_UP = np.array([0.5**0.5, -(0.5**0.5), 0.0, 0.0])  # Turns our world, Z up, until Y is up: -90° about X.
 _MIRROR_QUAT = np.array([1.0, 1.0, -1.0, -1.0])  # Rotations wxyz under x -> -x: the axis is a pseudovector.
 _MIRROR = np.array([-1.0, 1.0, 1.0])
-"""Right-handed axes with left = +X to Unity's left-handed ones with right = +X; both Y up and facing +Z."""
+"""Right-handed axes with left = +X to Unity's left-handed ones with right = +X. Both Y up and facing +Z."""
 
 
 @dataclass(frozen=True)
@@ -145,7 +145,7 @@ class Humanoid:
 
     @cached_property
     def offsets(self) -> np.ndarray:
-        """(B, 3) metres in Unity's axes: each bone from its parent in the T-pose; zeros for the root."""
+        """(B, 3) metres in Unity's axes: each bone from its parent in the T-pose. Zeros for the root."""
         offsets = np.zeros((len(self.joints), 3))
         apart = self.rest_joints[self.joints[1:]] - self.rest_joints[self._parents]
         offsets[1:] = turned(self._turns[self._parents], apart) * _MIRROR
@@ -155,7 +155,7 @@ class Humanoid:
         """Return the bones of a pose in Unity's world, whose origin and floor are ours.
 
         Args:
-            rotvec: (n, 3) axis-angles of the first n joints, the root's body to world; the others are at rest.
+            rotvec: (n, 3) axis-angles of the first n joints, the root's body to world. The others are at rest.
             transl: (3,) metres: the pelvis is at ``J_0 + transl``, Z up.
 
         Returns:
@@ -169,7 +169,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (J, 3) axis-angles and (3,) transl of bones as ``to_unity`` makes them; what has no bone is at rest.
+        """Return (J, 3) axis-angles and (3,) transl of bones as ``to_unity`` makes them. What has no bone is at rest.
 
         Args:
             quat: (B, 4) unit quaternions wxyz relative to the parent bone.

@@ -16,7 +16,7 @@ Value = int | float | str | bytes | bool | None
 IMMEDIATELY = 1  # Time tag of a bundle that is due at once.
 LONGEST = 65507  # Bytes of a UDP datagram's content over IPv4.
 _BUNDLE = b"#bundle\0"
-_DEEPEST = 8  # Bundles inside each other that are read; nobody sends more than two.
+_DEEPEST = 8  # Bundles inside each other that are read. Nobody sends more than two.
 
 
 class PacketInvalid(ValueError):
@@ -63,7 +63,7 @@ def encode_bundle(elements: Sequence[bytes]) -> bytes:
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:
-    """Return the messages of a packet in their order; time tags are ignored.
+    """Return the messages of a packet in their order. Time tags are ignored.
 
     Raises:
         PacketInvalid: it is cut, or no Open Sound Control.
@@ -174,7 +174,7 @@ _XYZW = [1, 2, 3, 0]
 class FrameBundle:
     """Makes the bundles of a humanoid: all but the numbers is laid out once.
 
-    The root stands at the world's origin and does not turn; the hips have the path. Bones have their places in the
+    The root stands at the world's origin and does not turn. The hips have the path. Bones have their places in the
     T-pose relative to their parents.
     """
 
@@ -188,7 +188,7 @@ class FrameBundle:
         root = encode_message(ROOT, ["root", 0.0, 0.0, 0.0, *_UNTURNED])
         elements = [encode_message(OK, [1]), encode_message(TIME, [0.0]), root, *bones]
         self._bytes = np.frombuffer(encode_bundle(elements), np.uint8).copy()
-        # Each element's numbers are its last bytes; each element has its size before it.
+        # Each element's numbers are its last bytes. Each element has its size before it.
         ends = 16 + np.cumsum([4 + len(element) for element in elements])
         self._time = slice(ends[1] - 4, ends[1])
         self._hips = slice(ends[3] - 28, ends[3] - 16)

@@ -45,7 +45,7 @@ def is_address(text: str) -> bool:
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address of ``vmc://HOST:PORT``; without a host this machine alone, without a port the protocol's."""
+    """Return the address of ``vmc://HOST:PORT``. Without a host this machine alone, without a port the protocol's."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
@@ -62,10 +62,10 @@ BACK_S = 2.0
 
 
 class PacketSender:
-    """A socket to one receiver; what cannot be sent is lost, and refusals are counted."""
+    """A socket to one receiver. What cannot be sent is lost, and refusals are counted."""
 
     def __init__(self, address: VmcAddress) -> None:
-        """Find the receiver's host; nothing is sent yet."""
+        """Find the receiver's host. Nothing is sent yet."""
         self.address = address
         self.sent = self.refused = 0
         self._away_since: float | None = None
@@ -84,7 +84,7 @@ class PacketSender:
             ) from error
 
     def send(self, packet: bytes) -> str:
-        """Send a packet; return a sentence when the receiver went away or came back, else an empty text."""
+        """Send a packet. Return a sentence when the receiver went away or came back, else an empty text."""
         refusal = self._try(packet)
         if refusal is not None:
             self._try(packet)  # a refusal is of an earlier packet, and this one was not sent for it

@@ -329,7 +329,7 @@ class Workers:
         """Return what the scheduler reports about each worker. Nothing while it is gone."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
-        except Exception:  # the connection is going down; the next look reports it
+        except Exception:  # the connection is going down. The next look reports it
             return {}
 
     def allowed(self, ticket: Ticket) -> set[str] | None:
