@@ -69,10 +69,8 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         output = stack.enter_context(LiveOutput(args, session.proportions, recorder))
         output.run(_lines(live, session, recorder, args), hold)
     assert output.statistics is not None
-    data: dict[str, object] = {
-        **output.statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
-        "detector": live.about["name"], **output.finish(),
-    }  # fmt: skip
+    counts = {"dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out}
+    data = {**output.statistics.summary(), **counts, "detector": live.about["name"], **output.finish()}
     live.require_views()
     return Outcome(live_text(args, data), data)
 

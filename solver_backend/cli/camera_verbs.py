@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from solver_backend.cli.outcome import Outcome, rows, sentences
+from solver_backend.cli.outcome import Outcome, found_data, rows, sentences
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
@@ -66,11 +66,9 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         pose = {"centre_m": centre, "centre_sigma_mm": sigma_mm, "turn_sigma_deg": sigma_deg}
         data.append({"name": name, "rmse_px": rmse_px, **pose, "delay_s": float(found.delays_s[c]), **lens})
     lines += [*rows("note", *found.notes), *rows("finding", *found.findings), *rows("written", f"{args.out} ({kind})")]
-    result = {
-        "calibration": str(args.out), "format": kind, "method": found.method, "rmse_px": found.rmse_px,
-        "cameras": data, "findings": sentences(found.findings), "notes": sentences(found.notes),
-    }  # fmt: skip
-    return Outcome("\n".join(lines), result)
+    result = {"calibration": str(args.out), "format": kind, "method": found.method, "rmse_px": found.rmse_px}
+    words = {"findings": sentences(found.findings), "notes": sentences(found.notes)}
+    return Outcome("\n".join(lines), {**result, "cameras": data, **words})
 
 
 def _format_of_output(args: argparse.Namespace) -> str:
@@ -145,13 +143,9 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         *rows("problem", *capture.problems),
         *rows("written", f"{args.out} ({kind})"),
     ]
-    data = {
-        "calibration": str(args.out), "format": kind, "cameras": list(cameras.names),
-        "residual_px": world.residual_px, "stature_m": world.stature_m,
-        "notes": sentences(capture.notes), "problems": sentences(capture.problems),
-        "diagnostics": [item.as_dict() for item in (*capture.problems, *capture.notes)],
-    }  # fmt: skip
-    return Outcome("\n".join(lines), data)
+    data = {"calibration": str(args.out), "format": kind, "cameras": list(cameras.names)}
+    data |= {"residual_px": world.residual_px, "stature_m": world.stature_m}
+    return Outcome("\n".join(lines), {**data, **found_data((*capture.problems, *capture.notes))})
 
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:

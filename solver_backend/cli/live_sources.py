@@ -101,10 +101,8 @@ def _poses(args: argparse.Namespace) -> LiveSource:
         recorder = Recorder(args.record, form, overwrite=args.overwrite)
         face_path = args.record.with_name(f"{args.record.stem}_face.csv")
         face = Recorder(face_path, FaceRecording(), overwrite=args.overwrite)
-    return LiveSource(
-        pose_lines(listen(address, assembly), onto, recorder, face), onto.proportions, recorder,
-        lambda: {"not_used": dict(assembly.counts)}, () if face is None else (face,),
-    )  # fmt: skip
+    lines, others = pose_lines(listen(address, assembly), onto, recorder, face), () if face is None else (face,)
+    return LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)}, others)
 
 
 def _face(args: argparse.Namespace) -> LiveSource:
@@ -120,11 +118,8 @@ def _face(args: argparse.Namespace) -> LiveSource:
         heard = listen(replace(address, host="0.0.0.0"), assembly, asked)
     else:
         heard = listen(address, assembly)
-    rest = body.rest_joints(np.zeros(10))
-    return LiveSource(
-        face_lines(heard, recorder), lambda: (body.layout, rest), recorder,
-        lambda: {"not_used": dict(assembly.counts)},
-    )  # fmt: skip
+    lines, rest = face_lines(heard, recorder), body.rest_joints(np.zeros(10))
+    return LiveSource(lines, lambda: (body.layout, rest), recorder, lambda: {"not_used": dict(assembly.counts)})
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
@@ -151,10 +146,8 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
         frames = record_points(frames, recorder)
     make_ready(session)
     lines = session.run(frames if args.fast else keep_up.in_time(frames))
-    return LiveSource(
-        _with_points(session, lines, keep_up, shown=args.with_points), session.proportions, recorder,
-        lambda: {"dropped": keep_up.dropped},
-    )  # fmt: skip
+    lines = _with_points(session, lines, keep_up, shown=args.with_points)
+    return LiveSource(lines, session.proportions, recorder, lambda: {"dropped": keep_up.dropped})
 
 
 def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:

@@ -33,7 +33,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     source = open_source(args, progress)
     with (
         cancelling_until_held() as hold,
-        LiveOutput(args, source.proportions, source.recorder, source.others) as output,
+        LiveOutput(args, source.proportions, source.recorder, *source.others) as output,
     ):
         output.run(source.lines, hold)
     assert output.statistics is not None
@@ -52,29 +52,28 @@ class LiveOutput:
     Args:
         args: command line with ``send`` and ``lines``.
         proportions: of the person. Poses are sent and counted with it, and not without it.
-        recorder: records this run.
-        others: further recorders.
+        recorders: the first one records this run, and its file is reported.
 
     Raises:
         CommandLineInvalid: the address to send to is invalid, or there is no such host.
     """
 
     def __init__(
-        self, args: argparse.Namespace, proportions: Proportions | None, recorder: Recorder[...] | None = None,
-        others: Iterable[Recorder[...]] = (),
-    ) -> None:  # fmt: skip
+        self, args: argparse.Namespace, proportions: Proportions | None, *recorders: Recorder[...] | None
+    ) -> None:
         self.statistics, self._sender = None, None
         if proportions is not None:
             self.statistics = LiveStatistics()
             if args.send is not None:
                 self._sender = PoseSender(read_address(args.send), proportions)
-        self._path, self._recorder, self._others = args.lines, recorder, others
+        self._path, self._recorders = args.lines, recorders
+        self._recorder = next(iter(recorders), None)
         self._stack = ExitStack()
         self.stopped = False
 
     def __enter__(self) -> LiveOutput:
         with ExitStack() as stack:
-            for part in (self._recorder, *self._others, self._sender):
+            for part in (*self._recorders, self._sender):
                 if part is not None:
                     stack.enter_context(part)
             self.lines = stack.enter_context(Lines(self._path))

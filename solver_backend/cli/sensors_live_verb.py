@@ -141,11 +141,9 @@ def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLi
 def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> FrameLine:
     shares = dict(zip(coverage.names, coverage.shares.round(3).tolist(), strict=True))
     why = f"More than one point is lit in front of {', '.join(several)}." if several else coverage.next_place()
-    return {
-        "frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving",
-        "why": why or "The whole volume is covered.",
-        "coverage": shares, "cloud": moment.tracked.points.round(4).tolist(),
-    }  # fmt: skip
+    why, cloud = why or "The whole volume is covered.", moment.tracked.points.round(4).tolist()
+    line: FrameLine = {"frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving"}
+    return {**line, "why": why, "coverage": shares, "cloud": cloud}
 
 
 def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) -> str:

@@ -23,10 +23,8 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.prior == "landmarks":
         return _train_landmarks(args, progress)
     settings = TrainingSettings(**_given(args, "steps", "batch", "learning_rate", "part", "device", "workers"))
-    finished = train_prior(
-        args.prior, args.data, args.out, settings=settings, progress=progress,
-        seed=args.seed, hidden=args.hidden, start=args.start, work=args.work,
-    )  # fmt: skip
+    rest = {name: getattr(args, name) for name in ("seed", "hidden", "start", "work")}
+    finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **rest)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     return _trained(finished, [f"  {name:<30} {value:.4g}" for name, value in figures.items()], figures)
 

@@ -16,11 +16,8 @@ from .schema import Fields
 FORMAT, VERSION = "manifold_mocap_capture", 1
 _CAMERA_SHAPES = {"K": (3, 3), "R": (3, 3), "t": (3,), "image_size": (2,)}
 """Shape of each array of one camera."""
-_SHOWN = (
-    "format", "version", "name", "camera_names", *_CAMERA_SHAPES, "distortion", "distortion_model", "footage",
-    "footage_first", "fps",
-    "xy", "confidence", "joint_set", "marker_positions", "marker_fps", "marker_labels",
-)  # fmt: skip
+_OTHERS = "format version name camera_names distortion distortion_model footage footage_first fps xy confidence"
+_SHOWN = (*_CAMERA_SHAPES, *_OTHERS.split(), "joint_set", "marker_positions", "marker_fps", "marker_labels")
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -37,18 +37,18 @@ which was undone. Was recorded where no marker of the body can be, and counted f
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
 _PARENTS = "joint_parents"  # Parent of each joint, -1 at the root.
-_SHOWN = (
-    "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
-    "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "resting", "markers", "marker_labels",
-    "marker_residual_mm", "provenance", *_LAYOUT, _PARENTS, *PROPS,
-)  # fmt: skip
-STORED = (
-    "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
-    "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
-    "resting", "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
-    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS, *PROPS,
-)  # fmt: skip
-"""Every array of a motion file that is read back."""
+_OPTIONAL = (
+    "joints frames joints 3, keypoints3d frames keypoints 3, joint_sigma frames joints, "
+    "joint_covariance frames joints 6, reprojection_px views frames keypoints, keyframes frames, contacts frames 2, "
+    "flags frames, resting frames joints, markers frames markers 3, marker_residual_mm frames markers, "
+    "marker_flags frames markers, marker_sigma markers, cleaned_markers frames markers 3, offsets markers 3"
+)
+_SHAPES = {name: [int(n) if n.isdigit() else n for n in axes] for name, *axes in map(str.split, _OPTIONAL.split(", "))}
+"""Shape of each array that a motion may lack."""
+_ALWAYS = "format version poses trans betas mocap_framerate mocap_frame_rate body hand_pose joint_set marker_labels"
+STORED = (*_ALWAYS.split(), "layout", "provenance", *_SHAPES, *_LAYOUT, _PARENTS, *PROPS)
+"""Every array of a motion file that the solver reads."""
+_NOT_SHOWN = "joint_covariance reprojection_px marker_flags marker_sigma cleaned_markers offsets layout"
 _DTYPES = {
     **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
     **dict.fromkeys(("flags", "marker_flags"), np.uint8),
@@ -65,15 +65,8 @@ def has_amass_fingers(fields: Fields) -> bool:
 
 def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Shape]:
     """Return the shapes of the arrays that a motion of so many frames and joints may lack."""
-    return {
-        "joints": (frames, joints, 3), "keypoints3d": (frames, "keypoints", 3),
-        "joint_sigma": (frames, joints), "joint_covariance": (frames, joints, 6),
-        "reprojection_px": ("views", frames, "keypoints"), "keyframes": (frames,), "contacts": (frames, 2),
-        "flags": (frames,), "resting": (frames, joints), "markers": (frames, "markers", 3),
-        "marker_residual_mm": (frames, "markers"), "marker_flags": (frames, "markers"), "marker_sigma": ("markers",),
-        "cleaned_markers": (frames, "markers", 3),
-        "offsets": ("markers", 3),
-    }  # fmt: skip
+    known = {"frames": frames, "joints": joints}
+    return {name: tuple(known.get(str(length), length) for length in shape) for name, shape in _SHAPES.items()}
 
 
 @dataclass(frozen=True)
@@ -125,7 +118,7 @@ class MotionFile:
             if value is not None and not fits(np.shape(value), shape):
                 wanted = f"({', '.join(map(str, shape))})"
                 raise MotionInvalid(f"{name} has shape {np.shape(value)}; {wanted} is expected.", where="motion")
-        require_motion(self.fps, self.rotvec, self.transl, self.betas, self.joints, MotionInvalid, "motion")
+        require_motion(self, self.rotvec, MotionInvalid, "motion")
         require_length(self.props, frames)
 
     @property
@@ -153,7 +146,9 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
     Raises:
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
     """
-    fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
+    fields = Fields(
+        Path(path), read_arrays(path, required=("poses", "trans"), optional=set(STORED).difference(_NOT_SHOWN.split()))
+    )
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)
     found, layouts = motion.body_layout, layouts or (SMPL, SMPL_HANDS)
@@ -173,15 +168,12 @@ def motion_of(fields: Fields) -> MotionFile:
         for key, shape in optional_shapes(len(rotvec), layout.num_joints).items()
         if key in fields
     }
-    given: dict[str, Any] = {
-        "transl": fields.shaped("trans", (len(rotvec), 3), MotionInvalid), "betas": _betas(fields),
-        "fps": _frame_rate(fields), "body": fields.text("body", ""), "body_layout": layout, "flat_hands": flat,
-        "joint_set": fields.text("joint_set", ""), "marker_labels": fields.texts("marker_labels"),
-        "layout": fields.texts("layout"), "provenance": fields.text("provenance", ""),
-        "props": read_props(fields, len(rotvec)),
-    }  # fmt: skip
+    present |= {key: fields.text(key, "") for key in ("body", "joint_set", "provenance")}
+    present |= {key: fields.texts(key) for key in ("marker_labels", "layout")}
+    transl, fps = fields.shaped("trans", (len(rotvec), 3), MotionInvalid), _frame_rate(fields)
     try:
-        return MotionFile(name=fields.path.stem, rotvec=rotvec, **given, **present)
+        motion = MotionFile(fields.path.stem, rotvec, transl, _betas(fields), fps, body_layout=layout, **present)
+        return replace(motion, flat_hands=flat, props=read_props(fields, len(rotvec)))
     except MotionInvalid as error:
         raise MotionInvalid(error.message, where=str(fields.path), hint=error.hint) from error
 

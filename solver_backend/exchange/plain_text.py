@@ -25,3 +25,9 @@ def plain(text: str, *, keep: str = "") -> str:
 
 def _steers(character: str) -> bool:
     return character not in _JOINERS and unicodedata.category(character) in _STEERING
+
+
+def pairs(text: str) -> dict[str, str]:
+    """Return every second word of a text by the word before it."""
+    words = text.split()
+    return dict(zip(words[::2], words[1::2], strict=True))

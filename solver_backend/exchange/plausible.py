@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from .errors import MocapError
@@ -38,21 +40,21 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
         raise error(f"{name} holds {largest:.3g}; at most {most:g} is possible.", where=where)
 
 
-def require_motion(
-    fps: float, turns: np.ndarray, transl: np.ndarray, betas: np.ndarray, joints: np.ndarray | None,
-    error: type[MocapError], where: str,
-) -> None:  # fmt: skip
-    """Make sure that a body's motion can be.
+def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:
+    """Make sure that a motion is possible.
 
     Args:
+        motion: has ``fps``, ``transl``, ``betas`` and ``joints``, (F, J, 3) metres or None.
         turns: axis-angle of the joints, frames first.
-        joints: (F, J, 3) metres, if they are known.
+
+    Raises:
+        MocapError: it has no frames, or its rate, places, turns or shape are impossible; of the class ``error``.
     """
     if not len(turns):
         raise error("The motion has no frames.", where=where)
-    require_rate(fps, error, where)
+    require_rate(motion.fps, error, where)
     require_within("The pose", turns, LARGEST_TURN, error, where)
-    require_within("transl", transl, FARTHEST_M, error, where)
-    require_within("betas", betas, LARGEST_BETA, error, where)
-    if joints is not None:
-        require_within("joints", joints, FARTHEST_M, error, where)
+    require_within("transl", motion.transl, FARTHEST_M, error, where)
+    require_within("betas", motion.betas, LARGEST_BETA, error, where)
+    if motion.joints is not None:
+        require_within("joints", motion.joints, FARTHEST_M, error, where)

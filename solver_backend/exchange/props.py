@@ -12,9 +12,7 @@ from .plausible import FARTHEST_M, LARGEST_TURN, require_within
 from .schema import Fields
 from .so3 import matrix_from_rotvec, rotvec_from_matrix
 
-PROPS = (
-    "prop_names", "prop_labels", "prop_of", "prop_points", "prop_rotvec", "prop_transl", "prop_sigma", "prop_seen",
-)  # fmt: skip
+PROPS = tuple(f"prop_{name}" for name in ("names", "labels", "of", "points", "rotvec", "transl", "sigma", "seen"))
 """Arrays of a motion file that hold its props: names (P,), labels (Q,), the prop of each of the Q points, and the
 fields of ``Prop`` one prop after the other."""
 POSE_POINTS = ("origin", "x", "y", "z")
@@ -73,12 +71,10 @@ class Prop:
 
     def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
-        return {
-            "name": self.name,
-            "markers": {label: point.tolist() for label, point in zip(self.labels, self.points, strict=True)},
-            "rotvec": self.rotvec.tolist(), "transl": self.transl.tolist(), "sigma_m": self.sigma[:, 0].tolist(),
-            "sigma_rad": self.sigma[:, 1].tolist(), "seen": self.seen.tolist(),
-        }  # fmt: skip
+        markers = {label: point.tolist() for label, point in zip(self.labels, self.points, strict=True)}
+        tracks = {name: getattr(self, name).tolist() for name in ("rotvec", "transl", "seen")}
+        sigma = dict(zip(("sigma_m", "sigma_rad"), self.sigma.T.tolist(), strict=True))
+        return {"name": self.name, "markers": markers, **tracks, **sigma}
 
 
 def require_length(props: Sequence[Prop], frames: int) -> None:

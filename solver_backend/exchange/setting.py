@@ -12,18 +12,20 @@ from typing import Any, Literal
 
 from .errors import JobInvalid
 
-Kind = Literal["switch", "flag", "whole", "number", "choice", "text", "path", "folder", "file", "name_or_file", "texts",
-               "numbers", "range"]  # fmt: skip
+Kind = (
+    Literal["switch", "flag", "whole", "number", "choice", "text"]
+    | Literal["path", "folder", "file", "name_or_file", "texts", "numbers", "range"]
+)
 """A "switch" can be turned off on the command line, a "flag" is off unless given. A "path" is a ``Path``, a "folder"
 one of a folder, a "file" the path of a file as text. "texts" and "numbers" are lists. A "range" is the first and the
 last whole number."""
 POSITIVE = 1e-12  # Lower bound of numbers that must be greater than 0.
 REQUIRED = MISSING  # Default of a setting that must be given.
 _FILE = "the path of a file"
-_EXPECTED = {"switch": "true or false", "flag": "true or false", "text": "text", "path": _FILE, "file": _FILE,
-             "folder": "the path of a folder", "name_or_file": f"a name or {_FILE}",
-             "range": "the first and the last whole number, from 0"}  # fmt: skip
-"""What would be valid, by kind."""
+_EXPECTED = dict.fromkeys(("switch", "flag"), "true or false") | dict.fromkeys(("path", "file"), _FILE)
+_EXPECTED |= {"text": "text", "folder": "the path of a folder", "name_or_file": f"a name or {_FILE}"}
+_EXPECTED |= {"range": "the first and the last whole number, from 0"}
+"""Description of valid values by kind."""
 
 
 @dataclass(frozen=True)
@@ -134,15 +136,18 @@ class Setting:
         if self.repeated or self.kind == "texts":
             return [f"{option}={item}" for item in value]
         if self.kind == "numbers":
-            return [f"{option}={','.join(f'{number:g}' for number in value)}"]
+            return [f"{option}={','.join(text_of_value(float(number)) for number in value)}"]
         if is_list(value):
             return [option, *map(text_of_value, value)]
         return [f"{option}={text_of_value(value)}"]
 
 
 def text_of_value(value: Any) -> str:
-    """Return a value as on a command line."""
-    return f"{value:g}" if isinstance(value, float) else str(value)
+    """Return a value as on a command line, which reads exactly this value again."""
+    if not isinstance(value, float):
+        return str(value)
+    short = f"{value:g}"
+    return short if float(short) == value else repr(float(value))
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:

@@ -78,16 +78,9 @@ class SkeletonFile(SkeletonMotion):
 
 def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:
     """Write a skeleton file."""
-    write_npz(
-        path,
-        {
-            "format": np.array(FORMAT), "version": np.array(VERSION), "name": np.array(skeleton.name),
-            "names": np.array(skeleton.names), "parents": np.array(skeleton.parents), "rest": skeleton.rest,
-            "joints": skeleton.joints, "turns": skeleton.turns, "fps": np.array(skeleton.fps),
-            "roles": np.array(json.dumps(skeleton.roles)),
-        },
-        overwrite=overwrite,
-    )  # fmt: skip
+    arrays = {key: np.array(getattr(skeleton, key)) for key in ("name", "names", "parents", "rest", "joints", "turns")}
+    arrays |= {"format": np.array(FORMAT), "version": np.array(VERSION), "fps": np.array(skeleton.fps)}
+    write_npz(path, {**arrays, "roles": np.array(json.dumps(skeleton.roles))}, overwrite=overwrite)
 
 
 def read_skeleton(path: Path) -> SkeletonFile:

@@ -15,9 +15,8 @@ from .errors import CommandLineInvalid, ExitCode
 from .outputs import check_output
 from .setting import POSITIVE, REQUIRED, Choice, Kind, Setting, is_list, text_of_value
 
-Group = Literal[
-    "solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"
-]  # fmt: skip
+Group = Literal["solve", "cameras", "markers", "hands", "motion", "live", "sensors", "dataset", "train", "blender"]
+_AS_WRITTEN = argparse.RawDescriptionHelpFormatter
 _PROPER_NAMES = ("Blender", "Dask", "Python")  # Words that keep their capital within a sentence.
 
 
@@ -172,21 +171,19 @@ class Program:
 
     def parser(self) -> Parser:
         """Return the parser of what may stand instead of a verb. Its help lists the verbs by task."""
-        whole = Parser(
-            prog=self.name, usage=f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ...",
-            description=f"{self.description} VERB --help lists a verb's options.",
-            epilog=f"{self._list_verbs()}\n\n{self.epilog}", formatter_class=argparse.RawDescriptionHelpFormatter,
-        )  # fmt: skip
+        usage = f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ..."
+        description = f"{self.description} VERB --help lists a verb's options."
+        epilog = f"{self._list_verbs()}\n\n{self.epilog}"
+        whole = Parser(prog=self.name, usage=usage, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
         if self.version:
             whole.add_argument("--version", action="version", version=self.version)
         return whole
 
     def parser_of(self, verb: Verb) -> Parser:
         """Return the parser of one verb."""
-        own = Parser(
-            prog=f"{self.name} {verb.name}", description=f"{verb.help[:1].upper()}{verb.help[1:]}.",
-            epilog=f"example:\n  {self.name} {verb.example}", formatter_class=argparse.RawDescriptionHelpFormatter,
-        )  # fmt: skip
+        name, description = f"{self.name} {verb.name}", f"{verb.help[:1].upper()}{verb.help[1:]}."
+        epilog = f"example:\n  {self.name} {verb.example}"
+        own = Parser(prog=name, description=description, epilog=epilog, formatter_class=_AS_WRITTEN)
         own.add_settings((*verb.settings, *self.common))
         return own
 

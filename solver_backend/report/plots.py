@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -256,12 +257,9 @@ SPACE_WIDTH, TALLEST, SPACE_MARGIN = 860.0, 560.0, 30.0
 TURN_DEG, DOWN_DEG = 25.0, 22.0
 """The direction that is looked along: turned from world +Y, and downwards."""
 MOMENTS = 3  # Moments at which the person is drawn.
-_BONES = tuple(
-    (f"{side}_{a}", f"{side}_{b}")
-    for side in ("left", "right")
-    for a, b in (("shoulder", "elbow"), ("elbow", "wrist"), ("shoulder", "hip"), ("hip", "knee"), ("knee", "ankle"),
-                 ("ankle", "big_toe"))
-) + (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))  # fmt: skip
+_CHAINS = (("shoulder", "elbow", "wrist"), ("shoulder", "hip", "knee", "ankle", "big_toe"))
+_BONES = tuple((f"{s}_{a}", f"{s}_{b}") for s in ("left", "right") for chain in _CHAINS for a, b in pairwise(chain))
+_BONES += (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 
 
 def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointSet | None) -> str:

@@ -88,7 +88,7 @@ class Motion:
                 what = f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}."
                 raise MotionInvalid(what, where="motion")
         for turns in (self.body_pose, self.global_orient):
-            require_motion(self.fps, turns, self.transl, self.betas, self.joints, MotionInvalid, "motion")
+            require_motion(self, turns, MotionInvalid, "motion")
         require_length(self.props, frames)
 
     @property

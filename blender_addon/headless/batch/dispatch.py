@@ -6,7 +6,6 @@ from collections import deque
 from collections.abc import Callable
 from pathlib import Path
 
-from ..._exchange.errors import MocapError
 from ..._exchange.outputs import write_text
 from ..._exchange.plain_text import plain
 from ..._exchange.progress import Progress
@@ -88,11 +87,9 @@ def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
         return record
     if record is None or "error" not in record:
         known = read_record(folder) or begun_record(one.ticket.name, one.ticket.capture)
-        error: MocapError = TakeUndoable(
-            "The take has ended every worker that tried it.", where=str(one.ticket.capture),
-            hint="Solve it alone, with --take-memory. It is not tried again until its files or settings change.",
-        )  # fmt: skip
-        record, why = known, failure_of(error)
+        hint = "Solve it alone, with --take-memory. It is not tried again until its files or settings change."
+        what = "The take has ended every worker that tried it."
+        record, why = known, failure_of(TakeUndoable(what, where=str(one.ticket.capture), hint=hint))
     else:
         why = record["error"]
     record = failed(record, folder, why, SET_ASIDE)

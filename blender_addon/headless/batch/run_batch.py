@@ -12,6 +12,7 @@ from argparse import Namespace
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from ..._exchange.cluster_address import use_certificates
 from ..._exchange.outputs import atomic_outputs, temporary_folder
@@ -102,10 +103,12 @@ def run_batch_verb(args: Namespace, progress: Progress) -> CommandResult:
         hint = "batch FOLDER, or --watch FOLDER."
         raise BatchInvalid("A batch needs a folder of captures, or one to watch.", hint=hint)
     formats, marker_formats = (tuple(dict.fromkeys(given)) for given in (args.export, args.export_markers))
-    request = BatchRequest(
-        args.captures or args.watch, args.out, args.job, args.bake, args.render, formats, args.body, args.python,
-        marker_formats, TakeLimits(args.take_seconds, args.take_memory), args.strict, tuple(args.accept),
-    )  # fmt: skip
+    chosen: dict[str, Any] = {
+        name: getattr(args, name) for name in ("job", "bake", "render", "body", "python", "strict")
+    }
+    chosen |= {"formats": formats, "marker_formats": marker_formats, "accept": tuple(args.accept)}
+    limits = TakeLimits(args.take_seconds, args.take_memory)
+    request = BatchRequest(args.captures or args.watch, args.out, limits=limits, **chosen)
     watch = {"watch": args.watch is not None, "settled_s": args.settled, "idle_s": args.idle}
     spread = Spread(args.scheduler, args.workers, stretches=args.stretches, patience_s=args.patience, **watch)
     return run_batch(request, progress, spread)

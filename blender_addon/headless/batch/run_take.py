@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import time
 import traceback
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -69,18 +68,14 @@ def recalled(work: Work, capture: Path) -> TakeRecord | None:
     return _whole(known, folder, steps, "skipped") if done else None
 
 
-def run_step(
-    work: Work, capture: Path, step: str, progress: Progress, *,
-    worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
-    scheduler: str = "",
-) -> TakeRecord:  # fmt: skip
+def run_step(work: Work, capture: Path, step: str, progress: Progress, *, worker: str = "", **place: Any) -> TakeRecord:
     """Do one step of a take, unless it is done or not wanted, and return the take's record.
 
     Several workers may run it at once: outputs get their names when they are whole, and the record is written last.
 
     Args:
         worker: name of the worker, for the record.
-        stopped, in_child, scheduler: see ``Place``.
+        place: ``stopped``, ``in_child`` and ``scheduler`` of ``Place``.
     """
     name = take_name(capture)
     folder = work.out / name
@@ -96,7 +91,7 @@ def run_step(
         mine = next((one for one in wanted if one.name == step), None)
         if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
             record = _begun(record, folder, step, worker)
-            made = work.do_step(capture, step, Place(folder, of_take, stopped, in_child, scheduler))
+            made = work.do_step(capture, step, Place(folder, of_take, **place))
             record = _ended(record, mine, made, time.monotonic() - start)
         if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
             record = _whole(record, folder, wanted, "done")

@@ -11,6 +11,11 @@ import numpy as np
 
 from .skeleton import FINGERS, LIMBS, SIDES, Skeleton
 
+
+def _set(text: str) -> frozenset[str]:
+    return frozenset(text.split())
+
+
 _WORDS = {
     "pelvis": ("pelvis", "hips", "hip", "cog", "root pelvis"),
     "head": ("head", "skull"),
@@ -25,20 +30,13 @@ _WORDS = {
 }
 """Words of each part, the surest first. Those that stand for several parts are last."""
 _CHAIN_WORDS = {"spine": ("spine", "chest", "torso", "abdomen", "upperchest", "back", "waist"), "neck": ("neck",)}
-_NOT_BODY = frozenset({
-    "ik", "pole", "target", "mch", "org", "vis", "ctrl", "twist", "roll", "helper", "end", "nub", "tip", "finger",
-    "thumb", "index", "middle", "ring", "pinky", "little", "palm", "metacarpal", "eye", "jaw", "ear", "hair", "tongue",
-    "breast", "skirt", "cloth", "prop", "weapon", "tweak", "master", "heel",
-})  # fmt: skip
+_NOT_BODY = _set(
+    "ik pole target mch org vis ctrl twist roll helper end nub tip finger thumb index middle ring pinky little "
+    "palm metacarpal eye jaw ear hair tongue breast skirt cloth prop weapon tweak master heel"
+)
 """Words of bones that are none of these parts."""
-_LEFT = frozenset({
-    "l", "left", "lft", "lt", "li", "links", "gauche", "izq", "izquierda", "izquierdo", "sx", "sinistra", "sinistro",
-    "esquerda", "esquerdo",
-})  # fmt: skip
-_RIGHT = frozenset({
-    "r", "right", "rgt", "rt", "re", "rechts", "droite", "droit", "der", "derecha", "derecho", "dx", "destra", "destro",
-    "direita", "direito",
-})  # fmt: skip
+_LEFT = _set("l left lft lt li links gauche izq izquierda izquierdo sx sinistra sinistro esquerda esquerdo")
+_RIGHT = _set("r right rgt rt re rechts droite droit der derecha derecho dx destra destro direita direito")
 """Sides in English, German, French, Spanish, Italian and Portuguese."""
 _GLUED = ("left", "right", "l", "r")
 """Sides that may stand before a part without a space, the longest first: ``lhumerus``, ``righthand``."""

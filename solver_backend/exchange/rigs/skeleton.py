@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ..body_layout import SMPL
+from ..plain_text import pairs
 
 
 class Skeleton:
@@ -93,23 +94,18 @@ _ALIKE_COUNT = 0.25  # The same of the numbers of their bones: one hand may hold
 SIDES = ("left", "right")
 CHAINS = ("spine", "neck")
 """Parts of several bones: ``spine_1`` is the lowest."""
-_OF_A_SIDE = {
-    "clavicle": SMPL.both("collar"), "upper_arm": SMPL.both("shoulder"), "forearm": SMPL.both("elbow"),
-    "hand": SMPL.both("wrist"), "thigh": SMPL.both("hip"), "shin": SMPL.both("knee"), "foot": SMPL.both("ankle"),
-    "toe": SMPL.both("foot"),
-}  # fmt: skip
+_PARTS = pairs("clavicle collar upper_arm shoulder forearm elbow hand wrist thigh hip shin knee foot ankle toe foot")
+_OF_A_SIDE = {part: SMPL.both(joint) for part, joint in _PARTS.items()}
 """The left and the right joint that turns each bone of a side."""
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 """Fingers of a hand: ``left_index_1`` is the bone next to the knuckle, bones of the palm have no role."""
 JOINT_OF = {
     **dict(zip(("pelvis", "head"), SMPL.numbers("pelvis", "head"), strict=True)),
     **{f"{side}_{part}": pair[s] for part, pair in _OF_A_SIDE.items() for s, side in enumerate(SIDES)},
-}  # fmt: skip
+}
 """The joint of SMPL's tree that turns each role's bone. Spine and neck lie between joints."""
-HELPER_OF = {
-    "hand_ik": ("hand", "hand"), "foot_ik": ("foot", "foot"), "toe_ik": ("toe", "toe"),
-    "elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin"),
-}  # fmt: skip
+HELPER_OF = {f"{part}_ik": (part, part) for part in ("hand", "foot", "toe")}
+HELPER_OF |= {"elbow_pole": ("upper_arm", "forearm"), "knee_pole": ("thigh", "shin")}
 """Controls of a side that pose an IK limb: the part they turn with and the one at whose head they stand."""
 LIMB_OF_POLE = {"elbow_pole": "arm", "knee_pole": "leg"}
 LIMBS = {

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -36,22 +36,11 @@ class LimbFit:
         return self.path[i], self.path[j], self.path[k]
 
 
-def leg_fits(skeleton: Skeleton, branch: int, named: float) -> list[LimbFit]:
-    """Return all ways in which a branch is a leg, the best first. A name that fits takes ``named`` off the cost."""
-    return _fits(skeleton, branch, _leg_cost, ("thigh", "shin", "foot"), named)
-
-
-def arm_fits(skeleton: Skeleton, branch: int, named: float) -> list[LimbFit]:
-    """Return all ways in which a branch is an arm, the best first. A name that fits takes ``named`` off the cost."""
-    return _fits(skeleton, branch, _arm_cost, ("upper_arm", "forearm", "hand"), named)
-
-
-def _fits(
-    skeleton: Skeleton, branch: int, cost: Callable[[Skeleton, list[int], tuple[int, int, int]], float],
-    parts: tuple[str, str, str], named: float,
-) -> list[LimbFit]:  # fmt: skip
+def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list[LimbFit]:
+    """Return all fits of a branch as a limb, best first. A name that fits takes ``named`` off the cost."""
+    parts, cost = LIMBS[f"left_{limb}"], _leg_cost if limb == "leg" else _arm_cost
     path = skeleton.main_path(branch)[:_LONGEST]
-    bear = [[names_part(skeleton.names[bone], part) for bone in path] for part in parts]
+    bear = [[names_part(skeleton.names[bone], part.removeprefix("left_")) for bone in path] for part in parts]
     found = []
     for places in _triples(len(path)):
         own = cost(skeleton, path, places)
@@ -202,8 +191,8 @@ def recognise(skeleton: Skeleton) -> StructureGuess:
 def _ranked_limbs(skeleton: Skeleton) -> list[_Limbs]:
     pairs = [pair for pair in skeleton.pairs() if skeleton.reach[pair[0]] > _LEAST_REACH * skeleton.size]
     named = _NAMED_CLEARLY if _is_named(skeleton) else _NAMED
-    legs = [fit for pair in pairs for fit in _paired(*(leg_fits(skeleton, branch, named) for branch in pair))]
-    arms = [fit for pair in pairs for fit in _paired(*(arm_fits(skeleton, branch, named) for branch in pair))]
+    legs = [fit for pair in pairs for fit in _paired(*(_limb_fits(skeleton, branch, "leg", named) for branch in pair))]
+    arms = [fit for pair in pairs for fit in _paired(*(_limb_fits(skeleton, branch, "arm", named) for branch in pair))]
     found = []
     for leg in sorted(legs, key=_pair_cost)[:_PAIRS]:
         for arm in sorted(arms, key=_pair_cost)[:_PAIRS]:
@@ -382,11 +371,13 @@ def _add_head(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, trunk: l
     line = [max(starts, key=lambda c: (max(height(b) for b in skeleton.below(c)), skeleton.counts[c]))]
     while inner := [c for c in skeleton.children[line[-1]] if in_middle(c) and height(c) > height(line[-1]) - 0.02]:
         line.append(max(inner, key=lambda c: (skeleton.counts[c], height(c))))
-    costs = [
-        ((height(bone) - 0.3) / 0.12) ** 2 - 2.0 * names_part(skeleton.names[bone], "head")
-        - 1.0 * (len(skeleton.children[bone]) >= 2) + 0.5 * names_part(skeleton.names[bone], "neck") for bone in line
-    ]  # fmt: skip
-    head = int(np.argmin(costs))
+
+    def cost(bone: int) -> float:
+        named = {part: names_part(skeleton.names[bone], part) for part in ("head", "neck")}
+        high = ((height(bone) - 0.3) / 0.12) ** 2
+        return high - 2.0 * named["head"] - 1.0 * (len(skeleton.children[bone]) >= 2) + 0.5 * named["neck"]
+
+    head = int(np.argmin([cost(bone) for bone in line]))
     roles["head"] = line[head]
     roles |= {f"neck_{i + 1}": bone for i, bone in enumerate(line[:head])}
     return []

@@ -17,9 +17,7 @@ FACES = (LIVE_LINK, IFACIALMOCAP)  # Protocols of faces alone, which come and ar
 SCHEME = f"{VMC}://"
 LOOPBACK, PORT = "127.0.0.1", PORTS[VMC]
 """This machine, and the port of the VMC protocol."""
-_FORM = re.compile(
-    r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\s]*)(?::(?P<port>\d{1,5}))?/?"
-)  # fmt: skip
+_FORM = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\s]*)(?::(?P<port>\d{1,5}))?/?")
 
 
 @dataclass(frozen=True)

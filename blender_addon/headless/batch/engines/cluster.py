@@ -130,10 +130,9 @@ class ClusterEngine(Engine):
         """Hand the take's steps to the scheduler."""
         from .cluster_task import step_of_take
 
-        given: Batch = {
-            "work": self._plain, "out": self._out, "capture": str(ticket.capture.resolve()),
-            "marker": self._marker, "versions": self._workers.versions, "stretches": self._stretches,
-        }  # fmt: skip
+        capture, stretches = str(ticket.capture.resolve()), self._stretches
+        marks = {"marker": self._marker, "versions": self._workers.versions}
+        given: Batch = {"work": self._plain, "out": self._out, "capture": capture, "stretches": stretches, **marks}
         allowed = self._workers.allowed(ticket)
         memory_mb = self._work.limits.memory_mb
         where: dict[str, Any] = {} if allowed is None else {"workers": sorted(allowed), "allow_other_workers": False}

@@ -128,11 +128,9 @@ def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResu
     if known is None:
         if given["stretches"]:
             secede()  # the thread is free for stretches of this very take
-        known = run_step(
-            work, capture, step, silent,
-            worker=worker, stopped=_withdrawn(work.out, given["marker"]), in_child=True,
-            scheduler=get_worker().scheduler.address if given["stretches"] else "",
-        )  # fmt: skip
+        scheduler = get_worker().scheduler.address if given["stretches"] else ""
+        place = {"stopped": _withdrawn(work.out, given["marker"]), "in_child": True, "scheduler": scheduler}
+        known = run_step(work, capture, step, silent, worker=worker, **place)
     return {"worker": worker, "record": known}
 
 

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 from ....backend_environment import backend_folder
 
@@ -35,11 +36,9 @@ class LocalCluster:
         own = ["--dashboard-address", "127.0.0.1:0", *([] if _has_bokeh() else ["--no-dashboard"])]
         own += ["--preload", f"{__package__}.ends_with_parent"]
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
-        worker = [
-            "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1",
-            "--memory-limit", "0", "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--death-timeout", "30",
-            "--local-directory", str(folder), "--preload", f"{__package__}.ends_with_parent",
-        ]  # fmt: skip
+        alone = "--nthreads 1 --no-nanny --host 127.0.0.1 --memory-limit 0 --no-dashboard --death-timeout 30"
+        worker = ["-m", "distributed.cli.dask_worker", self.address, *alone.split(), "--local-directory", str(folder)]
+        worker += ["--dashboard-address", "127.0.0.1:0", "--preload", f"{__package__}.ends_with_parent"]
         worker += ["--resources", f"memory_mb={memory_mb / workers:.0f}"] if memory_mb else []
         self._commands = [scheduler, *([worker] * workers)]
         self.processes: list[subprocess.Popen[bytes] | None] = [None] * len(self._commands)
@@ -71,10 +70,8 @@ class LocalCluster:
         paths = os.pathsep.join(filter(None, (str(_ROOT), str(backend_folder()), known)))
         environment = {**os.environ, "PYTHONPATH": paths, "DASK_DISTRIBUTED__LOGGING__DISTRIBUTED": "error"}
         with (self._folder / "cluster.log").open("ab") as log:
-            return subprocess.Popen(
-                [sys.executable, *command], env=environment, stdin=subprocess.PIPE, stdout=log, stderr=log,
-                start_new_session=True,
-            )  # fmt: skip
+            streams: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": log, "stderr": log}
+            return subprocess.Popen([sys.executable, *command], env=environment, start_new_session=True, **streams)
 
 
 def _let_go(process: subprocess.Popen[bytes] | None) -> None:
