@@ -10,14 +10,9 @@ from .._exchange.errors import CommandLineInvalid
 from .._exchange.solve_settings import METHODS
 from .._exchange.vmc.sender import VMC, VmcAddress, read_address
 from ..conventions.file_paths import file_of
-from .setting_properties import Items, choice, flags, number, path, switch, text
+from .setting_properties import Items, choice, flags, items_of, number, path, switch, text
 
 _SUBJECT = "Calibrated person, empty to learn the body shape while they move"
-_SOURCES = (
-    ("FILE", "Recording", "Replay a marker recording or a motion at its own rate"),
-    ("VMC", "Another Program", "Receive poses over VMC, or a face from Live Link Face or iFacialMocap"),
-    ("CAMERAS", "Cameras", "Track a person without markers with two to four calibrated cameras or videos"),
-)
 
 
 class SendingProperties:
@@ -30,7 +25,7 @@ class SendingProperties:
 class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     """Settings of a live run."""
 
-    kind: choice("Source", "Source of the points or poses", _SOURCES)
+    kind: choice("Source", "Source of the points or poses", "live.kind")
     source: path(
         "Recording", "Marker recording (C3D, TRC, CSV, TSV) or motion (.npz), empty for the capture's own markers"
     )
@@ -76,26 +71,17 @@ PARTS = {
 }
 """Label, description and property of each kind of sensor run."""
 GAMMA_S = 5.0  # Recording time of the Γ in seconds.
-_SENSORS = (
-    ("FOLDER", "Recording", "Play a folder of sensor recordings, or a shot of the studio, at its own rate"),
-    ("OAK", "OAK Cameras", "OAK-D Pro or OAK-4 D Pro cameras on USB or the network"),
-)
-_SYNCS = (
-    ("none", "None", "Cameras run freely, and the wand synchronises them"),
-    ("wire", "Wire", "The first camera triggers the others over a sync wire"),
-    ("ptp", "PTP", "The network synchronises the camera clocks (OAK-4)"),
-)
 
 
 class MocapSensors(SendingProperties, bpy.types.PropertyGroup):
     """Settings of the sensor array, and its recordings."""
 
-    kind: choice("Sensors", "Source of the images", _SENSORS)
+    kind: choice("Sensors", "Source of the images", "sensors.kind")
     source: path("Recording", "Folder of infrared and depth images from several sensors", folder=True)
     oaks: text(
         "Cameras", "Camera identifiers, if needed with names: ID=front ID=left, of which the first drives a sync wire"
     )
-    sync: choice("Sync", "Synchronisation of the cameras", _SYNCS)
+    sync: choice("Sync", "Synchronisation of the cameras", "sensors.sync")
     calibration: path("Calibration", "Calibration of the sensors, empty for the one in the recording")
     wand: path("Wand", "Recording of a single moving marker", folder=True)
     gamma: path("Γ", "Recording of three floor markers, empty to use the first sensor as the origin", folder=True)
@@ -127,60 +113,9 @@ def _paths(*words: str) -> list[str]:
 
 
 OWN = "OWN"
-_MOTIONS = (
-    ("CHOREOGRAPHY", "Choreography", "The bundled motion: walk, reach, turn and crouch"),
-    ("TAKE", "The Solved Take", "The take that the body plays"),
-    ("FILE", "File or Folder", "A motion file, AMASS (.npz), BVH, or a folder of these"),
-)
-PRESET_ARRAYS = (
-    ("webcam_ring_4", "Four Webcams", "Four common webcams on tripods around a room"),
-    ("oak_d_4", "Four OAK-D", "Four OAK-D with mono global-shutter images binned to 640 x 400"),
-    ("azure_kinect_3", "Three Azure Kinects", "Three Azure Kinects at 2 m with the narrow depth field of view"),
-    ("vicon_12", "Twelve Optical", "Twelve optical 1.3-megapixel cameras under the ceiling"),
-)
-_ARRAYS = (
-    (OWN, "My Cameras", "Cameras of the active capture, or of the scene if there is no capture"),
-    ("SCENE", "Scene's Cameras", "All visible cameras of the scene"),
-    ("RING", "A Ring", "Equal cameras in a ring around the person"),
-    *PRESET_ARRAYS,
-)
-_LOOKS = (
-    ("suit", "Suit", "A tight suit with markers"),
-    ("bare", "Bare", "The body with markers, without clothes or hair"),
-    ("everyday", "Everyday", "Random clothes and hair, and two pieces of furniture"),
-    ("cluttered", "Cluttered", "Random clothes and hair, and five pieces of furniture in the way"),
-    ("night", "Night", "Everyday in a dark room, with dim and noisy colour images"),
-    ("varied", "Varied", "Random clothes, hair and light, and three pieces of furniture"),
-)
-_FILM = (
-    ("infrared", "Infrared", "Retro-reflective markers lit from the camera, 16 bit"),
-    ("depth", "Depth", "Depth in millimetres with the errors of a time-of-flight sensor"),
-    ("masks", "Masks", "Object label of each pixel"),
-    ("normals", "Normals", "Surface normal of each pixel"),
-    ("rgb", "Colour", "Colour images rendered by Blender"),
-)
-_WRITE = (
-    ("pose2sim", "Pose2Sim", "OpenPose JSON and a TOML calibration"),
-    ("coco", "COCO", "COCO keypoints"),
-    ("c3d", "C3D", "Markers"),
-    ("trc", "TRC", "Markers for OpenSim"),
-    ("exr", "EXR", "Error-free depth and normals as floats"),
-    ("video", "Videos", "One MP4 per camera from the colour images"),
-)
-FAULTS = (
-    ("detector", "Detector", "Errors measured on a real recording with four webcams"),
-    ("good_detector", "Good Detector", "Half these errors and a good calibration"),
-    ("jitter", "Jitter", "Only 5 mm of noise"),
-    ("optical_markers", "Optical Markers", "Gaps, swaps and noise of optical markers"),
-    ("depth_markers", "Depth Markers", "Errors of markers from depth sensors"),
-    ("none", "None", "No errors"),
-)
+PRESET_ARRAYS = items_of("studio.against")
+FAULTS = items_of("studio.faults")
 _METHODS = (("triangulation", "Triangulation", "Triangulated keypoints without a body model"), *METHODS)
-_ENGINES = (
-    ("workbench", "Workbench", "Fast"),
-    ("eevee", "EEVEE", "Needs a graphics card"),
-    ("cycles", "Cycles", "Realistic light, slow without a graphics card"),
-)
 
 
 def _forget_plan(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -204,22 +139,22 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 class MocapStudio(bpy.types.PropertyGroup):
     """Settings of data sets and benchmarks."""
 
-    motion: choice("Motion", "Motion of the filmed people", _MOTIONS, **_PLAN)
+    motion: choice("Motion", "Motion of the filmed people", "studio.motion", **_PLAN)
     motion_path: path("Path", "Motion file, or a folder with several", **_PLAN)
     frames: number("Frames", "Maximum number of frames per shot", 60, 1, 100_000, **_PLAN)
     fps: number("Rate", "Images per second", 30.0, 1, 1000, **_PLAN)
     people: number("People", "Number of people, each filmed alone", 1, 1, 1000, **_PLAN)
     strange: switch("Unusual Proportions", "Use body proportions outside our body model", **_PLAN)
     seed: number("Seed", "Random seed of people, clothes and errors", 0, 0, 2**31 - 1, **_PLAN)
-    array: choice("Camera Array", "Cameras that film", _ARRAYS, **_PLAN)
+    array: choice("Camera Array", "Cameras that film", (*items_of("studio.array"), *PRESET_ARRAYS), **_PLAN)
     count: number("Cameras", "Number of cameras in the ring", 4, 1, 64, **_PLAN)
     radius_m: number("Radius", "Radius of the ring", 3.0, 0.2, 50, "m", **_PLAN)
     height_m: number("Height", "Height of the cameras above the floor", 1.4, 0, 20, "m", **_PLAN)
-    look: choice("Look", "Clothes and room", _LOOKS, **_PLAN)
-    film: flags("Film", "Kinds of images to make", _FILM, "infrared", "depth", "masks", **_PLAN)
-    write: flags("Write", "File formats of other programs", _WRITE, **_PLAN)
+    look: choice("Look", "Clothes and room", "studio.look", **_PLAN)
+    film: flags("Film", "Kinds of images to make", "studio.film", "infrared", "depth", "masks", **_PLAN)
+    write: flags("Write", "File formats of other programs", "studio.write", **_PLAN)
     faults: choice("Faults", "Simulated detector and tracker errors", FAULTS, **_PLAN)
-    engine: choice("Engine", "Render engine of the colour images", _ENGINES, **_PLAN)
+    engine: choice("Engine", "Render engine of the colour images", "studio.engine", **_PLAN)
     scale: number("Image Scale", "Scale of the image sizes", 1.0, 0.05, 4, **_PLAN)
     out: path("Folder", "Folder of the data set, empty for a new folder among the takes", folder=True, **_PLAN)
     methods: flags("Methods", "Methods to compare", _METHODS, "triangulation", "global")

@@ -26,6 +26,7 @@ from .setting_properties import (
     ReadingProperties,
     SolveProperties,
     choice,
+    items_of,
     listed,
     number,
     panel_values,
@@ -41,19 +42,9 @@ if TYPE_CHECKING:
     from ..retarget.rig_map import RigMap
 
 AUTO = "AUTO"
-STAGES = (
-    ("CAPTURE", "Capture", "Import a recording and check it"),
-    ("SOLVE", "Solve", "Solve the capture into a take"),
-    ("EDIT", "Edit", "Review, correct and clean up the take"),
-    ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
-)
+STAGES = items_of("stage")
 """The stages of the work in order. The panels show one stage at a time."""
-_SETUPS = (
-    ("NEW", "New Scenes Only", "Set up a new scene, and keep the settings of any other"),
-    ("KEEP", "Keep the Scene", "Keep frame rate, range, resolution and camera, and fit the recording in"),
-    ("TAKE", "From the Recording", "Use the recording's frame rate, length, resolution and first camera"),
-)
-SCENE_SETUP = choice("Scene Set-Up", "Source of the scene's frame rate, range, resolution and camera", _SETUPS)
+SCENE_SETUP = choice("Scene Set-Up", "Source of the scene's frame rate, range, resolution and camera", "scene_setup")
 STEPS = {
     "detect": ("Keypoints", "Detect people in every image"),
     "sync": ("Sync", "Estimate the camera delays"),
@@ -93,18 +84,10 @@ class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
         return reading_options(self, {name: value for name, value in chosen.items() if value != AUTO})
 
 
-_PRESETS = (
-    ("FAST", "Fast", "Fewer keys in two thirds of the time, for a first look"),
-    ("BALANCED", "Balanced", "The default settings, for most takes"),
-    ("BEST", "Best", "More keys, for dance, sports and other fast motion"),
-    ("CUSTOM", "Custom", "The settings below"),
-)
-
-
 class MocapSolve(SolveProperties, bpy.types.PropertyGroup):
     """Settings of a solve."""
 
-    preset: choice("Preset", "Compromise between speed and detail", _PRESETS, "BALANCED")
+    preset: choice("Preset", "Compromise between speed and detail", "solve.preset", "BALANCED")
     subject: path("Subject", "Calibrated person with the markers, empty to calibrate on the take itself")
     keep_shape: switch("Keep Shape", "Use the shape of the body's sliders instead of estimating it", on=True)
     report: switch("Report", "Write a page about the solve", on=True)
@@ -228,15 +211,6 @@ class MocapRole(bpy.types.PropertyGroup):
     bone: text("Bone", "Bone of the rig in this role, empty for none")
 
 
-_LIMBS = (
-    ("fk", "FK", "Rotate limbs bone by bone, with the actor's twist"),
-    ("ik", "IK", "Pose hands and feet, the easiest to edit, with elbows and knees as pure hinges"),
-)
-_ROOT_MOTIONS = (
-    ("body", "On Hips", "Move the hips"),
-    ("root", "On Root", "Move and turn the root bone smoothly"),
-    ("place", "In Place", "Remove the motion over the ground"),
-)
 _ACTOR = {"type": bpy.types.Object, "name": "Actor", "poll": _is_other_than_target}
 _TARGET = {"type": bpy.types.Object, "name": "Target", "poll": _is_other_armature, "update": _map_target}
 
@@ -246,8 +220,8 @@ class MocapRetarget(bpy.types.PropertyGroup):
 
     actor: bpy.props.PointerProperty(description="Armature with the motion, empty for the solved body", **_ACTOR)
     target: bpy.props.PointerProperty(description="Armature of the character to animate", **_TARGET)
-    limbs: choice("Limbs", "Active controls of the rig, both sets get keys", _LIMBS)
-    way: choice("Root Motion", "Bone with the motion over the ground", _ROOT_MOTIONS)
+    limbs: choice("Limbs", "Active controls of the rig, both sets get keys", "retarget.limbs")
+    way: choice("Root Motion", "Bone with the motion over the ground", "retarget.way")
     scale: number(
         "Scale", "Scale of the motion over the ground, 0 for the ratio of the leg lengths", 0.0, 0, 1000, soft_max=10
     )

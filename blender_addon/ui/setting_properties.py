@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
 from types import GenericAlias
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol, TypeVar, get_args, get_origin
 
@@ -31,6 +32,7 @@ _PLAIN = {
     float: bpy.props.FloatProperty,
     str: bpy.props.StringProperty,
 }
+_TEXTS = Path(__file__).with_name("choices.txt")
 FOLDER = "FOLDER"
 """Value of ``Setting.metavar`` of a path of a folder."""
 if TYPE_CHECKING:
@@ -93,19 +95,28 @@ def number(
     return _row(kind, label, description, default, shown | more, low=low, high=high)
 
 
-def choice(label: str, description: str, choices: Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
-    """Return a row with a list of choices, ``Choice`` or its values. The default is the first one."""
+def choice(label: str, description: str, choices: str | Sequence[Any], default: str = "", **more: Any) -> PropertyRow:
+    """Return a row with choices: ``Choice``, its values, or a name in ``choices.txt``. The default is the first one."""
     items = _choices(choices)
     return _row("choice", label, description, default or items[0].value, more, choices=items)
 
 
-def flags(label: str, description: str, choices: Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
+def flags(label: str, description: str, choices: str | Sequence[Any], *chosen: str, **more: Any) -> PropertyRow:
     """Return a row with a list of choices, some of them chosen."""
     return _row("texts", label, description, chosen, more, choices=_choices(choices))
 
 
-def _choices(choices: Sequence[Any]) -> tuple[Choice, ...]:
-    return tuple(item if isinstance(item, Choice) else Choice(*item) for item in choices)
+def _choices(choices: str | Sequence[Any]) -> tuple[Choice, ...]:
+    items = items_of(choices) if isinstance(choices, str) else choices
+    return tuple(item if isinstance(item, Choice) else Choice(*item) for item in items)
+
+
+def items_of(name: str) -> tuple[tuple[str, str, str], ...]:
+    """Return the choices of a property in ``choices.txt``: identifier, label and tooltip of each."""
+    text = _TEXTS.read_text(encoding="utf-8")
+    rows = text.partition(f"[{name}]\n")[2].partition("\n\n")[0].splitlines()
+    parts = [row.removesuffix(" =").split(" = ") for row in rows]
+    return tuple((identifier, label, "".join(tooltip)) for identifier, label, *tooltip in parts)
 
 
 def prepare(cls: Any) -> Any:

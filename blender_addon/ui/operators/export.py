@@ -53,10 +53,6 @@ _MARKER_TAKE = Need(
 )
 _FORMATS = tuple((name, item.label, item.description) for name, item in FORMATS.items())
 _MARKER_FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
-_CONTENTS = (
-    ("cleaned", "Cleaned", "Recorded positions with filled gaps and corrected labels"),
-    ("solved", "Solved", "Positions on the solved body"),
-)
 _FRAMES = -(2**31), 2**31 - 1
 """Frames that a property of Blender can hold."""
 _UNSAVED: dict[str, Any] = {"options": {"SKIP_SAVE"}}
@@ -148,7 +144,7 @@ class MOCAP_OT_export_markers(
     needs = (_MARKER_TAKE, base.IDLE)
 
     format: choice("Format", "File format", _MARKER_FORMATS, "c3d")
-    contents: choice("Markers", "Positions of the markers", _CONTENTS)
+    contents: choice("Markers", "Positions of the markers", "export_markers.contents")
     overwrite: bool
 
     @property

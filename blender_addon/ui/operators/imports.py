@@ -58,11 +58,6 @@ def remarks(result: Remarks) -> tuple[str, ...]:
 _ARMATURE = text("Armature", "Armature of an FBX, glTF or Blender file, if several move")
 _TIMES = -1e6, 1e6
 """Seconds between which times are accepted."""
-_HANDS = (
-    ("NAMED", "By Name", "Use the names of the file and its joints"),
-    ("LEFT", "Left", "The left hand"),
-    ("RIGHT", "Right", "The right hand"),
-)
 
 
 class MOCAP_OT_import_motion(SolverOperator, bpy.types.Operator, base.choose_file(MOTIONS), ImportHelper):
@@ -154,7 +149,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
     bl_label = "Add Gloves"
     needs = (base.TAKE, base.IDLE)
 
-    side: choice("Hand", "Hand of a file with one hand", _HANDS)
+    side: choice("Hand", "Hand of a file with one hand", "add_gloves.side")
     states_offset: switch("Set the Start", "Enter the start of the gloves instead of finding it by the wrists")
     offset: number("Gloves Start At", "Time of the first glove frame in the take", 0.0, *_TIMES, unit="TIME_ABSOLUTE")
     armature: _ARMATURE
@@ -184,10 +179,6 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, base.choose_file(G
         return f"Baked '{action.name}' with the fingers of {counted(hands, 'hand')}"
 
 
-_KINDS = (
-    ("CAMERAS", "Cameras", "Keypoints in four views"),
-    ("MARKERS", "Markers", "Optical markers as in a C3D file"),
-)
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 """Captures, detections, calibrations, settings, and marker recordings."""
 
@@ -241,7 +232,7 @@ class MOCAP_OT_import_capture(
         self.finish(f"Capture '{result['name']}': {found}{look}", warn=problems)
 
 
-@operator("Try the Demo Capture", kind=choice("Kind", "Kind of capture", _KINDS))
+@operator("Try the Demo Capture", kind=choice("Kind", "Kind of capture", "demo_capture.kind"))
 def demo_capture(self: Any, context: bpy.types.Context) -> Steps:
     """Make a synthetic capture of a moving person to try the add-on without your own data."""
     from .import_results import bring_capture

@@ -24,19 +24,6 @@ _SAMPLES = 16
 _NOTHING_MEASURED = 1e-6  # Maximum confidence of an interpolated frame, 0 to 1.
 
 
-_MODES = (
-    ("IK", "IK", "Key hands, feet and poles, and pose limbs from their ends"),
-    ("FK", "FK", "Key the joints with the IK edits, and pose limbs joint by joint"),
-)
-_LIMBS = (
-    ("ALL", "All Limbs", "Both arms and both legs"),
-    ("left_arm_ik", "Left Arm", ""),
-    ("right_arm_ik", "Right Arm", ""),
-    ("left_leg_ik", "Left Leg", ""),
-    ("right_leg_ik", "Right Leg", ""),
-)
-
-
 @operator("Next Range to Review", TAKE, backwards=bool)
 def next_bad_range(self: Any, context: bpy.types.Context) -> str | set[str]:
     """Go to the next frame range to review, and make it the range to solve again."""
@@ -194,7 +181,8 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-_TO, _LIMB = choice("To", "Controls to switch to", _MODES), choice("Limb", "Limbs to switch", _LIMBS)
+_TO = choice("To", "Controls to switch to", "switch_limbs.to")
+_LIMB = choice("Limb", "Limbs to switch", "switch_limbs.limb")
 
 
 @operator("Switch Limbs", BODY, EDITABLE, to=_TO, limb=_LIMB)

@@ -25,16 +25,6 @@ if TYPE_CHECKING:
     from ...solving.pythons import PythonFound
 
 
-_EDITS = (
-    ("PIN", "Pin Them", "Keep the poses of the edited frames, and solve the frames between to match"),
-    ("DROP", "Solve Over Them", "Ignore the edits of these frames, and keep the take with the edits"),
-)
-_SCOPES = (
-    ("CAPTURE", "This Capture", "All people of this capture"),
-    ("SCENE", "All Captures", "All people of all captures in the scene"),
-)
-
-
 def _write_job(
     context: bpy.types.Context, frames: SceneRange | None, *of: Any
 ) -> tuple[Path, SolveFiles, tuple[int, int] | None]:
@@ -91,7 +81,7 @@ def _draw_edits(self: Any, context: bpy.types.Context) -> None:
     self.layout.prop(self, "edits", expand=True)
 
 
-_KEPT = choice("Edits in the Range", "Treatment of the edits", _EDITS, options={"SKIP_SAVE"})
+_KEPT = choice("Edits in the Range", "Treatment of the edits", "resolve_range.edits", options={"SKIP_SAVE"})
 
 
 @operator("Solve Range Again", TAKE, invoke=_ask_about_edits, draw=_draw_edits, edits=_KEPT, edited=str)
@@ -134,7 +124,7 @@ def spans(frames: list[int]) -> str:
     return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else str(part[0]) for part in parts)
 
 
-@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", _SCOPES))
+@operator("Solve All", CAPTURE, scope=choice("Scope", "Captures to solve", "solve_all.scope"))
 def solve_all(self: Any, context: bpy.types.Context) -> Steps:
     """Solve all people one after another, each as an action of their own body."""
     from .import_results import take_motion

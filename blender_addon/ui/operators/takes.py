@@ -11,12 +11,6 @@ from ..setting_properties import choice, number
 from ..viewport import colour_markers
 from .base import BODY, EDITABLE, TAKE, Need, operator
 
-_LIMITS = (
-    ("RATE", "Keys per Second", "Keep this number of keys, at any distance"),
-    ("TOLERANCE", "Tolerance", "Keep as few keys as possible with every joint within the tolerance"),
-)
-
-
 _NOT_ON_NLA = Need(
     "The take is on the NLA already",
     lambda context: context.scene.mocap.review.armature.animation_data.action == context.scene.mocap.review.take,
@@ -82,7 +76,7 @@ def _draw_limit(self: Any, context: bpy.types.Context) -> None:
 
 
 _THINNING = {
-    "by": choice("Keep by", "Limit of the reduction", _LIMITS, "TOLERANCE"),
+    "by": choice("Keep by", "Limit of the reduction", "thin_take.by", "TOLERANCE"),
     "tolerance_mm": number("Tolerance", "Largest distance of a joint from the full take, in mm", 10.0, 0.5, 500),
     "keys_per_second": number("Keys per Second", "Average number of keys", 2.0, 0.1, 30),
 }

@@ -178,10 +178,6 @@ SET_UP_DETECTOR = "set-up-detector"  # Name of a run that is not a verb of the s
 _HAND_MODEL = "hand_landmark_full.tflite"
 _POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
 """Models in MediaPipe's npm package. The first one that exists is chosen."""
-_KINDS = (
-    ("mediapipe", "MediaPipe", "Detects people and hands with its bundled models, Python 3.9 to 3.12"),
-    ("litert", "LiteRT", "Runs MediaPipe's models of people and hands as files, Python 3.10 to 3.14"),
-)
 _ABOUT = {
     "mediapipe": "MediaPipe 0.10.21 and its dependencies, 150 MB, are installed from",
     "litert": "Google's LiteRT and NumPy, 60 MB, are installed from",
@@ -200,7 +196,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
     bl_label = "Set Up Detector…"
     bl_options = base.OPENS | base.INTERNAL
 
-    kind: choice("Detector", "Detector to install", _KINDS)
+    kind: choice("Detector", "Detector to install", "set_up_detector.kind")
     wheels: path("Wheels", "Folder of wheels to install from, empty for the package registry", folder=True)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
