@@ -26,7 +26,7 @@ _POSE = ("location", "rotation_quaternion", "rotation_euler", "rotation_axis_ang
 
 @dataclass(frozen=True)
 class Hanging:
-    """N controls in their neutral pose, each after those that carry it, in the armature's axes and units."""
+    """N controls in their neutral pose, each after its carriers, in the armature's axes and units."""
 
     names: tuple[str, ...]
     matrices: np.ndarray  # (N, 4, 4) pose matrices.
@@ -40,7 +40,7 @@ class Hanging:
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return which carries which. Afterwards the rig is as before.
+    """Move each control once and return which carries which, without changing the rig.
 
     Raises ``TargetUnsuitable`` if the rig cannot be posed.
     """

@@ -45,7 +45,7 @@ class LiveRig:
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
-        """Doubts about the map, and parts of it that cannot be played, one sentence each."""
+        """Warnings about the map, and parts of it that cannot be played, one sentence each."""
         self._target, self._modes, self._given, self._body = rig.target, rig.modes, rig_map.map_pose, body
         roles = zip(rig.target.names, rig.target.roles, strict=True)
         self._fingers = {name for name, role in roles if is_of_a_finger(role)}

@@ -39,7 +39,7 @@ def lock_feet(
 ) -> LockedFeet | None:
     """Add a take as it plays with its planted feet locked, and play it, or return None if no foot is planted.
 
-    A foot that moves farther than the longest slide during a contact slides on purpose.
+    A longer movement during a contact is intentional.
     """
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
@@ -105,7 +105,7 @@ def _held_foot(
     fps: float,
     longest: float,
 ) -> _Foot:
-    """Return the ankle and the turn of a foot whose heel and ball keep their places during contacts."""
+    """Return the ankle and the turn of a foot with heel and ball locked during contacts."""
     ankle, ball = leg[2:]
     forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
     behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
@@ -137,7 +137,7 @@ def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> 
 
 
 def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
-    """Return channels with the sign of each quaternion as before, as q and -q are the same rotation."""
+    """Return channels with the former sign of each quaternion, as q and -q are the same rotation."""
     new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
     signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
     return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

@@ -36,7 +36,7 @@ def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
     """Return the preset that fits a rig best, or the map by its structure or by its names.
 
-    A map with implausible limbs is rejected, even if its names fit. A complete preset of the user comes before ours.
+    A map with implausible limbs is rejected, even if its names fit. Complete presets of the user come first.
     """
     bones = skeleton.names
     fitting = []
@@ -201,7 +201,7 @@ def user_presets_folder(*, make: bool = False) -> Path | None:
 
 _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
-"""Largest length of a header. Those of large characters have some megabytes."""
+"""Largest length of a header. Large characters have headers of some megabytes."""
 _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by hand.
 
 

@@ -191,7 +191,7 @@ def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], w
 
 
 _NEAR_FLOOR = 0.035
-"""Share of the figure's height within which the armature's origin is its floor, if no skin shows the soles."""
+"""Largest height of the armature's origin over its floor by the figure's height, if no skin shows the soles."""
 
 
 def stand_on_stage(

@@ -75,7 +75,7 @@ _SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has t
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames. Afterwards the rig is as before.
+    """Return the largest distance of a hand or foot from its goal on a few frames, without changing the rig.
 
     Raises ``TargetUnsuitable`` if they are far from their places.
     """
@@ -172,7 +172,7 @@ def _bake_channels(
 ) -> bpy.types.Action:
     """Write channels and switches of a rig as a new action and play it.
 
-    The rig's action goes to a muted NLA track. An animation that cannot be changed is a ``TargetUnsuitable``.
+    The rig's action is moved to a muted NLA track. An animation that cannot be changed is a ``TargetUnsuitable``.
     """
     try:
         push_down(rig.armature)

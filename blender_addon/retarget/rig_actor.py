@@ -131,7 +131,7 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
 
 
 def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
-    """Return the bones of a map at rest with the feet on the stage's floor, without those that the rig lacks."""
+    """Return the bones of a map at rest with the feet on the stage's floor, without missing ones."""
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
         message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."

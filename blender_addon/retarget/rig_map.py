@@ -38,10 +38,10 @@ class RigMap:
     """By bone, the rotation wxyz in the armature's axes from the rest pose to the pose that matches our body's rest
     (arms sideways, legs straight). For other bones it is computed from the limbs' directions."""
     doubts: tuple[str, ...] = ()
-    """Doubts of the recognition about parts that it left out, one sentence each, not kept in files."""
+    """Warnings of the recognition about parts that it left out, one sentence each, not kept in files."""
 
     def renamed(self, names: dict[str, str]) -> RigMap:
-        """Return the map of the roles whose bones have an entry in ``names``, with these names."""
+        """Return the map of the roles with a bone in ``names``, by its new name."""
         bones = {role: names[bone] for role, bone in self.bones.items() if bone in names}
         switches = tuple(Switch(names[s.bone], s.key, s.fk, s.ik) for s in self.switches if s.bone in names)
         pose = {names[bone]: turn for bone, turn in self.map_pose.items() if bone in names}

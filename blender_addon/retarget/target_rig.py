@@ -88,7 +88,7 @@ class TargetRig:
 def read_target(
     armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
 ) -> TargetRig:
-    """Read a rig by its map. The rig stays unchanged.
+    """Read a rig by its map, without changing it.
 
     Args:
         limbs: ``fk`` or ``ik``, for its switches.
@@ -187,7 +187,7 @@ def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:
 
 
 def _check_controls(armature: bpy.types.Object, hanging: Hanging, role_of: dict[str, str], notes: list[str]) -> None:
-    """Reject controls that do not react, and note those that follow others in part."""
+    """Reject controls that do not react, and note controls that follow others in part."""
     by_role = {role_of[name]: name for name in hanging.names}
     carrier = by_role.get("carrier") or by_role["pelvis"]
     if stuck := [name for name in hanging.held if not role_of[name].endswith("_pole")]:

@@ -34,7 +34,7 @@ class Footage:
 
     @property
     def is_video(self) -> bool:
-        """Whether it is a video file."""
+        """True for a video file."""
         return self.files[0].suffix.lower() in _VIDEOS
 
 
@@ -57,7 +57,7 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
     Paths are compared as text, so that no file is looked for before it is allowed.
 
     Args:
-        folders: the user's folders, whose contents may be shown.
+        folders: the user's folders, with contents that may be shown.
     """
     cameras, refused = [], []
     for camera in capture.cameras:
@@ -99,7 +99,7 @@ def _remember_footage(camera: bpy.types.Camera, fps: float) -> None:
 
 
 def laid_footage_rate(camera: bpy.types.Camera) -> float:
-    """Return the scene frame rate for which the footage is placed."""
+    """Return the scene frame rate of the footage."""
     return float(camera[_LAID])
 
 

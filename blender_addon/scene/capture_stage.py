@@ -74,7 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture in a scene, whose other contents stay.
+    """Set up a capture in a scene, and keep its other contents.
 
     With ``take_over`` the scene gets its frame rate, length and first camera. Otherwise the capture is placed by time.
     """
@@ -141,7 +141,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Return the former stage with the contents of a new one, whose objects are removed.
+    """Return the former stage with the contents of a new one, and remove the new objects.
 
     Names, parents, visibility and other changes of the user stay. Deleted objects come back.
 

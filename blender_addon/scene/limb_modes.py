@@ -1,4 +1,4 @@
-"""Switch a limb's motion between FK and IK: the keys change, and the motion stays."""
+"""Switch a limb's motion between FK and IK: keys change, the motion does not."""
 
 from __future__ import annotations
 
@@ -79,7 +79,7 @@ def channels_of(armature: bpy.types.Object) -> Channels:
 
 
 def frames_of(action: bpy.types.Action) -> np.ndarray:
-    """Return the (F,) scene frames of an action: those of a take, or else every whole one."""
+    """Return the (F,) scene frames of an action: the frames of a take, or else every whole one."""
     first, last = action.frame_range
     step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
     step = 1.0 if abs(step - 1) < 1e-6 else step
@@ -148,7 +148,7 @@ _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
 
 
 def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key hands or feet, poles and turns so that the motion of limbs stays, switch them to IK, and show their ends.
+    """Key hands or feet, poles and turns so that limbs keep their motion, switch them to IK, and show their ends.
 
     The pose that IK finds for the poles is sampled, and the turns add the difference: joints keep their rotations.
     Raises ``BodyInvalid`` if the body lacks these controls, or plays a linked action.
@@ -179,7 +179,7 @@ def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
 
 
 def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key joints so that the motion of limbs stays, switch them to FK, and show the joints. See ``pose_from_ends``."""
+    """Key joints so that limbs keep their motion, switch them to FK, and show the joints. See ``pose_from_ends``."""
     channels = _channels(armature)
     bones = armature.data.bones
     wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}

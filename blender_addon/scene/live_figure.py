@@ -1,4 +1,4 @@
-"""Live bodies: one that incoming poses move, without actions, keys or operators, and one whose poses are sent."""
+"""Live bodies: one that incoming poses move, without actions, keys or operators, and one that sends its poses."""
 
 from __future__ import annotations
 
@@ -34,12 +34,12 @@ NAME = "Live"
 MOST_POINTS = 90
 """Maximum number of points, more than the largest marker layout has, chosen by hand."""
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
-"""Radii of points and joints in metres, and the colours of their doubt, chosen by hand."""
+"""Radii of points and joints in metres, and the colours of their uncertainty, chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
-"""Distances from the body in metres from which a point has the second, third and fourth colour: near, off, and far off
+"""Least distances in metres from the body for the second, third and fourth colour of a point: near, off, and far off
 as for the solver, which calls the pose unsure. A point that does not belong to the body has the first colour."""
 _DOUBT_M = (0.0, 0.02, 0.05)
-"""Standard deviations in metres from which a joint has the second, third and fourth colour. Cameras and markers leave
+"""Least standard deviations in metres for the second, third and fourth colour of a joint. Cameras and markers leave
 two centimetres for a seen joint, and five for an unseen one after a while."""
 _UNSURE = 2  # Lowest colour of joints in an unsure pose.
 
@@ -89,7 +89,7 @@ class LiveFigure:
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
 
     def show_doubt(self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool) -> bool:
-        """Show the joints of a pose in the colours of their doubt, and return whether their object exists.
+        """Show the joints of a pose in the colours of their uncertainty, and return whether their object exists.
 
         Args:
             rotvec: (24 or 52, 3) axis-angles.
@@ -124,7 +124,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create the body and the points of a live run in their own collection, and remove those of an earlier run.
+    """Create the body and the points of a live run in their own collection, and remove the objects of an earlier run.
 
     The body is also created if it is hidden. Blender must be in object mode, and the scene the window's current one.
     """

@@ -29,7 +29,7 @@ class PointLook:
 
 
 Players = dict[tuple[object, ...], bpy.types.NodeTree]
-"""Node groups that overlays share if they play alike, as each takes 60 kB of a file."""
+"""Node groups that equal overlays share, as each takes 60 kB of a file."""
 
 
 def create_point_overlay(
@@ -106,7 +106,7 @@ BOUNDS_MM = (10.0, 25.0)  # Limits of the residual of a marker near the body, an
 LABELS = "marker_labels"
 """Custom property of the object: the markers' labels, one per line, in the order of the points."""
 _MARKER_LOOK = PointLook(0.008, MARKER_COLOURS)
-"""Radius in metres, about that of a real marker, and colours, chosen by hand."""
+"""Radius in metres, as of a real marker, and colours, chosen by hand."""
 
 
 def create_marker_cloud(

@@ -30,7 +30,7 @@ class PlayerSettings:
     frame_start: float  # Scene frame of the first row.
     rows_per_frame: float  # Rows per scene frame.
     materials: tuple[bpy.types.Material, ...]
-    """Materials of the balls, of which ``GRADE`` chooses if there are several."""
+    """Materials of the balls. ``GRADE`` chooses one of several."""
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:
@@ -72,7 +72,7 @@ def played_row(obj: bpy.types.Object, frame: float) -> int:
 
 
 def last_row_frame(obj: bpy.types.Object) -> float:
-    """Return the scene frame on which an object first shows its last row."""
+    """Return the first scene frame of an object's last row."""
     return _first_frame(obj) + (_rows(obj) - 1) / played_rate(obj)
 
 
@@ -85,7 +85,7 @@ def _rows(obj: bpy.types.Object) -> int:
 
 
 def set_played_rate(obj: bpy.types.Object, rows_per_frame: float) -> None:
-    """Set the number of rows per scene frame. The frame of the first row stays."""
+    """Set the number of rows per scene frame. The frame of the first row is kept."""
     if abs(played_rate(obj) - rows_per_frame) > 1e-9:
         _rate_socket(obj).default_value = rows_per_frame
 

@@ -29,7 +29,7 @@ def parts_of_joints(layout: BodyLayout, joints: np.ndarray) -> np.ndarray:
 
 
 def by_part(points: np.ndarray, parts: np.ndarray) -> dict[str, np.ndarray]:
-    """Return points (V, 3) by their part (V,) of the body, without those of no part."""
+    """Return points (V, 3) by their part (V,) of the body, without points of no part."""
     return {str(part): points[parts == part] for part in np.unique(parts) if part}
 
 
@@ -89,7 +89,7 @@ class Actor:
 
 @dataclass(frozen=True)
 class Target:
-    """The N controls of a rig with a role, each after those that carry it."""
+    """The N controls of a rig with a role, each after its carriers."""
 
     names: tuple[str, ...]
     roles: tuple[str, ...]

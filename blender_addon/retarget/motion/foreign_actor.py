@@ -1,4 +1,4 @@
-"""An actor of any rig: the motion of its bones as that of our joints on a person of its proportions."""
+"""An actor of any rig: the motion of its bones as motion of our joints on a person of its proportions."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _STANDING, _STILL = 0.05, 0.37
 def actor_of_bones(
     name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray, own_rest: np.ndarray, fps: float
 ) -> Actor:
-    """Return the motion of a rig's bones as that of an actor.
+    """Return the motion of a rig's bones as an actor's.
 
     With D_c the rotation of a bone since its rest and A_c its map pose, the joint's rotation is ``D_c A_c^T``, so that
     a rig of the same rest pose plays D_c again. Missing joints are placed like our body's by the leg's length.

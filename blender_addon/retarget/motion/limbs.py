@@ -46,7 +46,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
 
 
 def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
-    """Return the (...) reach of a limb of bones (..., 3), at least that of the actor."""
+    """Return the (...) reach of a limb of bones (..., 3), at least the actor's."""
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
     return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
@@ -54,7 +54,7 @@ def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
 def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
     """Return the unit vectors (F, 3) of a bend of two bones (F, 3): square to both, or the anatomical axis if straight.
 
-    ``n ∝ u × v / (|u| |v|) + ε a`` neither jumps nor flips as a limb stretches.
+    ``n ∝ u × v / (|u| |v|) + ε a`` is continuous as a limb stretches.
     """
     along = _unit(upper + lower)
     square = _unit(axis - _dot(axis, along)[:, None] * along)
@@ -72,7 +72,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def within_reach(hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, rounds: int = 12) -> np.ndarray:
-    """Return the smallest offset (F, 3) of the body with which every leg reaches its foot.
+    """Return the smallest offset (F, 3) of the body so that every leg reaches its foot.
 
     Each leg pulls the hips into a ball around its foot. Alternating projections onto the balls end in both (Bregman
     1965).
@@ -102,7 +102,7 @@ def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 _BALL_AFTER_ANKLE = 3  # SMPL's foot joint, the ball, comes three after its ankle.
 _STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.25, 0.04, 0.008, 0.15
-"""Largest speed and slide of a planted foot, largest correction, and the time in which it fades after the contact."""
+"""Largest speed and slide of a planted foot, largest correction, and fading time after the contact."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) ->
     """Return the paths of the target's feet.
 
     The point of the sole under the ball follows the actor's, scaled. Heel and ankle are around it in the target's own
-    size, so that neither a planted foot nor a rolling one slides.
+    size, so that planted and rolling feet do not slide.
 
     Args:
         turns: (N, F, 3, 3) rotations of its controls.

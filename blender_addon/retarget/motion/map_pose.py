@@ -1,6 +1,6 @@
 """The map pose: the rotation of each bone of a rig from its rest to the pose of our body at rest.
 
-Bones are compared by their anatomy, never by their axes: a limb's direction, and the side to which its hinge bends.
+Bones are compared by their anatomy, never by their axes: a limb's direction, and the bending side of its hinge.
 Trunk and head keep their posture, feet stay flat, hands follow their forearm. Lengths of limbs give the scale.
 """
 
@@ -82,8 +82,8 @@ def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[in
 
 
 _APART = 2.0
-"""Largest ratio between the size of the legs and that of arms and trunk. A toddler's legs are 0.75 of an adult's by the
-trunk (Snyder et al. 1977), those of stylised characters 0.5."""
+"""Largest ratio between the sizes of legs and of arms and trunk. A toddler's legs are 0.75 of an adult's by the
+trunk (Snyder et al. 1977), and stylised characters have 0.5."""
 _ANY_UNIT = 2000.0  # Largest ratio of figures in metres and in millimetres.
 
 

@@ -147,7 +147,7 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
 
 
 CHEST, BASE, TOP = "chest", "base", "top"
-"""Places besides those of roles: the top bone of the spine, the middle of the hips, and the end of the trunk."""
+"""Further places: the top bone of the spine, the middle of the hips, and the end of the trunk."""
 _SHARES, _ANGLES = 8, 12  # Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide.
 _OUTER = 0.75  # Quantile of a cell's distances that is its radius, so that clothing counts and single hairs do not.
 _LEAST_FILLED = 0.4  # Share of cells with skin that a part needs.
@@ -176,7 +176,7 @@ PARTS = {
         for part, after in (("thigh", "shin"), ("shin", "foot"), ("upper_arm", "forearm"), ("forearm", "hand"))
     },
 }
-"""Parts that hands are kept on."""
+"""Parts that hands can touch."""
 
 
 @dataclass(frozen=True)
@@ -247,7 +247,7 @@ def _solid(
 
 
 def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
-    """Return the radius of each cell of the table, that of the nearest known one for a cell without skin."""
+    """Return the radius of each cell of the table, or of the nearest known cell for one without skin."""
     low, high = table
     k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
     m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
@@ -266,7 +266,7 @@ def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tu
 
 _TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
 """Distances from the skin of a hand that touches, and of one that does not, by the length of the palm: of a fingertip,
-which has a radius of a tenth of it, and of the palm's middle, whose own skin is a fifth below it."""
+which has a radius of a tenth of it, and of the palm's middle, with its own skin a fifth below it."""
 _LIKELY = (0.4, 2.5)  # Limits of the target's radii by the actor's at its size, beyond which its skin is not a body's.
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)  # Numbers of SMPL's joints.
 
