@@ -11,7 +11,6 @@ from typing import Any
 
 from .._exchange.diagnostics import Diagnostic, read_diagnostics
 from .._exchange.errors import MocapError
-from .._exchange.json_file import read_json_file
 from .._exchange.plain_text import plain
 from ..conventions.naming import next_number, next_path
 
@@ -125,6 +124,8 @@ class RoadStep:
 
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
     """Return the finished steps in order, none without a valid file. Pictures outside the folder are ignored."""
+    from .._exchange.json_file import read_json_file  # registering must not load JSON
+
     path = folder / NAME
     try:
         values = read_json_file(path, _LARGEST)
