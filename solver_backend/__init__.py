@@ -1,7 +1,6 @@
 """Manifold MoCap's solver: captures in, motions of an SMPL-type body out (never imports bpy).
 
-The names below are the public interface. Everything else may move. Each is imported when it is first asked for, so that
-a command line that only prints its help starts at once.
+The names below are the public interface. Each is imported on first use, so that ``--help`` is fast.
 """
 
 from __future__ import annotations

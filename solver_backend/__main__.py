@@ -1,4 +1,4 @@
-"""``python -m solver_backend VERB``: solve, info, convert, demo-capture, evaluate, and what Pose-NDF is good for."""
+"""``python -m solver_backend VERB``."""
 
 import gc
 import os

@@ -19,19 +19,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReadActor:
-    """A motion and what is to be reported about it."""
+    """A motion, and notes about it."""
 
     actor: Actor
     notes: tuple[str, ...] = ()
 
 
 def read_source(path: Path, body: Path | None = None, armature: str = "", action: str = "") -> ReadActor:
-    """Return the motion of a file: a motion file, or the armature of any file that Blender reads.
+    """Return the motion of a motion file, or of the armature in any file that Blender reads.
 
     Args:
-        body: body file for a motion, None for the one that the motion was solved for.
-        armature: which one, where several move.
-        action: which of its actions, "" for the one that it shows.
+        body: body file for a motion, None for the body of its solve.
+        armature: name, if several move.
+        action: one of its actions, "" for the shown one.
     """
     from ..retarget.rig_actor import play_action
 

@@ -30,10 +30,7 @@ _PICTURES = {"video": ".mp4", "sheet": "_contact.png"}
 
 
 def run_bake(args: Namespace, progress: Progress) -> CommandResult:
-    """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
-
-    All files are written or none.
-    """
+    """Bake a motion into ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``, all or none."""
     kinds = {"blend": ".blend"}
     if not args.no_pictures:
         kinds |= _PICTURES if not args.no_video else {"sheet": _PICTURES["sheet"]}
@@ -92,7 +89,6 @@ def _bake(args: Namespace, kinds: dict[str, str], settings: dict[str, Any], prog
 
 
 def _files_of(args: Namespace) -> SolveFiles:
-    """Return the files of a take: its report and its job if they are next to the motion."""
     from ..animation.takes import SolveFiles
 
     motion = args.motion.absolute()
@@ -104,7 +100,7 @@ def _files_of(args: Namespace) -> SolveFiles:
 
 
 def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Progress) -> list[str]:
-    """Write the contact sheet and the video, if wanted, and return a note on a video that is cut."""
+    """Write the wanted pictures, and return a note on a video that is cut."""
     from ..render.contact_sheet import render_contact_sheet
     from ..render.preview import PreviewSettings, preview_frames, render_preview
 

@@ -14,7 +14,7 @@ def run(arguments: list[str]) -> int:
 
 
 class Command:
-    """The registered command. Blender hands out a handle to take it back with."""
+    """The registered command. Blender returns a handle to unregister it."""
 
     def __init__(self) -> None:
         self._handle: object | None = None
@@ -26,7 +26,7 @@ class Command:
         self._handle = bpy.utils.register_cli_command(COMMAND, run)
 
     def unregister(self) -> None:
-        """Take it back."""
+        """Unregister the command."""
         import bpy
 
         bpy.utils.unregister_cli_command(self._handle)

@@ -15,7 +15,7 @@ from .result import CommandResult
 
 
 def run_body(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file that holds one body, standing on the floor, marked as an asset."""
+    """Write a Blender file with one body, standing on the floor, marked as an asset."""
     from ..body.correctives import CORRECTIVES
     from ..body.rig import create_rig, stand_on_floor
     from ..body.shape import show_look

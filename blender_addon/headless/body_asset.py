@@ -27,11 +27,7 @@ _BACKGROUND = np.array([0.16, 0.17, 0.19, 1.0])  # Red, green, blue and opacity 
 
 
 def mark_body(rig: Rig, collection: bpy.types.Collection, body: BodyFile) -> None:
-    """Mark a body's collection as an asset.
-
-    Args:
-        collection: holds them and nothing else.
-    """
+    """Mark a body's collection, which has nothing else, as an asset."""
     picture = body_picture(rig, collection)
     collection.asset_mark()
     data = collection.asset_data
@@ -60,7 +56,7 @@ def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
 
 
 def add_catalog(folder: Path) -> None:
-    """Add our catalog to the catalogs of an asset library's folder. Those that are there stay."""
+    """Add our catalog to the catalogs of an asset library's folder."""
     path = folder / CATALOG_FILE
     try:
         text = path.read_text(encoding="utf-8") if path.exists() else _CATALOG_HEADER

@@ -21,12 +21,9 @@ _REQUEST = ["req", "-x509", *_CURVE, "-sha256", "-nodes", "-subj", "/CN=mocap"]
 
 
 def run_certificates(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a key on the curve P-256 and its certificate, which is its own authority, into a folder.
+    """Write a key on the curve P-256 and its self-signed certificate into a folder.
 
-    Whoever holds the key may run programs on the workers.
-
-    Raises:
-        EngineMissing: OpenSSL is not there, or makes none.
+    The owner of the key may run programs on the workers.
     """
     program = shutil.which("openssl")
     if program is None:

@@ -24,11 +24,7 @@ _POLL_S = 0.05
 
 
 def pass_on(args: Namespace, progress: Progress, words: Sequence[str] = ()) -> CommandResult:
-    """Run the solver's verb of the same name with the options that are passed on.
-
-    Args:
-        words: further arguments, before those of the command line.
-    """
+    """Run the solver's verb of the same name with further words and the options that are passed on."""
     result = run_solver(args.verb, [*words, *args.rest], progress, python=args.python)
     files = ("motion", "report", "subject", "markers_file")
     notes = [*result.get("problems", []), *result.get("notes", [])]
@@ -47,12 +43,7 @@ def run_solver(
     python: Path | None = None,
     stopped: Callable[[int], MocapError | None] = lambda pid: None,
 ) -> Any:
-    """Run a verb of the solver and return its result event.
-
-    Args:
-        python: interpreter to use, None for this one.
-        stopped: see ``run_to_its_end``.
-    """
+    """Run a verb of the solver, with an interpreter or this one, and return its result. See ``run_to_its_end``."""
     return run_to_its_end(start(verb, arguments, python, Path.cwd()), progress, stopped)
 
 
@@ -87,7 +78,6 @@ def run_to_its_end(
     """Wait for a child process and return its result event. The process has ended in any case.
 
     Args:
-        run: the process, begun.
         stopped: asked again and again about the process's number. An error ends the process.
         called: name of the process in the message about an end without a message.
 

@@ -42,7 +42,7 @@ def run_export(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _check_free(args: Namespace, paths: list[Path]) -> None:
-    """Refuse to start if a file would be overwritten, such as the source itself."""
+    """Refuse to start if a file, such as the source itself, would be overwritten."""
     existing = [path.name for path in paths if path.exists() and not args.overwrite]
     existing += [path.name for path in paths if path.exists() and path.samefile(args.source)]
     if existing:

@@ -18,12 +18,7 @@ _GRACE_S = 5.0  # Seconds that a run has to end by itself once the program that 
 
 
 def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
-    """Run the command line and return its exit code (see ``ExitCode``).
-
-    Args:
-        arguments: after the program's name. The process's own if left out.
-        program: name of the command in its help.
-    """
+    """Run the command line, the process's own by default, and return its exit code (see ``ExitCode``)."""
     arguments = sys.argv[1:] if arguments is None else arguments
     as_json = "--json" in arguments
     try:

@@ -1,4 +1,4 @@
-"""``motion`` and ``add-hands``: clips of any program. The solver gets what only Blender reads as skeleton files."""
+"""``motion`` and ``add-hands``: clips of any program. The solver gets files that only Blender reads as skeletons."""
 
 from __future__ import annotations
 

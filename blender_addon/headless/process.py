@@ -16,11 +16,10 @@ from ..errors import BlenderMissing
 
 
 def require_blender(*, here: bool = True, instead: str = "") -> None:
-    """Check that this Python has Blender, and load it if this process uses it.
+    """Raise ``BlenderMissing`` if this Python has no Blender, and load it if this process uses it.
 
     Args:
-        here: this process uses it.
-        instead: what else the user can do.
+        instead: alternative for the user.
     """
     if find_spec("bpy") is None:
         hint = f"Install the package 'bpy' into it{instead and ', or '}{instead}."
@@ -34,8 +33,8 @@ def require_blender(*, here: bool = True, instead: str = "") -> None:
 def signals_wait() -> Iterator[None]:
     """Let the signals that cancel arrive at the end of the block.
 
-    Blender runs scripts of its own while it loads. It prints an error that a signal raises there, goes on half loaded,
-    and crashes later (seen with bpy 4.5). It loads in half a second. A mask is not enough, as other threads have none.
+    Blender runs scripts of its own while it loads. It prints an error that a signal raises there, continues half
+    loaded, and crashes later (seen with bpy 4.5). It loads in half a second. Other threads ignore a signal mask.
     """
     arrived: list[int] = []
     try:
@@ -48,13 +47,10 @@ def signals_wait() -> Iterator[None]:
 
 @contextmanager
 def own_streams(*, verbose: bool) -> Iterator[tuple[TextIO, TextIO]]:
-    """Yield this program's output and error streams, and drop what Blender's libraries print.
+    """Yield this program's output and error streams, and drop the output of Blender's libraries.
 
     Blender prints lines about each rendered frame to the process's file descriptors, past Python's ``sys.stdout``, and
-    the reports of its operators through it.
-
-    Args:
-        verbose: let Blender's lines through to standard error instead.
+    the reports of its operators through it. With ``verbose`` they go to standard error.
     """
     sys.stdout.flush()
     sys.stderr.flush()

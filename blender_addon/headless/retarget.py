@@ -70,7 +70,7 @@ def _onto(target: Path, out: Path, args: Namespace, progress: Progress) -> Comma
 
 
 def _one(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a copy of the target's file in which the rig plays the motion."""
+    """Write a copy of the target's file with a rig that plays the motion."""
     from ..retarget.retarget import retarget
     from ..retarget.rig_map import write_map
     from ..scene.session import save_file
@@ -108,7 +108,7 @@ def _one(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _clips(args: Namespace, progress: Progress) -> CommandResult:
-    """Write a Blender file in which the rig has an action per clip, and a file per clip and export format.
+    """Write a Blender file with an action per clip on the rig, and a file per clip and export format.
 
     Unreadable and unsuitable clips are skipped and reported. The worst error gives the exit code.
     """
@@ -164,7 +164,6 @@ def _clips(args: Namespace, progress: Progress) -> CommandResult:
 
 
 def _check_free(args: Namespace, names: list[str]) -> None:
-    """Refuse to start if a file would be replaced that must not be."""
     folder: Path = args.out.parent
     there = [name for name in names if (folder / name).exists()]
     sources = [name for name in there if (folder / name).resolve().parent == args.source.resolve()]
@@ -196,13 +195,13 @@ def _read_folder(args: Namespace, progress: Progress) -> tuple[list[ReadActor], 
 
 
 def _file_name(name: str) -> str:
-    """Return a name without characters that file systems or Blender's names do not accept."""
+    """Return a name without characters that file systems or Blender's names refuse."""
     kept = "".join(letter if letter.isalnum() or letter in " -_.()" else "_" for letter in name)
     return kept.strip(" .")[:60] or "clip"
 
 
 def _own_name(name: str, taken: set[str]) -> str:
-    """Return a name that no other clip has, whether or not the file system distinguishes capitals."""
+    """Return a name that no other clip has, even in other capitals."""
     numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(own for own in numbered if own.lower() not in taken)
 
@@ -212,7 +211,6 @@ def _listing(kind: str, failed: list[dict[str, Any]], most: int = 3) -> str:
 
 
 def _open_target(args: Namespace) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    """Open the target's file and return its only armature, or the one with the given name."""
     from ..retarget.recognition import open_scene
     from ..retarget.rig_actor import is_actor
 
@@ -241,7 +239,6 @@ def _lay_out_time(args: Namespace, scene: bpy.types.Scene, rates: Collection[flo
 
 
 def _map_target(args: Namespace, rig: bpy.types.Object) -> RigMap:
-    """Return the map of the rig: a map file, a preset by name, or what is recognised."""
     from ..retarget.recognition import map_rig, named_preset, user_presets_folder
     from ..retarget.rig_map import read_map
 

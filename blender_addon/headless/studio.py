@@ -1,4 +1,4 @@
-"""``studio``: captures with truth and pictures of a description and, if asked, an evaluated solve."""
+"""``studio``: captures with truth and pictures of a description and, if wanted, an evaluated solve."""
 
 from __future__ import annotations
 
@@ -22,12 +22,8 @@ from .result import CommandResult
 def run_studio(args: Namespace, progress: Progress) -> CommandResult:
     """Make a data set. A run that was killed resumes.
 
-    The solver films truth, infrared, depth and masks, Blender the colour pictures. The result holds the folder, shots,
+    The solver films truth, infrared, depth and masks, Blender the colour pictures. The result has the folder, shots,
     frames, pictures, seconds, and the table of ``studio-benchmark``.
-
-    Raises:
-        SolverStopped: the solver ended with an error: a description, motion, array or disk is unsuitable.
-        RenderFailed: this Blender lacks the engine, or cannot render.
     """
     if args.tls is not None:
         use_certificates(args.tls)

@@ -1,4 +1,4 @@
-"""The solver's command line, and the settings and captures that it names."""
+"""The solver's command line, with its settings and captures."""
 
 from __future__ import annotations
 

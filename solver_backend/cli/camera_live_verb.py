@@ -76,7 +76,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
-    """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened."""
+    """Return the cameras or videos of texts ``[NAME=]SOURCE``, not yet opened."""
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
         name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
@@ -97,7 +97,6 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
 
 
 def _calibration(path: Path, names: list[str]) -> Calibration:
-    """Return the calibration of these cameras, in their order."""
     calibration = read_calibration(path)
     order = match_names(names, calibration.cameras.names)
     if order is None:
@@ -109,7 +108,7 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
-    """Yield the lines of moments, each after it was recorded, until the time is over."""
+    """Yield the lines of moments, each after its recording, until the time is over."""
     for moment in live.moments():
         for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
             if "event" not in line:

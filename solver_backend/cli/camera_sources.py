@@ -65,17 +65,13 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCamera
 
 
 def capture_of(args: argparse.Namespace, progress: Progress, path: Path | None = None) -> Capture:
-    """Return the capture of the command line, or that at a path, read with its options."""
+    """Return the capture of the command line, or one at a path, read with its options."""
     given = args.capture if "capture" in args else args.source
     return load_capture(path or given, **reading(args), progress=progress)
 
 
 def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str, CameraLens]:
-    """Return the lens of each camera that filmed a board.
-
-    Raises:
-        CalibrationInvalid: a camera has too few pictures of the board.
-    """
+    """Return the lens of each camera that filmed a board."""
     board, options = _board_options(args)
     footage = board_footage(args.source)
     lenses = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
@@ -132,7 +128,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
-    """Return the same of detections without calibration, where the person is the largest in each view."""
+    """Return the same from detections without calibration. The person is the largest one in each view."""
     sources = camera_sources(args.source)
     levels = levels_above(args.source)
     config = read_config(levels)

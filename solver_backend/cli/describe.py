@@ -79,7 +79,7 @@ def describe_people(capture: Capture) -> list[PersonSummary]:
 
 
 def people_lines(people: list[PersonSummary]) -> list[str]:
-    """Return a line of text on each person."""
+    """Return a line of text per person."""
     return [
         f"  person      {person['name']}: {person['views']:.1f} views in {person['frames']} frames, "
         f"{person['first']}-{person['last']}"
@@ -88,7 +88,7 @@ def people_lines(people: list[PersonSummary]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each frame range without a keypoint that two cameras, or the only one, see."""
+    """Return [first, last] of the ranges without a keypoint that two cameras, or the only one, see."""
     assert capture.keypoints is not None
     least = 1 if capture.is_one_view else 2
     blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= least).any(axis=-1)

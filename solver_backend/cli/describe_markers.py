@@ -24,7 +24,7 @@ MOST_LISTED = 8  # Markers in a line, chosen by hand.
 
 
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
-    """Return lines and JSON values: subjects, which labels are known, and gaps."""
+    """Return lines and JSON values: subjects, known labels and gaps."""
     labels = cloud.labels or ()
     named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
     names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
@@ -115,7 +115,7 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
 
 
 def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
-    """Return each marker with gaps, including those at the ends, and its share of frames without it."""
+    """Return each marker with gaps, including gaps at the ends, and its share of frames without it."""
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))
     starts = (~seen[:1]).sum(axis=0) + (~seen[1:] & seen[:-1]).sum(axis=0)

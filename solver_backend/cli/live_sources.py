@@ -48,7 +48,7 @@ class LiveSource:
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return the source that the command line names, ready to begin."""
+    """Return the source of the command line, ready to begin."""
     if is_address(args.source):
         if args.repeat or args.fast:
             raise CommandLineInvalid("--fast and --repeat work with a file; the source is another program.")
@@ -77,7 +77,6 @@ def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _refuse(args: argparse.Namespace, of: str, source: str, *names: str) -> None:
-    """Refuse options that belong to another kind of source."""
     for name in names:
         if getattr(args, name) is not None:
             raise CommandLineInvalid(f"--{name} works with {of}; {args.source} is {source}.", where=f"--{name}")
@@ -106,7 +105,6 @@ def _poses(args: argparse.Namespace) -> LiveSource:
 
 
 def _face(args: argparse.Namespace) -> LiveSource:
-    """Return the face that a phone sends."""
     _refuse(args, "poses", "a face", "send", "subject")
     _refuse_ending(args.record, "A face is recorded as a table", ".csv")
 
@@ -123,7 +121,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
-    """Return points of a take, or of lines, with a fit that makes poses of them."""
+    """Return points of a take, or of lines, with a fit that turns them into poses."""
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
@@ -151,7 +149,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 
 def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
-    """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
+    """Yield lines with the fitted points and the number of dropped frames, and an event at the first drop."""
     named = False
     for line in lines:
         if "frame" not in line:
@@ -166,7 +164,7 @@ def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, 
 
 
 def make_ready(session: LiveSession) -> None:
-    """Do what can be done before the first frame, so that no frame is late."""
+    """Do the preparations that would make the first frames late."""
     session.warm_up()
     settle_memory()
 

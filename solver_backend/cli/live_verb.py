@@ -47,15 +47,11 @@ def live_text(args: argparse.Namespace, data: Mapping[str, object]) -> str:
 
 
 class LiveOutput:
-    """The outputs of a live run. A context manager that opens and closes them.
+    """The outputs of a live run, as a context manager.
 
     Args:
-        args: command line with ``send`` and ``lines``.
-        proportions: of the person. Poses are sent and counted with it, and not without it.
+        proportions: of the person, to send and count poses, or None.
         recorders: the first one records this run, and its file is reported.
-
-    Raises:
-        CommandLineInvalid: the address to send to is invalid, or there is no such host.
     """
 
     def __init__(
@@ -90,7 +86,6 @@ class LiveOutput:
         """Send and write lines until the source ends or a signal stops it.
 
         Args:
-            lines: poses and events, or lines of another kind.
             hold: makes later signals wait until recordings are written.
         """
         try:
@@ -106,7 +101,11 @@ class LiveOutput:
             self.stopped = True
 
     def finish(self) -> dict[str, object]:
-        """Return plain values about the run that has ended: whether it was stopped, recordings, and poses sent."""
+        """Return plain values about the run that has ended: stopped or not, recordings, and poses sent.
+
+        Raises:
+            OutputNotWritable: lines were lost.
+        """
         data: dict[str, object] = {"stopped": self.stopped, **recorded(self._recorder)}
         self.lines.require_whole()
         return data if self._sender is None else {**data, **self._sender.summary()}
@@ -115,8 +114,7 @@ class LiveOutput:
 def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
     """Return the files of a recorder that has finished.
 
-    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` names a file without
-    anything to record.
+    ``recovered`` is the recording of an earlier run that was killed. ``not_recorded`` is a file without content.
     """
     if recorder is None:
         return {}
@@ -128,11 +126,10 @@ def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
 class Lines:
     """A file of JSON lines, or the process's own standard output, which verbs do not print to.
 
-    A line is written whole at once, and no failure to write ends the run.
+    Each line is written in one piece, and a failure to write does not end the run.
     """
 
     def __init__(self, path: Path | None) -> None:
-        """Open the file."""
         self._path = path
         if path is not None:
             self._file = open_appended(path, fresh=False)
@@ -150,7 +147,7 @@ class Lines:
         self._file.append(b"\n")
 
     def require_whole(self) -> None:
-        """Make sure that every line was written."""
+        """Raise ``OutputNotWritable`` if a line was lost."""
         self._file.require_whole("Make room on the disk of the lines. What --record writes is not affected.")
 
     def __enter__(self) -> Lines:

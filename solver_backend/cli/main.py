@@ -20,11 +20,7 @@ from solver_backend.exchange.verbs import VERBS
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the command line and return its exit code (see ``ExitCode``).
-
-    Args:
-        argv: arguments after the program's name. The process's own if left out.
-    """
+    """Run the command line, the process's own by default, and return its exit code (see ``ExitCode``)."""
     argv = sys.argv[1:] if argv is None else argv
     report = Report(sys.stdout, sys.stderr, as_json="--json" in argv)
     try:
@@ -56,12 +52,12 @@ def _run(argv: list[str], progress: Progress, cancellation: Cancellation) -> Out
 
 
 def function_of(name: str) -> Callable[..., Any]:
-    """Import and return the function of a verb. A wrong command line is answered before."""
+    """Import and return the function of a verb."""
     return VERBS[name].load("solver_backend.cli")
 
 
 def _silence(stream: TextIO) -> None:
-    """Drop what is left in a stream's buffer. Flushing it at exit would fail again."""
+    """Drop the rest of a stream's buffer. Flushing it at exit would fail again."""
     try:
         os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
     except (OSError, ValueError):

@@ -54,7 +54,6 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
-    """Name the points of a take after another take, and write them."""
     if args.labels is not None or args.report is not None or args.subject is not None:
         raise CommandLineInvalid("--like cannot be combined with --labels, --report or --subject.", where="--like")
     from solver_backend.fitters.label_after import labelled_like
@@ -68,7 +67,6 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
-    """Write markers, or our capture, which also keeps covariances."""
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
 
@@ -119,7 +117,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def marker_places(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Draw where the markers of a layout sit and write the picture."""
+    """Draw the places of a layout's markers and write the picture."""
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.body.marker_layouts import load_layouts
     from solver_backend.io.png import png_bytes
@@ -141,7 +139,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     """Return positions (F, M, 3) in metres, labels and frames per second.
 
     Raises:
-        MotionInvalid: it was not solved from markers, or does not hold what is wanted.
+        MotionInvalid: it was not solved from markers, or lacks the wanted contents.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION
     from solver_backend.exchange.plausible import require_rate

@@ -31,13 +31,16 @@ _LOOSE = ("_toe", "head")  # Joints that are not fitted by place.
 
 
 def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
-    """Return a motion file's motion, or the poses of an AMASS file on a body.
+    """Return the motion of a motion file, or the poses of an AMASS file on a body.
 
     Fingers of an AMASS file are kept if the body has finger joints.
 
     Args:
         choice: name or path of the body.
-        keep_shape: use the shape coefficients of an AMASS file, which belong to the body that it was fitted with.
+        keep_shape: use the shape coefficients of an AMASS file, which belong to the body of its fit.
+
+    Raises:
+        MotionInvalid: it is neither.
     """
     motion = load_motion(path)
     if isinstance(motion, Motion):

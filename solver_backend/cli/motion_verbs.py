@@ -1,4 +1,4 @@
-"""The verbs that make motions of other files: clips of other programs, hands of gloves, Pose-NDF, props as JSON."""
+"""The verbs that write motions from other files: clips of other programs, hands of gloves, Pose-NDF, props as JSON."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find the rotations of joints that are not known."""
+    """Find unknown rotations of joints."""
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _by_pose_ndf(
@@ -145,7 +145,6 @@ def _read(args: argparse.Namespace) -> Motion:
 
 
 def _by_pose_ndf(args: argparse.Namespace, work: Callable[[Any, Any], Motion]) -> Outcome:
-    """Write the motion that is made with a body and the prior."""
     body, prior = load_body(), load_pose_ndf() if args.prior is None else load_pose_ndf(args.prior)
     motion = work(body, prior)
     write_motion(args.out, motion, overwrite=args.overwrite)

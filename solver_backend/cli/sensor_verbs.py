@@ -103,7 +103,7 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Record infrared and depth of OAKs, and find markers meanwhile, which shows whether there are any."""
+    """Record infrared and depth of OAKs, and find markers meanwhile to show that there are any."""
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=args.overwrite)
     # Slaves first, so that they wait when the master begins.
@@ -138,7 +138,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
-    """Return the closed cameras of a command line, the one that gives the pulse first, and their calibration."""
+    """Return the closed cameras of a command line and their calibration. The first one gives the pulse."""
     given = _named(args)
     oak.depthai()  # reported now, not by each camera's process again and again
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))

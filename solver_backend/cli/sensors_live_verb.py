@@ -69,7 +69,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _check(args: argparse.Namespace) -> None:
-    """Refuse options that do not go together, before any sensor is opened."""
+    """Refuse options that contradict each other, before any sensor is opened."""
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
     if args.subject is not None and not args.poses:
@@ -85,7 +85,6 @@ def _check(args: argparse.Namespace) -> None:
 
 
 def _chain(args: argparse.Namespace) -> MarkerChain:
-    """Return the chain of a folder at its recorded rate, or of cameras."""
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
 
@@ -114,13 +113,12 @@ def _moments(
 
 
 def _frame(moment: LiveMoment) -> PointFrame:
-    """Return the markers of a moment without ghosts."""
     tracked = moment.tracked
     return PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
 
 
 def _waved(chain: MarkerChain, moments: Iterator[LiveMoment]) -> Iterator[LiveLine]:
-    """Yield a line each ``COVERAGE_INTERVAL_S``: the visited part of every picture, and the next place."""
+    """Yield a line per ``COVERAGE_INTERVAL_S``: the visited part of every picture, and the next place."""
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in moments:
@@ -147,7 +145,6 @@ def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several:
 
 
 def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) -> str:
-    """Solve a recording of sensors and write the motion."""
     capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)
     write_motion(out, solve(capture, progress=progress).motion, overwrite=overwrite)
     return str(out)

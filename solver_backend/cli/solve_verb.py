@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Solve a capture, write the motion and, if asked for, the report. See ``_several`` for several."""
+    """Solve a capture, write the motion and the report if wanted. See ``_several`` for several."""
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
@@ -73,7 +73,7 @@ def _check(job: Job) -> None:
 
 
 def _resolve_alone(job: Job, progress: Progress) -> Outcome[SolveResult]:
-    """Solve frames of a motion again that came without its recording: AMASS, or one of ours from elsewhere."""
+    """Solve frames of a motion again that has no recording: AMASS, or one of ours."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
@@ -136,7 +136,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
 def _finish(
     job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, write: Callable[[Motion], object]
 ) -> Outcome[SolveResult]:
-    """Write a motion with its diagnostics, and return what is reported.
+    """Write a motion with its diagnostics, and return the report of it.
 
     Raises:
         WarningsRefused: the job is strict, and there are warnings.
@@ -200,9 +200,10 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome[TakesResult]:
-    """Solve jobs one after another, each for all people if it asks for that. A failure does not stop the others.
+    """Solve jobs one after another, for all people if a job asks for that. A failure does not stop the others.
 
-    The result holds ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
+    The result has ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
+    Nothing but failures raises the first error.
     """
     texts: list[str] = []
     summary: list[str] = []
@@ -263,7 +264,6 @@ def _parts(job: Job, progress: Progress) -> Iterator[tuple[Job, Capture]]:
 
 
 def _own_files(job: Job, person: str) -> Job:
-    """Return a job for one of several people, with the name added to its files."""
     mark = re.sub(r"\W+", "_", person.casefold()).strip("_")
     report = job.report and job.report.with_name(f"{job.report.stem}_{mark}{job.report.suffix}")
     return replace(job, person=person, out=job.out.with_name(f"{job.out.stem}_{mark}{job.out.suffix}"), report=report)
@@ -296,7 +296,6 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
 
 
 def _files_of_trial(args: argparse.Namespace, trial: Path) -> dict[str, Path | None]:
-    """Return the files of a session's trial: in the folder ``--out``, named after the trial."""
     if args.out.suffix.lower() == MOTION_SUFFIX or args.resolve is not None:
         hint = "Name a folder with --out for the motions of all, or one trial: solve SESSION/TRIAL --out MOTION.npz."
         raise CommandLineInvalid("The capture is a session of several trials.", where=str(args.capture), hint=hint)

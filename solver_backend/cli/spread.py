@@ -1,6 +1,6 @@
 """Solve the segments of a long take by the workers of a Dask cluster (Rocklin 2015), which is optional.
 
-Dask pickles everything that is sent, so a scheduler must be as trusted as the machine itself.
+Dask pickles everything that it sends, so a scheduler must be as trusted as the machine itself.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ class ClusterStretches:
         address: of the scheduler, or the name of its file.
 
     Raises:
-        SchedulerUnsafe: the scheduler is on another host, without TLS, or certificates for TLS are not given.
+        SchedulerUnsafe: the scheduler is on another host, without TLS, or certificates for TLS are missing.
     """
 
     def __init__(self, address: str) -> None:
@@ -111,7 +111,6 @@ class ClusterStretches:
 
 
 def _solve(common: tuple[Subject, PosePrior], rest: tuple[Any, ...], version: str) -> KeySolution:
-    """Solve a segment on a worker."""
     objective, free, layout, keys, schedule, fixed = rest
     if version != VERSION:
         raise VersionsDiffer(f"the worker has Manifold MoCap {VERSION}, the take is solved with {version}")

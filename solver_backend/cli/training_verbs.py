@@ -30,7 +30,6 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Train a row of the landmark networks, by steps or by seconds."""
     from training.landmarks.loop import LandmarkTraining
     from training.landmarks.train import train_landmark_rows
 
@@ -75,7 +74,7 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _missing(error: ModuleNotFoundError, libraries: str) -> BackendMissing:
-    """Return the error that names what training lacks: the repository's own package, or a library."""
+    """Return the error that names the missing part: the repository's own package, or a library."""
     if str(error.name).partition(".")[0] == "training":
         return BackendMissing("The extension does not train.", hint="Run this verb in a clone of the repository.")
     return BackendMissing(

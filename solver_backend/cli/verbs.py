@@ -1,4 +1,4 @@
-"""The verbs of captures. Modules that a verb needs are imported inside it, so that ``--help`` answers at once."""
+"""The verbs of captures. Heavy modules are imported inside a verb, so that light ones answer at once."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the place that each marker's label is taken for, as a file to be edited."""
+    """Write the place of each marker's label as a file to be edited."""
     capture = loaded(args, progress)
     if capture.markers is None or capture.markers.labels is None:
         raise MarkersUnknown("The capture has no labelled markers.", where=capture.name, hint="Choose a labelled take.")
@@ -56,7 +56,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Report what a capture holds, what the reader assumed and what is wrong with it."""
+    """Report the contents of a capture, the reader's assumptions and its problems."""
     capture = loaded(args, progress)
     text, data = describe_capture(capture)
     if args.report is None:
@@ -68,7 +68,7 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def people(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List everybody that two or more views see."""
+    """List all people that two or more views see."""
     capture = loaded(args, progress)
     found = describe_people(capture)
     lines = people_lines(found) or ["  one person"]
@@ -143,7 +143,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def bodies(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List the bodies that can be chosen by name, and the folder they are looked for in."""
+    """List the bodies that can be chosen by name, and their folder."""
     from solver_backend.body.files.choices import list_bodies
     from solver_backend.exchange.body_choice import bodies_folder
 

@@ -127,7 +127,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     """Return the capture of the only take in a folder of videos, by the default detector, None without videos.
 
     Args:
-        out: where detections and clocks are kept.
+        out: folder for detections and clocks.
     """
     from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.detector import chosen_detector
@@ -146,7 +146,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
 
 def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Measure what a detector's confidence means on captures of known cameras."""
+    """Measure a detector's scatter by its confidence on captures of known cameras."""
     import json
 
     from solver_backend.io.load import load_capture
@@ -200,7 +200,6 @@ def _pictures_fps(args: argparse.Namespace) -> float:
 
 
 def _footage(given: list[Path]) -> dict[str, Path]:
-    """Return the named videos, or the videos of a named folder, by camera."""
     if len(given) > 1 or not given[0].is_dir():
         from solver_backend.io.footage import join_chapters
 
@@ -212,7 +211,6 @@ def _footage(given: list[Path]) -> dict[str, Path]:
 
 
 def _only_take(takes: Sequence[Any], folder: Path) -> Any:
-    """Return the take of a folder."""
     if len(takes) > 1:
         hint = f"Choose one: {_names(takes)}."
         raise CommandLineInvalid("The folder holds several takes.", where=str(folder), hint=hint)

@@ -1,5 +1,1 @@
-"""What both halves of the program share: errors, progress, and the files that they meet at.
-
-It uses NumPy, the standard library and relative imports only. It is also the package ``blender_addon._exchange``,
-because neither half imports the other.
-"""
+"""The library that solver and add-on share: errors, progress, settings and files. NumPy and standard library alone."""

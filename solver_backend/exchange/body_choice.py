@@ -1,4 +1,4 @@
-"""Which body files a user can choose from: the folder that holds them, and how a path is distinguished from a name."""
+"""The bodies that a user can choose: their folder, and how a path differs from a name."""
 
 from __future__ import annotations
 
@@ -31,5 +31,5 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
 
 
 def is_path(choice: str) -> bool:
-    """Distinguish a path from a name: it ends as a body file does, or has folders."""
+    """Return whether a choice is a path: it has a body file's ending, or folders."""
     return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

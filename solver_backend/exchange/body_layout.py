@@ -25,7 +25,7 @@ class JointLimit:
 
     @property
     def mirrored(self) -> JointLimit:
-        """That of the same joint on the other side."""
+        """The limit of the same joint on the other side."""
         (low_x, low_y, low_z), (high_x, high_y, high_z) = self.low_deg, self.high_deg
         return JointLimit(self.twist, (low_x, -high_y, -high_z), (high_x, -low_y, -low_z))
 
@@ -52,7 +52,7 @@ pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses diffe
 
 
 def limits_of(joints: tuple[str, ...]) -> dict[str, JointLimit]:
-    """Return the limits of those joints that have the name of an adult's, with or without their side."""
+    """Return the limits of the joints that have the name of an adult's joint, with or without their side."""
     found = {}
     for joint in joints:
         part = joint.removeprefix("left_").removeprefix("right_")
@@ -106,7 +106,7 @@ class BodyLayout:
 
     @property
     def num_solved(self) -> int:
-        """How many joints after the root a solve turns."""
+        """Number of joints after the root that a solve turns."""
         return len(self.solved)
 
     @property
@@ -127,7 +127,7 @@ class BodyLayout:
 
     @cached_property
     def main_child(self) -> dict[int, int]:
-        """The child at which a bone ends: the only one, or the one of its own group."""
+        """The child at the end of each joint's bone: the only child, or the one of its own group."""
         ends = {}
         for j, children in enumerate(self.children):
             own = [c for c in children if self.groups[c] == self.groups[j]]
@@ -142,7 +142,7 @@ class BodyLayout:
         return tuple(self.joints.index(name) for name in joints)
 
     def both(self, *parts: str) -> tuple[int, ...]:
-        """Return the numbers of the left and the right joint of each part, such as hip. Raises as ``numbers`` does."""
+        """Return the numbers of the left and the right joint of each part, such as hip."""
         return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
 
     def group(self, name: str) -> tuple[int, ...]:
@@ -150,7 +150,7 @@ class BodyLayout:
         return tuple(j for j, group in enumerate(self.groups) if group == name)
 
     def standing_for(self, other: BodyLayout) -> tuple[int, ...]:
-        """Return the joint of this body that stands for each joint of another's."""
+        """Return the joint of this body for each joint of another body, or raise ``BodyInvalid``."""
         names = [name if name in self.joints else _STAND_INS.get(name, name) for name in other.joints]
         missing = [name for name in names if name not in self.joints]
         if missing:
@@ -163,14 +163,14 @@ class BodyLayout:
         return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
 
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
-        """Check that a motion of this layout can stand where one of another is expected."""
+        """Raise ``MotionInvalid`` unless a motion of this layout can replace one of another layout."""
         if (self.joints, self.parents) != (other.joints, other.parents):
             found = f"The motion is of the layout {self.name} ({self.num_joints} joints)"
             what = f"{found}; {other.name} ({other.num_joints} joints) is expected."
             raise MotionInvalid(what, where=where, hint="Use the body that it was solved with.")
 
     def without(self, joints: Collection[str], name: str) -> BodyLayout:
-        """Return the layout of a body that lacks these joints and what hangs on them."""
+        """Return the layout of a body without these joints and their descendants."""
         kept: list[int] = []
         for j, (joint, parent) in enumerate(zip(self.joints, self.parents, strict=True)):
             kept += [j] if joint not in joints and (parent < 0 or parent in kept) else []
@@ -246,7 +246,7 @@ FINGER_COLUMNS = 90  # Columns of the fingers, the last.
 
 
 def body_and_fingers(poses: np.ndarray) -> np.ndarray:
-    """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``. Jaw and eyes are left out."""
+    """Return (F, 52, 3) axis-angles of AMASS's (F, 156 or 165) ``poses``, without jaw and eyes."""
     import numpy as np  # a bare Blender has not loaded it when add-ons are registered
 
     chosen = np.concatenate([poses[:, :BODY_COLUMNS], poses[:, -FINGER_COLUMNS:]], axis=1)

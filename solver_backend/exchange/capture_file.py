@@ -1,4 +1,4 @@
-"""The capture file: calibrated cameras, detections, markers and where the footage is."""
+"""The capture file: calibrated cameras, detections, markers and paths of the footage."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class CameraFile:
 
 @dataclass(frozen=True)
 class CaptureFile:
-    """What was recorded. C cameras, F frames, K keypoints."""
+    """A recording of C cameras, F frames and K keypoints."""
 
     name: str
     cameras: tuple[CameraFile, ...]  # The calibrated cameras, in the order of the views.
@@ -58,7 +58,7 @@ class CaptureFile:
 
 
 def read_capture(path: Path) -> CaptureFile:
-    """Read what is shown of a capture file.
+    """Read the shown parts of a capture file.
 
     Raises:
         CaptureInvalid: cameras or detections have wrong shapes or impossible values.
@@ -88,7 +88,7 @@ def read_capture(path: Path) -> CaptureFile:
 
 
 def portable_path(path: Path | None, folder: Path) -> str:
-    """Return how a capture file in a folder names footage: relative if it lies below the folder, "" for none."""
+    """Return the name of footage in a capture file: relative below the file's folder, "" for none."""
     if path is None:
         return ""
     full, base = os.path.abspath(path), os.path.abspath(folder)
@@ -97,7 +97,7 @@ def portable_path(path: Path | None, folder: Path) -> str:
 
 
 def footage_path(name: str, capture: Path | str) -> Path | None:
-    """Return the footage that a capture file names. The inverse of ``portable_path``."""
+    """Return the footage that a capture file names, the inverse of ``portable_path``."""
     return Path(capture).absolute().parent / name if name else None
 
 

@@ -1,6 +1,6 @@
 """Connect to Dask schedulers of this machine, and to others only through TLS.
 
-Whoever reaches a scheduler runs programs on its workers, and a scheduler can send programs to whoever connects.
+A scheduler runs the programs of all who reach it, and its clients may receive programs from it.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ def require_safe(address: str) -> None:
     """Make sure that a scheduler is on this machine or speaks TLS.
 
     Args:
-        address: of the scheduler, or the path of its file, which holds the address.
+        address: of the scheduler, or the path of the file with its address.
 
     Raises:
         SchedulerUnsafe: it is on another host and its address does not begin with ``tls://``.
@@ -39,11 +39,7 @@ def require_safe(address: str) -> None:
 
 
 def require_certificates(address: str, known: object) -> None:
-    """Make sure that there are certificates for a scheduler that speaks TLS.
-
-    Args:
-        known: Dask's setting ``distributed.comm.tls.ca-file``, which ``use_certificates`` or the user's own makes.
-    """
+    """Raise ``SchedulerUnsafe`` if a scheduler speaks TLS and Dask knows no certificates (its setting ``ca-file``)."""
     if address.startswith("tls://") and not known:
         what = f"The scheduler {address} speaks TLS, and no certificates are given."
         raise SchedulerUnsafe(what, where=address, hint="Give the folder of its certificates: --tls FOLDER.")
@@ -57,10 +53,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def use_certificates(folder: Path) -> None:
-    """Give Dask, in this process and in those that it starts, the certificates in a folder.
-
-    To be called before Dask is imported.
-    """
+    """Give Dask, in this process and its children, the certificates of a folder. Call it before Dask is imported."""
     for name, file in CERTIFICATES.items():
         path = folder.absolute() / file
         if not path.is_file():

@@ -1,4 +1,4 @@
-"""What both command lines do around a verb: handle signals, report progress and result, and name errors."""
+"""The frame around a verb of both command lines: signals, progress, result and named errors."""
 
 from __future__ import annotations
 
@@ -22,16 +22,12 @@ _SIGNALS = [getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGBREAK") 
 
 
 def cancelled() -> Cancelled:
-    """Return the error that a signal becomes."""
+    """Return the error of a signal."""
     return Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
 
 
 class Cancellation:
-    """Raises an error at the first signal. Later signals are ignored, so that the work can tidy up.
-
-    Args:
-        error: makes the error.
-    """
+    """Raises an error at the first signal. Later signals are ignored, so that the work can tidy up."""
 
     def __init__(self, error: Callable[[], BaseException]) -> None:
         self.asked, self._error = False, error
@@ -43,7 +39,7 @@ class Cancellation:
             raise self._error()
 
     def watched(self, progress: Progress) -> Progress:
-        """Return a progress receiver that raises the error again if somebody has swallowed it."""
+        """Return a progress receiver that raises the error again if a library has swallowed it."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
@@ -83,13 +79,10 @@ def cancelling_until_held() -> Iterator[Callable[[], None]]:
 
 
 def cancel_at_end_of(stream: int, grace_s: float | None = None) -> None:
-    """Cancel as a signal would when a pipe ends, whose other end is held by the program that started this one.
-
-    The pipe also ends if that program crashes, on every operating system.
+    """Cancel, as a signal would, when a pipe ends that the parent process keeps open, even if that process crashes.
 
     Args:
-        stream: file descriptor of the pipe.
-        grace_s: seconds after which the process is ended in any case. None waits for ever.
+        grace_s: seconds until the process is ended in any case. None waits for ever.
     """
 
     def watch() -> None:
@@ -109,8 +102,7 @@ class Report:
 
     Args:
         out: receives the result, and all JSON lines.
-        err: receives everything else that is meant for people.
-        as_json: write JSON lines.
+        err: receives all other text for people.
         interval_s: least time between two progress lines of a stage.
     """
 
@@ -120,13 +112,7 @@ class Report:
         self.progress: Progress = self._lines or ConsoleProgress(err, interval_s)
 
     def result(self, data: Mapping[str, object], text: str, remarks: Iterable[str] = ()) -> None:
-        """Report a result.
-
-        Args:
-            data: values of the result event.
-            text: for people, on standard output.
-            remarks: for people, on standard error.
-        """
+        """Report a result: its event, or the text on standard output and the remarks on standard error."""
         if self._lines is not None:
             self._lines.event({"event": "result", **data})
             return
@@ -135,7 +121,7 @@ class Report:
             print(plain(line, keep="\n"), file=self._err, flush=True)
 
     def error(self, error: MocapError) -> int:
-        """Report what went wrong, where, and what to try. Return the exit code."""
+        """Report an error with its place and hint, and return the exit code."""
         if self._lines is not None:
             self._lines.event(error.as_event())
         else:
@@ -147,13 +133,12 @@ class Report:
 
 
 def name_error(error: BaseException, failed: type[MocapError], what: str, *, asked: bool) -> MocapError:
-    """Return the named error of anything that a verb raised. The traceback of a fault is printed.
+    """Return the named error of any exception of a verb. The traceback of a fault is printed.
 
     Args:
-        error: what was raised.
-        failed: kind of an error that is nobody's fault but ours.
-        what: failed, such as "The solver".
-        asked: a signal came before, of which a library may have made an error of its own.
+        failed: class of the error for a fault of the program.
+        what: subject of its message, such as "The solver".
+        asked: a signal came before, which a library may have turned into an error of its own.
     """
     if isinstance(error, MocapError):
         return error

@@ -1,4 +1,4 @@
-"""Detectors that have a name. Each is a worker in ``videos/detect/child/pose_workers``."""
+"""Detectors with a name. Each is a worker in ``videos/detect/child/pose_workers``."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class NamedDetector:
-    """A detector that is chosen by its name."""
+    """A detector that the user chooses by name."""
 
     label: str  # In a panel.
     description: str  # A sentence without a full stop.

@@ -25,7 +25,7 @@ MOST_DOUBTS = 3  # Warnings of the reader that a refusal repeats.
 
 
 class Severity(StrEnum):
-    """How grave a diagnostic is. The value is the name written to files."""
+    """Gravity of a diagnostic. The value is the name in files."""
 
     ERROR = "error"  # It cannot be: the input or the result is refused.
     WARNING = "warning"  # The result may be wrong.
@@ -33,7 +33,7 @@ class Severity(StrEnum):
 
 
 class Remedy(StrEnum):
-    """What the program did about it. The value is the name written to files."""
+    """What the program did about a finding. The value is the name in files."""
 
     REPORTED = "reported"  # Nothing was changed.
     REPAIRED = "repaired"  # The detections, labels or the camera were corrected.
@@ -73,7 +73,7 @@ def load_table() -> dict[str, DiagnosticEntry]:
 
 @cache
 def list_refusals() -> tuple[str, ...]:
-    """Return the codes for which a result may be refused."""
+    """Return the codes that can refuse a result."""
     rows = load_table().items()
     return tuple(code for code, entry in rows if entry.group == _RESULTS and entry.severity is Severity.ERROR)
 
@@ -86,7 +86,7 @@ def is_of_reading(code: str) -> bool:
 
 @dataclass(frozen=True)
 class Where:
-    """What a diagnostic concerns. Fields are empty if it is none in particular."""
+    """Place of a diagnostic. Fields are empty if it concerns none in particular."""
 
     file: str = ""
     frames: Frames = ()  # Frame ranges.
@@ -148,7 +148,7 @@ def diagnostic(
     Args:
         severity: the table's if None.
         file, frames, cameras, markers, joints, person: see ``Where``.
-        values: parameters of the table's texts. Numbers are kept to six digits.
+        values: parameters of the table's texts, with six digits.
     """
     runs = tuple((int(a), int(b)) for a, b in frames)
     where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)
@@ -191,7 +191,7 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 
 
 def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it. Others are left out."""
+    """Return the diagnostics of a file or an event. Items of another form are skipped."""
     items = values if isinstance(values, list | tuple) else ()
     return tuple(_read(item) for item in items if isinstance(item, Mapping) and isinstance(item.get("code"), str))
 
@@ -209,7 +209,7 @@ def _read(item: Mapping[str, Any]) -> Diagnostic:
 
 
 def _kept(value: Any) -> Any:
-    """Return a value of a file if it is a text, a finite number or a list or object of these, else its beginning."""
+    """Return a text, a finite number, or a list or object of these. Of any other value return the beginning as text."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
     if isinstance(value, Mapping) and value:
@@ -226,10 +226,10 @@ def _read_where(values: Mapping[str, Any]) -> Where:
 
 
 def word(found: Diagnostic, fps: float = 0.0) -> Words:
-    """Return a diagnostic in words. A code that the table lacks is shown by name.
+    """Return a diagnostic in words, or its code if the table lacks it.
 
     Args:
-        fps: frames per second, to state how long frame ranges are. 0 omits that.
+        fps: frames per second, to state the duration of frame ranges. 0 omits the duration.
     """
     where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
     try:
@@ -290,7 +290,7 @@ def _by_name(found: Diagnostic) -> str:
 
 
 def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
-    """Return a line per warning, and a last one: "OK", or "Look at" the cameras, markers, joints and frames."""
+    """Return a line per warning, and a last line: "OK", or "Look at" the cameras, markers, joints and frames."""
     warnings = warnings_in(found)
     lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
     return [*lines, f"Look at {_places(warnings)}." if warnings else "OK"]
@@ -320,11 +320,7 @@ def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
 
 
 def check_accepted(codes: Iterable[str]) -> None:
-    """Check that results are refused for these codes.
-
-    Raises:
-        JobInvalid: one is no such code. The hint lists the valid ones.
-    """
+    """Raise ``JobInvalid`` unless each code can refuse a result. The hint lists the valid codes."""
     unknown = [code for code in codes if code not in list_refusals()]
     if unknown:
         hint = f"Codes are {', '.join(list_refusals())}."
@@ -332,13 +328,13 @@ def check_accepted(codes: Iterable[str]) -> None:
 
 
 def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
-    """Return what was found, with accepted errors as warnings.
+    """Return the findings with accepted errors as warnings.
 
     Args:
         accepted: codes of ``list_refusals``.
 
     Raises:
-        ResultRefused: an error is not accepted. The message has every one, the hint what to do.
+        ResultRefused: an error is not accepted. The message has all errors, the hint the advice.
     """
     found, accepted = tuple(found), set(accepted)
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]

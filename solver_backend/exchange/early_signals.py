@@ -14,9 +14,9 @@ _EVENT = f'{{"event": "error", "code": "cancelled", "message": "{_MESSAGE}", "wh
 
 
 def end_by_signals() -> None:
-    """Let the signals that cancel end the process at once with one error event or sentence, until others handle them.
+    """End the process at once at a signal, with one error event or sentence, until a verb handles signals itself.
 
-    Nothing is open or half-written by then, and an exception would come out of the middle of a library's import.
+    No file is open by then, and an exception could come out of the middle of a library's import.
     """
     for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
         if hasattr(signal, name):

@@ -33,12 +33,12 @@ class ErrorEvent(TypedDict):
 
 
 class MocapError(Exception):
-    """Base of every error a user can cause or meet.
+    """Base of all errors that a user can cause or meet.
 
     Args:
-        message: one sentence that states what happened and what was expected.
-        where: file, frame, camera, joint or marker it concerns ("" if none).
-        hint: one sentence that states what to try.
+        message: one sentence about what happened and what was expected.
+        where: its file, frame, camera, joint or marker ("" if none).
+        hint: one sentence about what to try.
     """
 
     code = "error"  # Stable identifier in the progress stream: the snake case of the class below ``MocapError``.
@@ -101,7 +101,7 @@ class KeypointCountMismatch(MocapError):
 
 
 class FileMissing(MocapError):
-    """A file that was asked for is not there."""
+    """A file is missing."""
 
 
 class FileDamaged(MocapError):
@@ -109,15 +109,15 @@ class FileDamaged(MocapError):
 
 
 class NonFiniteData(MocapError):
-    """NaN or infinite values stand where numbers are required."""
+    """NaN or infinite values replace numbers that are required."""
 
 
 class NoDetections(MocapError):
-    """Nothing was detected: every confidence is zero, or nobody is seen by two cameras."""
+    """Nothing was detected: every confidence is zero, or no person is seen by two cameras."""
 
 
 class PersonUnknown(MocapError):
-    """The capture shows nobody of this name."""
+    """The capture has no person of this name."""
 
 
 class RefinementUseless(MocapError):
@@ -163,7 +163,7 @@ class BodyUnknown(MocapError):
 
 
 class UnsafePickle(MocapError):
-    """A pickle asks for a class or function that a body model has no business with."""
+    """A pickle asks for a class or function that no body model needs."""
 
 
 class WeightsInvalid(MocapError):
@@ -175,7 +175,7 @@ class PriorInvalid(MocapError):
 
 
 class TrainingMismatch(MocapError):
-    """A checkpoint was made with other settings than the run that wants to go on from it."""
+    """A checkpoint has other settings than the run that continues it."""
 
 
 class PoseInvalid(MocapError):
@@ -195,11 +195,11 @@ class BackendMissing(MocapError):
 
 
 class WarningsRefused(MocapError):
-    """A solve that was to be strict has warnings."""
+    """A strict solve has warnings."""
 
 
 class ResultRefused(MocapError):
-    """A solve's result is surely useless: nobody has that size, or the views contradict each other."""
+    """A solve's result is useless: no person has that size, or the views contradict each other."""
 
 
 class Cancelled(MocapError):
@@ -209,11 +209,11 @@ class Cancelled(MocapError):
 
 
 class ShapeMismatch(MocapError):
-    """Two arrays that are compared, or an array and what it stands for, have different shapes."""
+    """Two arrays that are compared, or an array and its declaration, have different shapes."""
 
 
 class SchedulerUnsafe(MocapError):
-    """A scheduler is on another host, and the connection to it would be neither encrypted nor authenticated."""
+    """A scheduler is on another host, and the connection to it has no encryption or authentication."""
 
 
 class CommandLineInvalid(MocapError):
@@ -229,12 +229,7 @@ class SolverFailed(MocapError):
 
 
 def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
-    """Return the end of a command line's help.
-
-    Args:
-        bad_input: what 3 stands for.
-        failed: what 4 stands for.
-    """
+    """Return the end of a command line's help, with the causes of exit codes 3 and 4."""
     return f"""\
 exit codes:
   0    there is a result

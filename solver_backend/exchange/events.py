@@ -87,12 +87,7 @@ def _misfits(form: dict[str, Form], value: Mapping[str, Any]) -> list[str]:
 
 
 def what_is_wrong(event: Mapping[str, Any], verb: str) -> str:
-    """Return a sentence on an event that does not follow the protocol, "" if it does.
-
-    Args:
-        event: a line of the solver's, as an object that has the key ``event``.
-        verb: the verb that was run.
-    """
+    """Return a sentence on a line of the solver that does not follow the protocol, "" if it does."""
     kind = event.get("event")
     if not isinstance(kind, str) or kind not in _EVENTS:
         return f"the event {str(kind)[:40]!r} is unknown"

@@ -1,4 +1,4 @@
-"""Finger joints for a body's skin: our own body's from the file of its hands, SMPL-H's and SMPL-X's as they are."""
+"""Finger joints for a body's skin: our own body's from the file of its hands, SMPL-H's and SMPL-X's from the body."""
 
 from __future__ import annotations
 
@@ -33,15 +33,15 @@ def needs_hands_file(layout: BodyLayout) -> bool:
 def with_finger_joints(
     layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
 ) -> Skinning:
-    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest it does as the one given.
+    """Return the skinning by the joints of ``SMPL_HANDS``. With fingers at rest the skin is the same as before.
 
-    SMPL-X's jaw and eyes rest: what they carry, the head does.
+    The head carries what SMPL-X's jaw and eyes carry.
 
     Args:
-        hands: arrays of ``HANDS_FILE``, where it is needed.
+        hands: arrays of ``HANDS_FILE``, if it is needed.
 
     Raises:
-        BodyInvalid: the body has no fingers, and the hands are not its own.
+        BodyInvalid: the body has no fingers, and the hands belong to another body.
     """
     if layout.joints == SMPL_HANDS.joints:
         return skinning
@@ -68,7 +68,7 @@ def with_finger_joints(
 
 
 def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return finger rotations since rest of those since a flat hand: ``R_j = F_pᵀ R'_j F_j``.
+    """Return finger rotations since rest from rotations since a flat hand: ``R_j = F_pᵀ R'_j F_j``.
 
     A bone that points along d at rest points along ``F d`` in the flat hand, so that its rotation since rest is
     ``G' F``. The first joint's parent, the wrist, has no F.
@@ -81,7 +81,7 @@ def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
 
 
 def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
-    """Return finger rotations since a flat hand of those since rest. See ``from_flat``."""
+    """Return finger rotations since a flat hand from rotations since rest. See ``from_flat``."""
     return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
 
 

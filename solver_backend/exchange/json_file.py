@@ -1,4 +1,4 @@
-"""JSON files of people, of bounded size and depth, read with errors that name the file."""
+"""JSON files that people edit: of bounded size and depth, with errors that name the file."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ LARGEST = 20_000_000  # Bytes of a file that a person or a program writes as tex
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
-    """Return what a JSON file in UTF-8 holds."""
+    """Return the value of a JSON file in UTF-8."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:
@@ -30,7 +30,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Return what the text of a file holds."""
+    """Return the value of a file's JSON text."""
     try:
         return json.loads(text)
     except (ValueError, RecursionError) as error:

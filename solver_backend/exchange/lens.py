@@ -24,31 +24,26 @@ _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 
 
 def require_models(names: Sequence[str]) -> None:
-    """Check that lens models are known."""
+    """Raise ``CalibrationInvalid`` if a lens model is unknown."""
     unknown = next((name for name in names if name not in LENS_MODELS), None)
     if unknown is not None:
         raise CalibrationInvalid(f"Unknown distortion model '{unknown}'; valid are {', '.join(LENS_MODELS)}.")
 
 
 def model_named(text: str) -> str:
-    """Return the lens model that a calibration file means by a name. Names that are unknown mean ``DEFAULT_MODEL``."""
+    """Return the lens model that a calibration file calls so. Unknown names mean ``DEFAULT_MODEL``."""
     plain = re.sub(r"[^a-z0-9]", "", text.lower())
     others = (model for model in LENS_MODELS.values() if model.name != DEFAULT_MODEL)
     return next((m.name for m in others if plain in m.aliases or m.name in plain), DEFAULT_MODEL)
 
 
 def is_pinhole(coefficients: np.ndarray, model: str) -> bool:
-    """Return whether a lens distorts nothing."""
+    """Return whether a lens has no distortion."""
     return LENS_MODELS[model].is_straight and not np.any(coefficients)
 
 
 def distort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
-    """Distort normalised image points.
-
-    Args:
-        xy: (..., 2) normalised, x/z and y/z.
-        coefficients: (8,) in the model's order, padded with zeros.
-    """
+    """Distort (..., 2) normalised points, x/z and y/z, by (8,) coefficients in the model's order."""
     x, y, _ = LENS_MODELS[model].distort(xy[..., 0], xy[..., 1], coefficients, np)
     return np.stack([x, y], axis=-1)
 
@@ -60,7 +55,7 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
         xy: (..., 2) distorted normalised points, NaN where unknown.
 
     Returns:
-        (..., 2). NaN where the input is NaN or no undistorted point exists.
+        (..., 2), with NaN where the input is NaN or no undistorted point exists.
     """
     if is_pinhole(coefficients, model):
         return xy
@@ -101,6 +96,6 @@ def normalised(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
 
 
 def pixels(xy: np.ndarray, K: np.ndarray) -> np.ndarray:
-    """Return normalised image points as pixels: (..., 2). The inverse of ``normalised``."""
+    """Return normalised image points as pixels: (..., 2), the inverse of ``normalised``."""
     u = K[0, 0] * xy[..., 0] + K[0, 1] * xy[..., 1] + K[0, 2]
     return np.stack([u, K[1, 1] * xy[..., 1] + K[1, 2]], axis=-1)

@@ -1,8 +1,7 @@
 """OpenCV's fisheye lens model: k1 k2 k3 k4.
 
-``x' = x θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)/r`` with ``θ = atan r``, and y likewise.
-
-Reference: OpenCV 4, "Fisheye camera model". Kannala and Brandt 2006.
+``x' = x θ(1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸)/r`` with ``θ = atan r``, and the same for y.
+Reference: OpenCV 4, "Fisheye camera model" (Kannala and Brandt 2006).
 """
 
 from __future__ import annotations

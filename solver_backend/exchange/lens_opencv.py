@@ -3,7 +3,6 @@
 With ``u = x² + y²``:
 ``x' = x (1 + k1 u + k2 u² + k3 u³)/(1 + k4 u + k5 u² + k6 u³) + 2 p1 x y + p2 (u + 2 x²)`` and
 ``y' = y (…)/(…) + p1 (u + 2 y²) + 2 p2 x y``.
-
 Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction".
 """
 

@@ -1,4 +1,4 @@
-"""The lines of a live run (docs/reference/live-streams.md): what one frame shows, and events between frames."""
+"""The lines of a live run (docs/reference/live-streams.md): frames, and events between them."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from typing import Any, NotRequired, TypedDict, cast
 
 
 class EventLine(TypedDict):
-    """Something that happened."""
+    """An event."""
 
     event: str
     t: float | None  # Seconds on the source's clock, None where it is not known.
@@ -23,7 +23,7 @@ class PoseValues(TypedDict):
 
 
 class FrameLine(TypedDict):
-    """What one frame shows: a pose where there is one, or why there is none."""
+    """One frame: a pose, or the reason why there is none."""
 
     frame: int
     t: float
@@ -52,7 +52,7 @@ LiveLine = EventLine | FrameLine
 
 
 def frame_line(number: int, t: float, state: str, latency_s: float, lag_s: float, **values: Any) -> FrameLine:
-    """Return the line of one frame. Delays are in seconds, values are keys of ``FrameLine``."""
+    """Return the line of one frame. Delays are in seconds, and values are keys of ``FrameLine``."""
     delays = {"latency_ms": round(1e3 * latency_s, 3), "lag_ms": round(1e3 * lag_s, 3)}
     return cast("FrameLine", {"frame": number, "t": round(t, 6), "state": state, **values, **delays})
 

@@ -1,4 +1,4 @@
-"""The formats that markers are written in. ``io/markers/write.py`` has a writer for each."""
+"""The formats of marker files, with a writer each in ``io/markers/write.py``."""
 
 from __future__ import annotations
 
@@ -23,11 +23,7 @@ FORMAT_NAMES = _listed(*(name for name, _ in MARKER_FORMATS.values()))  # Names 
 
 
 def file_names(stem: str, *others: str) -> str:
-    """Return what stands for a file of markers in help texts.
-
-    Args:
-        stem: such as TAKE, of ``TAKE.c3d|TAKE.trc``.
-    """
+    """Return the name of a marker file in help texts, such as ``TAKE.c3d|TAKE.trc`` for TAKE."""
     return "|".join([*(f"{stem}.{ending}" for ending in MARKER_FORMATS), *others])
 
 
@@ -45,11 +41,7 @@ _KINDS = {
 
 
 def other_kind(found: str, expected: str, where: str) -> FileDamaged:
-    """Return the error about a file that states another format than the expected one, or none.
-
-    Args:
-        found: format that the file states, "" for none.
-    """
+    """Return the error about a file of another format than the expected one, or of none ("")."""
     wanted = _KINDS[expected][0]
     if found in _KINDS:
         what, readers = _KINDS[found]

@@ -1,4 +1,4 @@
-"""The motion file: one ``.npz`` that other tools read as AMASS, with joints, keyframes and provenance beside."""
+"""The motion file: one ``.npz`` that other tools read as AMASS, with joints, keyframes and provenance."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ _DTYPES = {
 
 
 def has_amass_fingers(fields: Fields) -> bool:
-    """Return whether a file is AMASS's and turns fingers."""
+    """Return whether a file is an AMASS file with moving fingers."""
     if "format" in fields:
         return False
     poses = fields.floats("poses", MotionInvalid)
@@ -71,7 +71,7 @@ def optional_shapes(frames: int, joints: int = SMPL.num_joints) -> dict[str, Sha
 
 @dataclass(frozen=True)
 class MotionFile:
-    """An animated body, F frames. Metres, radians, world Z up."""
+    """An animated body of F frames, in metres and radians, world Z up."""
 
     name: str
     rotvec: np.ndarray  # (F, J, 3) axis-angle: the root maps body to world, the others child to parent.
@@ -128,7 +128,7 @@ class MotionFile:
 
 
 def is_motion(path: Path) -> bool:
-    """Return whether a file is a motion of ours or of AMASS. One that cannot be read is none."""
+    """Return whether a file is a readable motion, ours or AMASS's."""
     if path.suffix.lower() != ".npz":
         return False
     try:
@@ -141,7 +141,7 @@ def is_motion(path: Path) -> bool:
 
 
 def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
-    """Read what is shown of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
+    """Read the shown parts of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
 
     Raises:
         MotionInvalid: the motion is of another layout, shapes disagree, there are no frames, or values are not finite.
@@ -158,7 +158,11 @@ def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
 
 
 def motion_of(fields: Fields) -> MotionFile:
-    """Return the motion that the arrays of a file describe. Optional ones that are not there are None."""
+    """Return the motion in the arrays of a file. Absent optional arrays are None.
+
+    Raises:
+        MotionInvalid: shapes disagree, there is no frame rate, or numbers are impossible (see ``plausible``).
+    """
     layout, flat = layout_of(fields), has_amass_fingers(fields)
     layout = SMPL_HANDS if flat else layout
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
@@ -179,11 +183,11 @@ def motion_of(fields: Fields) -> MotionFile:
 
 
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:
-    """Write a motion. Parts it lacks are left out of the file.
+    """Write a motion without the parts that it lacks.
 
-    ``poses`` (F, 156) holds the root and the joints that SMPL shares with AMASS. SMPL's hand joints, which AMASS does
-    not know, are kept in ``hand_pose`` (F, 6) where they are not zero. A motion of another layout holds all its joints
-    in ``poses`` (F, 3 J), and the layout.
+    ``poses`` (F, 156) has the root and the joints that SMPL shares with AMASS. ``hand_pose`` (F, 6) has SMPL's hand
+    joints, which AMASS lacks, if they are not zero. A motion of another layout has the layout, and all its joints in
+    ``poses`` (F, 3 J).
     """
     rotvec, layout, hands = motion.rotvec.reshape(motion.num_frames, -1), motion.body_layout, np.zeros(0)
     poses = rotvec.astype(np.float32)
@@ -223,7 +227,11 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
 
 
 def layout_of(fields: Fields) -> BodyLayout:
-    """Return the layout that a motion file names. Files without one are SMPL's."""
+    """Return the layout that a motion file names, SMPL's if it names none.
+
+    Raises:
+        MotionInvalid: its joints are not a layout.
+    """
     if "joint_names" not in fields:
         return SMPL
     joints, groups, resting = (fields.texts(key) for key in _LAYOUT[1:])

@@ -33,7 +33,7 @@ _METHODS = {zipfile.ZIP_STORED: "stored", zipfile.ZIP_DEFLATED: "deflated"}
 
 
 class NeedsPickle(ValueError):
-    """The array holds other things than plain numbers and text."""
+    """The items of an array are neither numbers nor text."""
 
 
 class Members:
@@ -55,8 +55,8 @@ class Members:
         """Return an array.
 
         Raises:
-            NeedsPickle: it holds objects.
-            ValueError: it is encrypted, packed in another way, or its header, size and bytes do not fit together.
+            NeedsPickle: its items are objects.
+            ValueError: it is encrypted, packed in another way, or its header, size and bytes do not match.
         """
         entry = self._entries[name]
         if entry.flag_bits & 1:
@@ -105,7 +105,7 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bo
 
 
 def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
-    """Read the bytes of an array, and that there are no more: only then the archive's checksum is compared."""
+    """Read the bytes of an array up to the end of the member, where the archive compares its checksum."""
     room = values.view(np.uint8) if values.nbytes else np.empty(0, np.uint8)
     at = 0
     while chunk := stream.read(_CHUNK):
@@ -118,7 +118,7 @@ def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
 
 
 def _require_characters(values: np.ndarray, name: str) -> None:
-    """Raise ValueError where a text holds what is no character: NumPy breaks as soon as it is made one."""
+    """Raise ValueError for code points that do not exist, which NumPy cannot turn into text."""
     if values.dtype.kind == "U" and values.nbytes:
         codes = values.view(np.dtype(np.uint32).newbyteorder(values.dtype.byteorder))
         if codes.max() > sys.maxunicode:
@@ -132,13 +132,13 @@ _START_OF_A_BARE_ARRAY = b"\x93NUMPY"
 
 
 def array_names(path: Path | str) -> frozenset[str]:
-    """Return the names of the arrays of an ``.npz``. None of them is read."""
+    """Return the names of the arrays of an ``.npz`` without reading them."""
     with _opened(path) as members:
         return frozenset(members.names)
 
 
 def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True) -> dict[str, np.ndarray]:
-    """Read the wanted arrays of an ``.npz`` that need no pickle. Arrays that would need it are left out."""
+    """Read the wanted arrays of an ``.npz``, except arrays that would need pickle."""
     arrays: dict[str, np.ndarray] = {}
     with _opened(path) as members:
         for name in filter(wanted, members.names):
@@ -148,7 +148,7 @@ def read_npz(path: Path | str, wanted: Callable[[str], bool] = lambda name: True
 
 
 def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable[str] = ()) -> dict[str, np.ndarray]:
-    """Read the named arrays of an ``.npz``. Optional ones that are not there are left out."""
+    """Read the named arrays of an ``.npz``, without absent optional ones."""
     required = tuple(required)
     with _opened(path) as members:
         found = set(members.names)
@@ -160,11 +160,7 @@ def read_arrays(path: Path | str, *, required: Iterable[str], optional: Iterable
 
 
 def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: bool = False) -> Path:
-    """Write arrays to a compressed ``.npz`` that holds no pickles, whole or not at all.
-
-    Raises:
-        ValueError: an array is of type object.
-    """
+    """Write arrays to a compressed ``.npz`` without pickles, whole or not at all."""
     plain = {key: np.asarray(value) for key, value in arrays.items()}
     for key, value in plain.items():
         if value.dtype.hasobject:
@@ -182,7 +178,7 @@ def write_npz(path: Path | str, arrays: Mapping[str, np.ndarray], *, overwrite: 
 
 @contextmanager
 def _opened(path: Path | str) -> Iterator[Members]:
-    """Yield the archive's arrays. Whatever is wrong with its bytes, here or in the block, becomes a named error."""
+    """Yield the archive's arrays. Damage, here or in the block, becomes a named error."""
     path = require_file(path)
     try:
         with open_regular(path) as stream:

@@ -1,4 +1,4 @@
-"""Output files, whole or not at all: they are written under temporary names and renamed when all of them are there."""
+"""Output files, whole or not at all: written under temporary names and renamed together at the end."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ _YOUNG_S, _OLD_S = 60.0, 86400.0
 
 
 def is_leftover(name: str) -> bool:
-    """Return whether a file or folder is named as our unfinished ones are."""
+    """Return whether a file or folder has the name of an unfinished one of ours."""
     return _LEFTOVER.fullmatch(name) is not None
 
 
 def probe(folder: Path) -> None:
-    """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins."""
+    """Write a small file and remove it, to find a read-only folder or a full disk before work begins."""
     path = folder / f"{_PROBE}-{secrets.token_hex(8)}"
     path.touch(exist_ok=False)
     try:
@@ -48,8 +48,8 @@ def probe(folder: Path) -> None:
 def unfinished_names(folder: Path) -> Iterator[str]:
     """Yield an unguessable beginning of names in a folder, and remove such files and folders at the end.
 
-    A lock file of that name is locked meanwhile, which the system releases however this process ends. What processes
-    have left that ended without tidying is removed first.
+    A lock file of that name is locked meanwhile, and the system releases the lock when this process ends. Leftovers of
+    processes that ended without tidying are removed first.
     """
     held = folder / f"{_PART}-{secrets.token_hex(8)}"
     handle = os.open(held, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
@@ -75,12 +75,11 @@ def temporary_folder() -> Iterator[Path]:
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
-    """Give a folder that is whole its name. Where another process has done the same meanwhile, that one stays.
+    """Rename a whole folder, unless another process has published it meanwhile.
 
     Args:
         unfinished: folder beside the other, named by ``unfinished_names``.
-        whole: what it is to be called.
-        mark: path of a file that states that what bears the name is whole, from the folder around it.
+        mark: file whose presence states that the published folder is whole, relative to its parent.
     """
     try:
         unfinished.rename(whole)
@@ -92,10 +91,10 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
 
 
 def sweep(folder: Path, now: float | None = None) -> None:
-    """Remove what processes that are gone have left in a folder.
+    """Remove leftovers of processes that have ended.
 
     Args:
-        now: the time by the folder's own clock, which may be another machine's. None for this one's.
+        now: time by the folder's clock, which may be another machine's, or None for this machine's.
     """
     now = time.time() if now is None else now
     with suppress(OSError):
@@ -130,7 +129,7 @@ def _remove(held: Path) -> None:
 
 
 def is_held(path: Path) -> bool:
-    """Return whether a process that is alive holds the lock of a file. False where the system has no such locks."""
+    """Return whether a live process has locked a file. False on systems without such locks."""
     if fcntl is None:
         return False
     handle = os.open(path, os.O_RDWR)
@@ -141,7 +140,7 @@ def is_held(path: Path) -> bool:
 
 
 def lock(handle: int) -> bool:
-    """Lock an open file if nobody holds it. False where another does, or the system has no such locks."""
+    """Lock an open file, and return whether that succeeded. False on systems without such locks."""
     if fcntl is None:
         return False
     try:
@@ -156,9 +155,11 @@ _NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROF
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
-    """Return the output's path after checking that it can be written. Meant to be called before long work.
+    """Return the output's path if it can be written. Call it before long work. Missing folders are made.
 
-    Missing folders are made. Nothing is left behind in the folder.
+    Raises:
+        OutputExists: the file or folder exists and ``overwrite`` is off.
+        OutputNotWritable: the folder cannot be made or written to, or the output is a link, a device or a folder.
     """
     path = Path(path)
     if os.path.lexists(path) and not overwrite:
@@ -174,14 +175,14 @@ def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
 
 @contextmanager
 def atomic_output(path: Path | str, *, overwrite: bool = False) -> Iterator[Path]:
-    """Yield a temporary path beside ``path`` that becomes ``path`` when the block ends well, and vanishes otherwise."""
+    """Yield a temporary path beside ``path`` that becomes ``path`` if the block succeeds, and is removed otherwise."""
     with atomic_files([path], overwrite=overwrite) as [temporary]:
         yield temporary
 
 
 @contextmanager
 def atomic_files(paths: Sequence[Path | str], *, overwrite: bool = False) -> Iterator[list[Path]]:
-    """Yield a temporary path beside each path. Those that are written take their names when the block ends well."""
+    """Yield a temporary path beside each path. Written files take their names together if the block succeeds."""
     checked = [check_output(path, overwrite=overwrite) for path in paths]
     with _named_at_the_end(checked, checked[0], overwrite) as temporary:
         yield temporary
@@ -222,13 +223,12 @@ def write_text(path: Path | str, text: str, *, overwrite: bool = False) -> Path:
 
 
 def is_free(folder: Path) -> bool:
-    """Return whether a folder is not there, or holds nothing but what an interrupted run has left."""
+    """Return whether a folder does not exist, or has only leftovers of an interrupted run."""
     return not folder.exists() or (folder.is_dir() and all(is_leftover(path.name) for path in folder.iterdir()))
 
 
 @contextmanager
 def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> Iterator[list[Path]]:
-    """Yield a temporary path for each path. Those that were written take the paths' names in one moment."""
     try:
         with ExitStack() as unfinished:
             folders = dict.fromkeys(path.parent for path in paths)
@@ -252,7 +252,7 @@ def _named_at_the_end(paths: Sequence[Path], where: Path, overwrite: bool) -> It
 
 
 def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
-    """Give the files their names, all or none. Without ``overwrite`` a name that somebody took meanwhile is kept."""
+    """Give all files or none their names. Without ``overwrite`` a name that was taken meanwhile is kept."""
     if overwrite:
         for part, path in written:
             _require_plain(path)
@@ -270,7 +270,7 @@ def _publish(written: Sequence[tuple[Path, Path]], overwrite: bool) -> None:
 
 
 def _take_name(part: Path, path: Path) -> None:
-    """Rename a file to a name that must be free. A second link fails where it is not, which a rename does not."""
+    """Rename a file to a name that must be free, by a second link, which unlike a rename fails if the name is taken."""
     try:
         os.link(part, path)
     except FileExistsError:
@@ -304,7 +304,7 @@ def _exists(path: Path) -> OutputExists:
 
 
 def full_disk(error: BaseException) -> OutputNotWritable | None:
-    """Return the named error of a disk that is full or may not be written to, None for any other failure."""
+    """Return the named error of a disk that is full or read-only, None for other failures."""
     if isinstance(error, OSError) and error.errno in _NO_ROOM:
         return _not_writable(error.filename or "", error)
     return None
@@ -328,14 +328,16 @@ def require_file(path: Path | str) -> Path:
 def open_regular(path: Path | str) -> BinaryIO:
     """Open an ordinary file for reading its bytes.
 
-    Some files of the system call themselves ordinary, have no size, and wait for data when they are read
-    (``/proc/kmsg``): such a one is tried without waiting.
+    Some system files (``/proc/kmsg``) look ordinary, have no size, and wait for data. They are tried without waiting.
+
+    Raises:
+        OSError: it cannot be opened, is a device, a pipe or a folder, or has nothing to read yet.
     """
     return os.fdopen(_opened(path)[0], "rb")
 
 
 def read_regular(path: Path | str, largest: int) -> tuple[bytes, int]:
-    """Return what an ordinary file holds, and its size. Of a larger one nothing, of one that grows a byte too much."""
+    """Return bytes and size of an ordinary file: no bytes of a larger file, and one too many of a file that grows."""
     handle, size = _opened(path)
     try:
         if size > largest:

@@ -1,4 +1,4 @@
-"""Text of files and people as it may be shown: without characters that steer a terminal or turn the reading order."""
+"""Text that is safe to show: without characters that control a terminal or change the reading direction."""
 
 from __future__ import annotations
 
@@ -13,11 +13,7 @@ _PLAIN = re.compile(r"[ -~]*")
 
 
 def plain(text: str, *, keep: str = "") -> str:
-    """Return the text on one line, with a sign in the place of each character that would steer what shows it.
-
-    Args:
-        keep: characters that may stay, such as line breaks.
-    """
+    """Return the text on one line, with a sign for each control character except those to keep."""
     if _PLAIN.fullmatch(text):
         return text
     return "".join(c if c in keep or not _steers(c) else _SHOWN for c in text)

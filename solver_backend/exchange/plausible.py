@@ -1,4 +1,4 @@
-"""Bounds of what the numbers of motions and recordings can be, checked by the solver's and the add-on's types."""
+"""Bounds of possible numbers in motions and recordings, which the types of solver and add-on check."""
 
 from __future__ import annotations
 
@@ -19,19 +19,19 @@ LARGEST_TURN = 1000.0  # Radians of an axis-angle vector. Tracks that count turn
 
 
 def require_rate(fps: float, error: type[MocapError], where: str) -> None:
-    """Make sure that a frame rate can be."""
+    """Raise an error of a class if a frame rate is impossible."""
     least, most = FRAME_RATES
     if not (isinstance(fps, int | float | np.number) and least <= fps <= most):
         raise error(f"The frame rate must be {least:g} to {most:g}, not {fps}.", where=where)
 
 
 def largest_finite(values: np.ndarray) -> float:
-    """Return the largest size of the numbers that are finite, 0 where none is."""
+    """Return the largest size of the finite numbers, 0 without any."""
     return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
 
 
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
-    """Make sure that all numbers are finite and none is beyond what can be."""
+    """Raise an error of a class unless all numbers are finite and within a bound."""
     values = np.asarray(values)
     largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
     if not np.isfinite(largest):
@@ -41,14 +41,11 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
 
 
 def require_motion(motion: Any, turns: np.ndarray, error: type[MocapError], where: str) -> None:
-    """Make sure that a motion is possible.
+    """Raise an error of a class unless a motion has frames and its rate, places, turns and shape are possible.
 
     Args:
         motion: has ``fps``, ``transl``, ``betas`` and ``joints``, (F, J, 3) metres or None.
         turns: axis-angle of the joints, frames first.
-
-    Raises:
-        MocapError: it has no frames, or its rate, places, turns or shape are impossible; of the class ``error``.
     """
     if not len(turns):
         raise error("The motion has no frames.", where=where)

@@ -29,8 +29,6 @@ _STAGES = 16  # Stages whose beginning is remembered: a batch's own goes on betw
 
 
 class _Clock:
-    """Time left of a stage from the share that is done."""
-
     def __init__(self) -> None:
         self._stage = ""
         self._starts: OrderedDict[str, float] = OrderedDict()
@@ -53,7 +51,7 @@ class _Clock:
 
 
 class ConsoleProgress:
-    """Draws one rewritten line a stage on a terminal, or one line a stage on anything else."""
+    """Draws one rewritten line per stage on a terminal, or one line per stage elsewhere."""
 
     def __init__(self, stream: TextIO = sys.stderr, interval_s: float = 0.1) -> None:
         self._stream, self._interval_s = stream, interval_s
@@ -75,7 +73,7 @@ class ConsoleProgress:
 
 
 class JsonProgress:
-    """Writes JSON lines to standard output: a stage's first and last, and between at most one an interval."""
+    """Writes JSON lines: the first and last of a stage, and at most one per interval between them."""
 
     def __init__(self, stream: TextIO = sys.stdout, interval_s: float = 0.1) -> None:
         self._stream, self._interval_s = stream, interval_s

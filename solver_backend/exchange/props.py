@@ -1,4 +1,4 @@
-"""Props of a take: what moves as a rigid body and is no part of the person."""
+"""Props of a take: rigid bodies that are not part of the person."""
 
 from __future__ import annotations
 
@@ -50,21 +50,16 @@ class Prop:
 
     @property
     def markers(self) -> np.ndarray:
-        """(F, M, 3) where it has its markers in the world."""
+        """(F, M, 3) world places of its markers."""
         return self.points @ np.swapaxes(matrix_from_rotvec(self.rotvec), -1, -2) + self.transl[:, None]
 
     @property
     def is_of_poses(self) -> bool:
-        """Whether its markers stand for poses that a file holds."""
+        """Whether its markers represent poses of a file."""
         return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
 
     def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
-        """Return the same prop in another frame of its own.
-
-        Args:
-            origin: (3,) of that frame in this one.
-            axes: (3, 3) its axes as columns.
-        """
+        """Return the same prop in another frame of its own, with an origin (3,) and axes (3, 3) as columns."""
         R = matrix_from_rotvec(self.rotvec)
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
@@ -78,7 +73,7 @@ class Prop:
 
 
 def require_length(props: Sequence[Prop], frames: int) -> None:
-    """Check that props are as long as their take."""
+    """Raise ``MotionInvalid`` unless all props are as long as their take."""
     for prop in props:
         if len(prop.rotvec) != frames:
             what = f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected."
@@ -86,7 +81,7 @@ def require_length(props: Sequence[Prop], frames: int) -> None:
 
 
 def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
-    """Return the arrays of a file that hold props, none where there are none."""
+    """Return the arrays of a file for props, none without props."""
     if not props:
         return {}
     stacks = {key: np.stack([getattr(prop, key) for prop in props]) for key in ("rotvec", "transl", "sigma")}
@@ -101,10 +96,10 @@ def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
 
 
 def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
-    """Return the props that a file of F frames holds.
+    """Return the props in a file of F frames.
 
     Raises:
-        MotionInvalid: their arrays do not fit one another or the frames.
+        MotionInvalid: their arrays do not match each other or the frames.
     """
     names, labels = fields.texts("prop_names"), fields.texts("prop_labels")
     if not names:

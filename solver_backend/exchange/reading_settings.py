@@ -1,4 +1,4 @@
-"""How a recording is read where its files leave it open, declared once for the command line, jobs and panels."""
+"""Reading options of recordings, declared once for the command line, jobs and panels."""
 
 from __future__ import annotations
 
@@ -20,11 +20,10 @@ LEVELS = (
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSettings:
-    """Settings that assign cameras and frames where the user knows them.
+    """Settings that assign cameras and frames.
 
     Raises:
-        JobInvalid: a value has another type, a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or
-            frames are not a range.
+        JobInvalid: a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or frames are not a range.
     """
 
     # fmt: off
@@ -71,13 +70,13 @@ class WorldSettings:
 
     @property
     def changes_world(self) -> bool:
-        """Whether the world is changed no matter what is found."""
+        """Whether the world changes in any case."""
         return bool(self.stature) or self.scale != 1.0 or self.level == ON
 
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingSettings:
-    """What the files of a recording leave open. The panel has its own lists of sets, units, axes and people."""
+    """Facts that the files of a recording may lack. The panel has its own lists of sets, units, axes and people."""
 
     # fmt: off
     fps: float | None = setting(
@@ -119,7 +118,7 @@ DEFAULTS: dict[str, Any] = {name: row.default for name, row in ROWS.items()}  # 
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
-    """Return by how many frames each camera started late, from texts such as ``cam02=60``."""
+    """Return the late frames of each camera, from texts such as ``cam02=60``."""
     found: dict[str, int] = {}
     for text in texts:
         name, _, frames = (part.strip() for part in text.rpartition("="))

@@ -1,4 +1,4 @@
-"""Named fields of our own npz files, checked for kind and shape, with errors that name the file and the field."""
+"""The arrays of an npz file by name, kind and shape, with errors that name the file and the field."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class Fields:
         return self.arrays[key]
 
     def numbers(self, key: str, shape: Shape) -> np.ndarray:
-        """Return a required numeric array as float64 whose shape matches."""
+        """Return a required numeric array as float64, or raise ``FileDamaged`` if its shape does not match."""
         value = self.array(key)
         if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
@@ -47,21 +47,21 @@ class Fields:
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
-        """Return a required array as float64."""
+        """Return a required array as float64, or raise an error of a class if it has no numbers."""
         value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}; numbers are expected.", where=str(self.path))
         return np.asarray(value, np.float64)
 
     def first_number(self, key: str, invalid: type[MocapError]) -> float:
-        """Return the first number of an array, which may be a scalar."""
+        """Return the first number of an array, which may be a scalar, or raise an error of a class."""
         values = self.floats(key, invalid).ravel()
         if not values.size:
             raise invalid(f"{key} is empty; a number is expected.", where=str(self.path))
         return float(values[0])
 
     def shaped(self, key: str, shape: Shape, invalid: type[MocapError]) -> np.ndarray:
-        """Return an array as float64 whose shape matches."""
+        """Return an array as float64, or raise an error of a class if its shape does not match."""
         value = self.floats(key, invalid)
         if not fits(value.shape, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
@@ -73,7 +73,7 @@ class Fields:
         return float(self.numbers(key, ()))
 
     def text(self, key: str, default: str | None = None) -> str:
-        """Return a string, or the default where the field is absent and a default is given. Bytes are UTF-8."""
+        """Return a string, or the default of an absent field. Bytes are UTF-8."""
         if key not in self.arrays and default is not None:
             return default
         value = self.array(key)
@@ -87,7 +87,7 @@ class Fields:
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
     def joint_set(self) -> JointSet:
-        """Return the joint set that is named."""
+        """Return the joint set that the file names."""
         from .joint_sets import JointSet  # which needs the body layout, which needs this module
 
         name = self.text("joint_set")
@@ -98,14 +98,14 @@ class Fields:
             raise FileDamaged(f"Unknown joint set '{name}'; known are {known}.", where=str(self.path)) from error
 
     def require_format(self, name: str, version: int) -> None:
-        """Check the file's format and version."""
+        """Raise ``FileDamaged`` for another format, or a version from the future."""
         found = self.text("format", "")
         if found != name:
             raise other_kind(found, name, str(self.path))
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Check the format and version of a file to be shown, where it states them."""
+        """Raise ``FileDamaged`` if a file to be shown states another format, or a version from the future."""
         found = self.text("format", name)
         if found != name:
             raise other_kind(found, name, str(self.path))
@@ -119,11 +119,7 @@ class Fields:
 
 
 def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = None) -> Fields:
-    """Read the arrays of an npz file that a reader knows.
-
-    Args:
-        prefix: also those whose names begin with it.
-    """
+    """Read the named arrays of an npz file, and those that begin with a prefix."""
     known = frozenset(names)
     return Fields(
         Path(path), read_npz(path, lambda name: name in known or (prefix is not None and name.startswith(prefix)))
@@ -131,7 +127,7 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
 
 
 def fits(found: tuple[int, ...], shape: Shape) -> bool:
-    """Return whether the lengths of an array's axes are those that are expected."""
+    """Return whether an array's lengths match the expected ones."""
     return len(found) == len(shape) and all(
         have == want or not isinstance(want, int) for want, have in zip(shape, found, strict=True)
     )

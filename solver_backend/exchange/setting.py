@@ -1,4 +1,4 @@
-"""A setting is one row: kind, range, default, unit, words and group. Everything that takes settings derives from it."""
+"""A setting is one row: kind, range, default, unit, words, group. Command line, panel, job and docs derive from it."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _EXPECTED |= {"range": "the first and the last whole number, from 0"}
 
 @dataclass(frozen=True)
 class Choice:
-    """One of the values that a setting of the kind "choice" may have."""
+    """One value of a setting of the kind "choice"."""
 
     value: str  # As in a job file and on the command line.
     label: str  # In a panel.
@@ -100,7 +100,7 @@ class Setting:
         return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
-        """Return whether a value is valid. True and false are no numbers."""
+        """Return whether a value is valid. True and false are not numbers."""
         if self.kind in ("switch", "flag"):
             return isinstance(value, bool)
         if self.kind in ("whole", "number"):
@@ -151,17 +151,13 @@ def text_of_value(value: Any) -> str:
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
-    """Return the field of a dataclass that declares a setting. See ``Setting`` for the arguments.
-
-    Args:
-        default: ``REQUIRED`` where a value must be given.
-    """
+    """Return the field of a dataclass that declares a setting. A default of ``REQUIRED`` requires a value."""
     row = Setting(kind, label, description, group, default=default, required=default is REQUIRED, **more)
     return field(default=default, metadata={"setting": row})
 
 
 def settings_of_class(cls: Any) -> dict[str, Setting]:
-    """Return the settings that a dataclass or one of its values declares, by name, in its order."""
+    """Return the settings that a dataclass or its instance declares, by name, in its order."""
     return _settings_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -177,18 +173,14 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def values_that_differ(values: Any, rows: Mapping[str, Setting]) -> dict[str, Any]:
-    """Return an object's values of settings that are neither defaults nor empty, as JSON has them, by name."""
+    """Return an object's values of settings, without defaults and empty ones, as plain JSON values by name."""
     given = {name: value for name, row in rows.items() if (value := getattr(values, name)) != row.default}
     given = {name: value for name, value in given.items() if value or rows[name].default}
     return {name: list(v) if is_list(v) else str(v) if isinstance(v, str) else v for name, v in given.items()}
 
 
 def check_settings(values: Any) -> None:
-    """Check each value of a dataclass of settings. None is valid where it is the default.
-
-    Raises:
-        JobInvalid: one has another type or is out of range. The message names it and what is expected.
-    """
+    """Raise ``JobInvalid`` unless each value of a dataclass of settings is valid, or None by default."""
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
         if not (value is None and row.default is None) and not row.accepts(value):
@@ -196,7 +188,7 @@ def check_settings(values: Any) -> None:
 
 
 def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return plain values as a dataclass of settings takes them: lists as tuples, without those that are None."""
+    """Return plain values for a dataclass of settings: lists as tuples, without None. Refuse unknown names."""
     known = settings_of_class(cls)
     unknown = sorted(set(values) - set(known))
     if unknown:
@@ -206,7 +198,7 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def is_list(value: Any) -> bool:
-    """Return whether a value is a list of others. Text is not."""
+    """Return whether a value is a list of others, not text."""
     return isinstance(value, Sequence) and not isinstance(value, str)
 
 

@@ -1,4 +1,4 @@
-"""The skeleton file: a moving skeleton as Blender hands it to the solver, whatever file it came from."""
+"""The skeleton file: a moving skeleton of any source file, from Blender to the solver."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _OFF = 1e-3
 
 @dataclass(frozen=True)
 class SkeletonMotion:
-    """F frames of J joints. World Z up. Rest places are in the skeleton's own axes."""
+    """F frames of J joints, world Z up. Rest places are in the skeleton's own axes."""
 
     name: str
     names: tuple[str, ...]
@@ -34,12 +34,7 @@ class SkeletonMotion:
     fps: float
 
     def __post_init__(self) -> None:
-        """Make sure that it can be.
-
-        Raises:
-            MotionInvalid: it has no frames, two joints of a name, impossible places, matrices that are no
-                rotations, or no rate.
-        """
+        """Raise ``MotionInvalid`` for no frames, joints of one name, impossible places, bad rotations, or no rate."""
         if not len(self.joints):
             raise MotionInvalid("The motion has no frames.", where=self.name)
         require_distinct(self.names, self.name)
@@ -63,7 +58,7 @@ class SkeletonMotion:
 
 
 def require_distinct(names: tuple[str, ...], where: str) -> None:
-    """Make sure that no two joints have the same name."""
+    """Raise ``MotionInvalid`` if two joints have the same name."""
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise MotionInvalid(f"Several joints are called '{twice}'.", where=where, hint="Give every joint its own name.")
@@ -71,7 +66,7 @@ def require_distinct(names: tuple[str, ...], where: str) -> None:
 
 @dataclass(frozen=True)
 class SkeletonFile(SkeletonMotion):
-    """A motion as a file holds it."""
+    """A motion as a file has it."""
 
     roles: dict[str, str]  # Joint by role. Empty where its writer did not know them.
 

@@ -6,27 +6,17 @@ import numpy as np
 
 
 def quat_from_rotvec(rotvec: np.ndarray) -> np.ndarray:
-    """Return ``(cos(a/2), sin(a/2) v/a)`` with a = |v|.
-
-    Args:
-        rotvec: (..., 3) axis-angle in radians.
-
-    Returns:
-        (..., 4) unit quaternions wxyz.
-    """
+    """Return unit quaternions wxyz (..., 4) of axis-angles (..., 3): ``(cos(a/2), sin(a/2) v/a)`` with a = |v|."""
     half = np.linalg.norm(rotvec, axis=-1, keepdims=True) / 2
     # np.sinc(x) = sin(pi x) / (pi x), so the vector part is finite at angle 0.
     return np.concatenate([np.cos(half), np.sinc(half / np.pi) / 2 * rotvec], axis=-1)
 
 
 def rotvec_from_quat(quat: np.ndarray) -> np.ndarray:
-    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi]. The inverse of ``quat_from_rotvec``.
+    """Return the axis-angle ``a v/|v|`` with ``a = 2 atan2(|v|, w)`` in [0, pi], the inverse of ``quat_from_rotvec``.
 
     Args:
         quat: (..., 4) unit quaternions wxyz, of either sign.
-
-    Returns:
-        (..., 3) radians.
     """
     quat = np.where(quat[..., :1] < 0, -quat, quat)
     length = np.linalg.norm(quat[..., 1:], axis=-1, keepdims=True)
@@ -85,15 +75,9 @@ def rotvec_from_matrix(R: np.ndarray) -> np.ndarray:
 
 
 def sign_continuous(quat: np.ndarray) -> np.ndarray:
-    """Flip signs so that neighbours in time are less than 180° of quaternion arc apart.
+    """Return (F, ..., 4) quaternions with signs that make ``q[f] . q[f + 1] >= 0``, and w >= 0 in the first frame.
 
-    q and -q are one rotation, but curves between them pass through zero. The first frame gets w >= 0.
-
-    Args:
-        quat: (F, ..., 4) wxyz.
-
-    Returns:
-        (F, ..., 4) the same rotations with ``q[f] . q[f + 1] >= 0``.
+    q and -q are one rotation, but curves between them pass through zero.
     """
     flip = np.ones(quat.shape[:-1])
     flip[0] = np.where(quat[0, ..., 0] < 0, -1.0, 1.0)

@@ -138,13 +138,13 @@ class SolveSettings:
 
     @property
     def other_curves(self) -> tuple[str, ...]:
-        """Names of the settings of curves between keyframes that are not as published."""
+        """Names of the settings of curves between keyframes that differ from the publication."""
         published = (("interpolation", 2), ("root_curve", APART))
         return tuple(name for name, value in published if getattr(self, name) != value)
 
     @property
     def without_effect(self) -> tuple[str, ...]:
-        """Names of the settings that are not at their default and do nothing in the method."""
+        """Names of the settings that differ from their default and have no effect in the method."""
         rows = {name: row for name, row in settings_of_class(SolveSettings).items() if not row.acts_in(self.method)}
         return tuple(name for name, row in rows.items() if getattr(self, name) != row.default)
 
@@ -155,5 +155,5 @@ class SolveSettings:
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:
-        """Build settings from plain values. None stands for the default."""
+        """Build settings from plain values. None is the default."""
         return cls(**known_values(cls, values))

@@ -1,4 +1,4 @@
-"""When points of the feet stand: slow and low, in stretches that no step is short enough to interrupt."""
+"""Frame ranges with standing feet: slow and low points, with breaks too short for a step."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ _HALF_S = 0.03  # Seconds before and after a frame over which a speed is measure
 
 
 def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return how points move about each frame, (F, K, 3) metres, and in which time, (F, 1) seconds."""
+    """Return the movement of points about each frame, (F, K, 3) metres, and its duration, (F, 1) seconds."""
     half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
     before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
     return points[after] - points[before], ((after - before) / fps)[:, None]
 
 
 def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
-    """Return for each point the stretches in which it stands, as first frames and ends.
+    """Return first frames and ends of the ranges where each point stands.
 
     Args:
         heights: (F, K) metres.
-        speeds: (F, K) metres a second.
+        speeds: (F, K) metres per second.
     """
     shortest, slow = max(2, round(SHORTEST_S * fps)), speeds < SPEED_M_S
     found: list[list[tuple[int, int]]] = []
@@ -41,7 +41,7 @@ def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
 
 
 def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Return runs with those that are fewer frames than that apart made one."""
+    """Join runs that are fewer frames apart."""
     joined: list[tuple[int, int]] = []
     for first, stop in runs:
         if joined and first - joined[-1][1] < frames:

@@ -45,19 +45,19 @@ class Verb:
         return getattr(import_module(f"{package}.{module}"), function)
 
     def given(self, args: argparse.Namespace) -> dict[str, Any]:
-        """Return the values of a parsed command line that are not what they are when left out, by name."""
+        """Return the values of a parsed command line that differ from their defaults, by name."""
         values = {row.name: getattr(args, row.name) for row in self.settings}
         left_out = {row.name: None if row.of_class else row.default for row in self.settings}
         return {name: value for name, value in values.items() if value != left_out[name]}
 
     def arguments(self, **values: Any) -> argparse.Namespace:
-        """Return the command line that has these values and is otherwise at its defaults."""
+        """Return a command line with these values, and defaults for the others."""
         if unknown := values.keys() - self.rows.keys():
             raise KeyError(f"{self.name} has no {', '.join(unknown)}")
         return argparse.Namespace(verb=self.name, rest=[], **{row.name: row.default for row in self.settings} | values)
 
     def words(self, values: Mapping[str, Any]) -> list[str]:
-        """Return the arguments of a command line for values by name. What is None or at its default is left out."""
+        """Return the arguments of a command line for values by name, without None and defaults."""
         rows = self.rows
         given = {name: value for name, value in values.items() if value != rows[name].default}
         ordered = sorted(given, key=lambda name: not rows[name].positional)
@@ -65,18 +65,14 @@ class Verb:
 
 
 def option(kind: Kind, name: str, metavar: str, description: str, default: Any = None, **more: Any) -> Setting:
-    """Return one option of a verb.
-
-    Args:
-        default: value where none is given. ``REQUIRED`` where one must be.
-    """
+    """Return one option of a verb. A default of ``REQUIRED`` requires a value."""
     given = {"label": name.replace("_", " ").title(), "required": default is REQUIRED, **more}
     own = None if default is REQUIRED else default
     return Setting(kind, description=description, name=name, default=own, metavar=metavar, **given)
 
 
 def place(kind: Kind, name: str, metavar: str, description: str, default: Any = REQUIRED, **more: Any) -> Setting:
-    """Return a setting that is named by its place on the command line. See ``option``."""
+    """Return a positional argument. See ``option``."""
     return option(kind, name, metavar, description, default, positional=True, **more)
 
 
@@ -91,7 +87,7 @@ def output(metavar: str, description: str, default: Any = REQUIRED, kind: Kind =
 
 
 def values(*texts: str) -> tuple[Choice, ...]:
-    """Return choices that need no words of their own."""
+    """Return choices without descriptions."""
     return tuple(Choice(text, text.replace("_", " ").title(), "") for text in texts)
 
 
@@ -104,7 +100,7 @@ def by_name(verbs: Iterable[Verb]) -> dict[str, Verb]:
 
 
 class Parser(argparse.ArgumentParser):
-    """Raises our own error where argparse would end the process."""
+    """Raises our own error instead of ending the process."""
 
     def error(self, message: str) -> NoReturn:
         """Raise ``CommandLineInvalid`` with the usage as its hint."""
@@ -145,10 +141,10 @@ class Program:
     version: str = ""
 
     def parse(self, argv: list[str]) -> argparse.Namespace:
-        """Return the parsed command line with the verb as ``verb``. ``rest`` holds what the verb passes on.
+        """Return the parsed command line with the verb as ``verb`` and options that the verb passes on as ``rest``.
 
         Raises:
-            CommandLineInvalid: it makes no sense. The hint is the usage or the nearest known word.
+            CommandLineInvalid: it is invalid. The hint is the usage or the nearest known word.
         """
         if not argv or argv[0].startswith("-"):
             self.parser().parse_known_args(argv)
@@ -170,7 +166,7 @@ class Program:
         return args
 
     def parser(self) -> Parser:
-        """Return the parser of what may stand instead of a verb. Its help lists the verbs by task."""
+        """Return the parser for the verb's place. Its help lists the verbs by task."""
         usage = f"{self.name} [-h]{' [--version]' * bool(self.version)} VERB ..."
         description = f"{self.description} VERB --help lists a verb's options."
         epilog = f"{self._list_verbs()}\n\n{self.epilog}"
@@ -196,7 +192,7 @@ class Program:
 
 
 def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
-    """Make sure that every file which a verb writes can be written."""
+    """Make sure that a verb can write all its files."""
     for row in verb.settings:
         path = getattr(args, row.name) if row.is_output else None
         if path is not None:
@@ -204,13 +200,13 @@ def check_outputs(verb: Verb, args: argparse.Namespace) -> None:
 
 
 def suggest(word: str, known: Iterable[str]) -> str:
-    """Return a question for the nearest known word. "" where none is near."""
+    """Return a question for the nearest known word, "" if none is near."""
     near = get_close_matches(word, list(known), 1)
     return f"Did you mean {near[0]}?" if near else ""
 
 
 def describe_range(row: Setting) -> str:
-    """Return which values a setting may have, in a few words. "" for what its metavar states."""
+    """Return the valid values of a setting in a few words, "" if its metavar states them."""
     if row.kind == "choice":
         return ", ".join(choice.value for choice in row.choices)
     if row.low is None or row.kind == "numbers":
@@ -221,7 +217,7 @@ def describe_range(row: Setting) -> str:
 
 
 def describe_default(row: Setting) -> str:
-    """Return what a setting is where it is not given. "" for nothing."""
+    """Return the default of a setting, "" for none."""
     value = row.default
     if isinstance(value, bool):
         return "" if row.kind == "flag" else "on" if value else "off"
@@ -246,7 +242,7 @@ def _range_in_help(row: Setting) -> str:
 
 
 def in_sentence(text: str) -> str:
-    """Return a description as it stands within a sentence. Names keep their capitals."""
+    """Return a description for use within a sentence. Names keep their capitals."""
     word = text.split(maxsplit=1)[0].rstrip(",;:'s")
     is_name = word in _PROPER_NAMES or (not word[1:].islower() and len(word) > 1)
     return text if is_name else f"{text[0].lower()}{text[1:]}"
@@ -282,18 +278,14 @@ def _add(section: Any, row: Setting) -> None:
 
 
 class _Reader:
-    """Reads one value of a setting. Declared as a class for the name in argparse's messages."""
+    """Reads one value of a setting. A class, for the name in argparse's messages."""
 
     def __init__(self, row: Setting) -> None:
         self._row = row
         self.__name__ = {"whole": "int", "number": "float"}.get(row.kind, row.kind)
 
     def __call__(self, text: str) -> Any:
-        """Return the value of a text.
-
-        Raises:
-            argparse.ArgumentTypeError: it is out of range, or a file has another ending.
-        """
+        """Return the value of a text, or raise what argparse reports."""
         row = self._row
         if row.kind in ("path", "folder"):
             if row.endings and Path(text).suffix.lower() not in row.endings:
@@ -322,7 +314,7 @@ def _numbers(text: str) -> tuple[float, ...]:
 
 
 def _with_signed_axis(argv: list[str]) -> list[str]:
-    """Return the arguments with ``--up-axis -y`` in one, for argparse takes an axis with a sign for an option."""
+    """Join ``--up-axis -y`` into one argument, because argparse takes a signed axis for an option."""
     joined: list[str] = []
     for argument in argv:
         if joined and joined[-1] == "--up-axis" and argument.lower() in ("-x", "-y", "-z"):

@@ -1,4 +1,4 @@
-"""Result events of verbs that another program acts on. ``events`` checks them where they arrive."""
+"""Result events of verbs that another program acts on. ``events`` checks them on arrival."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .errors import ErrorEvent
 
 
 class PersonSummary(TypedDict):
-    """What the solver reports of each of several people in a capture, and the panel lists."""
+    """One of several people in a capture."""
 
     name: str
     frames: int
@@ -20,7 +20,7 @@ class PersonSummary(TypedDict):
 
 
 class Remarks(TypedDict):
-    """Diagnostics as data, and as sentences."""
+    """Diagnostics as data and as sentences."""
 
     notes: list[str]
     problems: list[str]
@@ -28,7 +28,7 @@ class Remarks(TypedDict):
 
 
 class CaptureSummary(Remarks):
-    """What was recognised in a capture."""
+    """The contents of a capture."""
 
     name: str
     frames: int
@@ -70,7 +70,7 @@ class CheckResult(TypedDict):
 
 
 class MotionSummary(TypedDict):
-    """How long a solved motion is, its residuals and the frames that deserve a look."""
+    """Length of a solved motion, its residuals and the number of frames to check."""
 
     frames: int
     fps: float
@@ -146,7 +146,7 @@ class GlovesResult(Remarks):
 
 
 class TakeOfVideos(TypedDict):
-    """A take that went through the steps from videos. It also holds a line of text a step."""
+    """A take made from videos. It also has a line of text per step."""
 
     folder: str
     source: str
@@ -154,7 +154,7 @@ class TakeOfVideos(TypedDict):
 
 
 class VideosResult(TypedDict):
-    """Of ``from-videos``: takes by their names, and those that failed."""
+    """Of ``from-videos``: takes by their names, and failed ones."""
 
     plan: list[str]
     takes: dict[str, TakeOfVideos]
@@ -212,7 +212,7 @@ class ShotRecord(TypedDict):
 
 
 def is_shot_record(value: object) -> TypeGuard[ShotRecord]:
-    """Return whether the content of a file can be a record."""
+    """Return whether the value of a file can be a record."""
     return isinstance(value, dict)
 
 

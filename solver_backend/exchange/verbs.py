@@ -1,4 +1,4 @@
-"""The verbs of the solver as ``verbs.json`` declares them. Both programs, panels and reference pages use this table."""
+"""The verbs of the solver in ``verbs.json``. Both programs, panels and reference pages use this table."""
 
 from __future__ import annotations
 

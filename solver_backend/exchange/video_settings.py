@@ -1,4 +1,4 @@
-"""How videos become a capture, declared once for the command line and the panel."""
+"""Settings from videos to a capture, declared once for the command line and the panel."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ CLOCKS = (
 
 @dataclass(frozen=True, kw_only=True)
 class VideoSettings:
-    """What the footage of a take leaves open."""
+    """Facts that the footage of a take may lack."""
 
     # fmt: off
     cameras: str = setting(

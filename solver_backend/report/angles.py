@@ -8,11 +8,7 @@ from solver_backend.types import SMPL_JOINTS
 
 
 def flexion_deg(joints: np.ndarray, parent: str, joint: str, child: str) -> np.ndarray:
-    """Return (F,) degrees by which a hinge is bent: ``180° - ∠(parent, joint, child)``, 0 when straight.
-
-    Args:
-        joints: (F, 24, 3) metres.
-    """
+    """Return (F,) degrees of a bent hinge in (F, 24, 3) joints: ``180° - ∠(parent, joint, child)``, 0 when straight."""
     above = _between(joints, joint, parent)
     below = _between(joints, joint, child)
     return 180.0 - _angle_deg(above, below)

@@ -37,7 +37,7 @@ Floor = float | None  # Height of the floor about the pelvis, metres. None where
 
 @dataclass(frozen=True)
 class _SideProjection:
-    """A parallel projection: from metres about the pelvis to a column of the drawing."""
+    """A parallel projection of metres about the pelvis to a column of the drawing."""
 
     axes: np.ndarray  # (2, 3) to the right and up.
     left: float
@@ -63,7 +63,7 @@ class _SideProjection:
 
 
 def one_view_section(capture: Capture, motion: Motion) -> str:
-    """Return the camera's view beside the side view, and when the depth of which limb is open."""
+    """Return the camera's view beside the side view, and the frames with a limb of open depth."""
     if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
         return ""
     assert capture.keypoints is not None
@@ -79,7 +79,7 @@ def one_view_section(capture: Capture, motion: Motion) -> str:
 
 
 def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
-    """Return for each limb the (F,) frames in which its depth was reported as open."""
+    """Return for each limb the (F,) frames where its depth was reported as open."""
     found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
     for item in recorded_diagnostics(motion):
         part = item.values.get("part")
@@ -136,7 +136,7 @@ def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lowest and highest place on each axis that a person and their ellipses reach, metres."""
+    """Return the lowest and highest place on each axis of a person and their ellipses, metres."""
     flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
     return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
 
@@ -181,7 +181,7 @@ _SIZE, _SPAN_M = 150.0, 0.24
 
 
 def hands_section(motion: Motion) -> str:
-    """Each finger's share of frames that are informed, deviation and bends. Curls over time. Pictures."""
+    """Return each finger's share of informed frames, deviation and bends, curls over time, and pictures."""
     names = motion.body_layout.joints
     if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
         return ""
@@ -210,12 +210,7 @@ def hands_section(motion: Motion) -> str:
 
 
 def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
-    """Return (F, 2, 5, 2) degrees by which knuckles and middle joints are bent.
-
-    Args:
-        wrists: (F, 2, 3) metres.
-        joints: (F, 2, 5, 3, 3).
-    """
+    """Return (F, 2, 5, 2) degrees of bent knuckles and middle joints of (F, 2, 3) wrists and (F, 2, 5, 3, 3)."""
     start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
     bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
     before, after = bones[..., :-1, :], bones[..., 1:, :]
@@ -262,7 +257,7 @@ def _rows(motion: Motion) -> list[tuple[str, object]]:
 
 
 def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
-    """Return both hands at moments at which most of them is known, from their backs and from the side, as SVG."""
+    """Return both hands at their best known moments, from the back and from the side, as SVG."""
     parts = [part for part in np.array_split(np.arange(motion.num_frames), HAND_MOMENTS) if len(part)]
     frames = [int(part[seen[part].sum(axis=(1, 2)).argmax()]) for part in parts]
     drawn = []
@@ -279,7 +274,7 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
 
 
 def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
-    """Return (5, 4, 3) metres of the fingers' chains, from the wrist: along the palm, across it, out of its back."""
+    """Return (5, 4, 3) metres of the fingers' chains from the wrist: along the palm, across it, out of its back."""
     chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
     along = _unit(chains[2, 1])
     back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)
@@ -289,12 +284,7 @@ def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
 
 
 def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
-    """Return the lines of a hand's fingers. Those that rest are faint.
-
-    Args:
-        chains: (5, 4, 2) metres up and to the right.
-        seen: (5,) fingers that something informs.
-    """
+    """Return the lines of a hand's fingers of (5, 4, 2) chains, metres up and to the right. Resting ones are faint."""
     scale = _SIZE / _SPAN_M
     parts = []
     for finger, chain in enumerate(chains):
@@ -349,12 +339,12 @@ class SurfaceView:
         return cls(title, side, low, depth, tone)
 
     def place(self, point: np.ndarray) -> tuple[float, float]:
-        """Return where a point (3,) of the body is drawn."""
+        """Return the drawing's place of a point (3,) of the body."""
         x, y = (point[:2] * [self.side, 1.0] - self.low) * PX_PER_M
         return round(float(x), 1), round(float(self.depth.shape[0] * CELL_M * PX_PER_M - y), 1)
 
     def faces_viewer(self, point: np.ndarray) -> bool:
-        """Return whether a point (3,) is on this side of the body, or beside it."""
+        """Return whether a point (3,) is on this side of the body, or outside its outline."""
         column, row = ((point[:2] * [self.side, 1.0] - self.low) / CELL_M).astype(int)
         height, width = self.depth.shape
         if not (0 <= row < height and 0 <= column < width):
@@ -363,7 +353,7 @@ class SurfaceView:
 
 
 def rest_pose_section(motion: Motion) -> str:
-    """The body in the rest pose with its markers where the solve found them, and whence they were expected."""
+    """Return the body in the rest pose with its markers at their found places, and at their expected ones."""
     body = load_body()
     if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
         return ""
@@ -384,11 +374,7 @@ def rest_pose_section(motion: Motion) -> str:
 
 
 def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
-    """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z.
-
-    Args:
-        offsets: (M, 3) metres from the places' rules.
-    """
+    """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z, at offsets from their rules."""
     assert motion.layout is not None
     still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
     landmarks = marker_landmarks(body, motion.layout)

@@ -1,4 +1,4 @@
-"""The page of a capture before it is solved: cameras, person and floor, which views agree when, what was corrected."""
+"""The page of a capture before it is solved: cameras, person and floor, agreement of views, corrections."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ class _SharedViews(NamedTuple):
 
 
 def _shared_views(capture: Capture, rows: np.ndarray) -> _SharedViews | None:
-    """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many pixels."""
+    """Return points (N, K, 3), and (C, N, K) seen, in agreement with other views, and distance in pixels."""
     if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
         return None
     keypoints = capture.keypoints.at(rows)

@@ -50,7 +50,7 @@ def _feet(motion: Motion) -> Iterator[Diagnostic]:
 
 
 def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
-    """Return (F, N, 3) joints by name, None where the motion's body lacks one."""
+    """Return (F, N, 3) joints by name, None if the motion's body lacks one."""
     known = motion.body_layout.joints
     return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
 
@@ -121,7 +121,7 @@ def centres_of(motion: Motion) -> bool:
 
 
 def hips_never_move(capture: Capture, motion: Motion) -> bool:
-    """Return whether the middle of pelvis or hips is at one place in all frames while other points move."""
+    """Return whether the middle of pelvis or hips has one place in all frames while other points move."""
     cloud = capture.markers
     if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
         return False
@@ -140,7 +140,7 @@ def hips_never_move(capture: Capture, motion: Motion) -> bool:
 
 
 def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
-    """Yield which markers are far from where the body has them, always or for a while.
+    """Yield the markers that are far from their place on the body, always or for a while.
 
     Args:
         usual: median residual of the take, millimetres.
@@ -193,27 +193,27 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
 
 @dataclass(frozen=True)
 class ViewAgreement:
-    """Which views have the person where the body is."""
+    """The views where the person is at the body's place."""
 
     counted: np.ndarray  # (C, F) bool: the view sees the person, or somebody else where the person should be seen.
     agrees: np.ndarray  # (C, F) bool: what it sees is the person.
 
     @property
     def percent(self) -> float:
-        """Share of the views that agree. NaN where nobody is seen."""
+        """Share of the views that agree, NaN if no person is seen."""
         return 100.0 * self.agrees.sum() / self.counted.sum() if self.counted.any() else float("nan")
 
     @property
     def views(self) -> float:
-        """How many views agree in a frame, the mean over frames in which somebody is seen."""
+        """Mean number of views that agree, over frames with a person."""
         return float(self.agrees.sum() / max(1, self.counted.any(0).sum()))
 
 
 def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
-    """Return which views agree with the body, frame by frame.
+    """Return the views that agree with the body, frame by frame.
 
-    A view of others counts against the person only where they stand in her place while two views see her: people who
-    come and go, and interpolated frames, contradict nobody. Views that the user left out do not count.
+    A view of others counts against the person only if they are in her place while two views see her. People who come
+    and go, and interpolated frames, contradict no view. Views that the user left out do not count.
     """
     assert capture.cameras is not None and capture.keypoints is not None
     px = _body_px(capture, motion)
@@ -238,7 +238,7 @@ def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResidual
 
 
 def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
-    """Return (C, F, K, 2) where the views have the body's keypoints. Detections where the motion holds none."""
+    """Return (C, F, K, 2) the body's keypoints in the views, or detections without keypoints of the motion."""
     assert capture.cameras is not None and capture.keypoints is not None
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
@@ -246,14 +246,14 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
 
 
 def _middles(px: np.ndarray) -> np.ndarray:
-    """Return (C, F, 2) the middle of the known points of (C, F, K, 2) pixels, NaN where none is."""
+    """Return (C, F, 2) the middle of the known points of (C, F, K, 2) pixels, NaN without any."""
     known = np.isfinite(px).all(-1, keepdims=True)
     count = known.sum(-2)
     return np.where(count > 0, np.where(known, px, 0.0).sum(-2) / np.maximum(count, 1), np.nan)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:
-    """Return (C, F) the diagonal of the box around (C, F, K, 2) pixels, NaN where too few are known."""
+    """Return (C, F) the diagonal of the box around (C, F, K, 2) pixels, NaN for too few known ones."""
     known = np.isfinite(px)
     size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
@@ -319,7 +319,7 @@ LEAST_OTHERS = 3  # Other cameras that a comparison needs without the corrected 
 def without_explained(
     found: Iterable[Diagnostic], num_frames: int, capture: Capture | None = None
 ) -> Iterator[Diagnostic]:
-    """Yield the diagnostics without the reader's doubts about cameras that the solve corrected.
+    """Yield the diagnostics without the reader's warnings about cameras that the solve corrected.
 
     Comparisons with a corrected camera are dropped as well. Focal lengths are compared again without it.
     """
@@ -355,20 +355,19 @@ SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
-    """Return what the reader of a capture found."""
+    """Return the findings of a capture's reader."""
     return (*capture.notes, *capture.problems)
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
-    """Return what a motion states was found when it was solved."""
+    """Return the findings that a motion recorded when it was solved."""
     return read_diagnostics(motion.provenance.get("diagnostics"))
 
 
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return each diagnostic once, errors and warnings before notes.
 
-    Two are the same if code, names and named values are: figures of a file that was read again differ in their last
-    digit.
+    Two are the same if code, names and named values are. Figures of a file read again differ in the last digit.
     """
     first: dict[object, Diagnostic] = {}
     for item in found:
@@ -427,7 +426,7 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
 
 
 def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
-    """Yield the diagnostics of every check of a result. ``residuals`` is None if no camera saw anything."""
+    """Yield the diagnostics of all checks of a result. ``residuals`` is None if no camera saw anything."""
     yield from check_motion(motion)
     yield from _flagged(motion, capture.is_one_view)
     yield from _stature(motion)
@@ -447,14 +446,10 @@ def run_checks(capture: Capture, motion: Motion, residuals: KeypointResiduals | 
 
 
 def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
-    """Return everything that was found, the gravest first. For a motion that has it already, the same again.
+    """Return all findings, the gravest first. For a motion that has them already, they are the same again.
 
     Args:
-        motion: the solve, with the diagnostics of the solve in its provenance.
         residuals: of the motion in the capture, measured here if None.
-
-    Raises:
-        MotionInvalid: the motion does not belong to the capture.
     """
     capture = capture.named
     residuals = residuals or residuals_of(capture, motion)

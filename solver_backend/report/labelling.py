@@ -1,4 +1,4 @@
-"""The page about a labelled take: how much was named, how surely, and which stretches deserve a look."""
+"""The page about a labelled take: share and confidence of labels, and frame ranges to check."""
 
 from __future__ import annotations
 
@@ -42,7 +42,6 @@ def _over_time(take: LabelledTake, there: np.ndarray, fps: float) -> str:
 
 
 def _by_marker(take: LabelledTake) -> str:
-    """Each marker's share of frames, and how sure its label is there."""
     rows, values = [], []
     for label, marker in enumerate(MARKERS):
         mine = take.labels == label
@@ -58,7 +57,7 @@ def _by_marker(take: LabelledTake) -> str:
 
 
 def _stretches(take: LabelledTake, fps: float) -> str:
-    """The stretches that were named least surely, longest first among the unknown."""
+    """List the least sure ranges of labels, the longest unknown ones first."""
     t = take.tracklets
     length = t.last - t.first + 1
     doubt = (1.0 - np.nan_to_num(take.stretch_confidence)) * length

@@ -1,4 +1,4 @@
-"""HTML in small pieces: everything a person or a file wrote is escaped here."""
+"""HTML in small pieces. All texts of people and files are escaped here."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ def text(value: object) -> str:
 
 
 def number(value: float, digits: int = 1) -> str:
-    """Return a number, or a dash where there is none."""
+    """Return a number, or a dash for NaN."""
     return f"{value:.{digits}f}" if np.isfinite(value) else "–"
 
 
 def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
-    """Return a section with a heading and a sentence that explains how to read it."""
+    """Return a section with a heading and a sentence on how to read it."""
     lead_html = f'<p class="lead">{lead}</p>' if lead else ""
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
 
 def figure(kind: str, width: float, height: float, parts: Iterable[str]) -> str:
-    """Return SVG parts as a figure of a kind that the style sheet knows."""
+    """Return SVG parts as a figure of a kind in the style sheet."""
     svg = f'<svg viewBox="0 0 {width:g} {height:g}" role="img">{"".join(parts)}</svg>'
     return f'<figure class="{kind}">{svg}</figure>'
 
@@ -56,7 +56,7 @@ def tiles(items: Iterable[Tile]) -> str:
 
 
 def facts(rows: Iterable[tuple[str, object]]) -> str:
-    """Return a table of two columns: what, and its value."""
+    """Return a table of two columns: name and value."""
     body = "".join(f"<tr><th>{text(name)}</th><td>{text(value)}</td></tr>" for name, value in rows)
     return f'<table class="facts">{body}</table>'
 
@@ -71,13 +71,13 @@ def heat_table(
     digits: int = 1,
     total: bool = False,
 ) -> str:
-    """Return a table whose cells are tinted.
+    """Return a table with tinted cells.
 
     Args:
-        values: (R, C) numbers shown. NaN becomes a dash.
+        values: (R, C) numbers. NaN becomes a dash.
         strength: (R, C) tint of each cell in 0..1.
-        unit: stated in each cell's tooltip.
-        total: the last row and column sum the others up.
+        unit: of each cell's tooltip.
+        total: the last row and column are sums.
     """
     head = "".join(f"<th>{text(name)}</th>" for name in columns)
     lines = []

@@ -31,19 +31,12 @@ def write_report(
     *,
     overwrite: bool = False,
 ) -> Path:
-    """Write one self-contained HTML page about a solve, whole or not at all.
-
-    Args:
-        calibration: how the cameras fit what they saw, where that was checked.
-
-    Raises:
-        MotionInvalid: the motion does not belong to the capture.
-    """
+    """Write one self-contained HTML page about a solve, whole or not at all."""
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 
 def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None = None) -> str:
-    """Return the page of a solve.
+    """Return the page of a solve, with the fit of the cameras if it was checked.
 
     Raises:
         MotionInvalid: the motion does not belong to the capture.
@@ -89,9 +82,9 @@ def page_of(title: str, subtitle: str, body: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Return a policy under which nothing but the page's own style and script works, and nothing is fetched or sent.
+    """Return a policy that allows the page's own style and script alone, and no requests.
 
-    The attributes ``style`` hold the shares of coloured cells, which no hash can name.
+    The attributes ``style`` have the shares of coloured cells, which no hash can name.
     """
     hashes = [b64encode(sha256(part.encode()).digest()).decode() for part in (style, script)]
     return (
@@ -154,6 +147,6 @@ def _subtitle(capture: Capture, motion: Motion) -> str:
 
 
 def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
-    """Return the comparison with the truth, and of views with the baseline, where the capture knows its truth."""
+    """Return the comparison with the truth, and of views with the baseline, if the capture knows its truth."""
     comparable = "joints" in capture.truth and motion.beside_truth(np.asarray(capture.truth["joints"]))[2]
     return evaluate(capture, motion) if comparable else None

@@ -48,12 +48,7 @@ def time_plot(
     marks: np.ndarray | None = None,
     from_zero: bool = False,
 ) -> str:
-    """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below.
-
-    Args:
-        shades: ranges of frames behind the curves.
-        from_zero: the vertical axis begins at 0.
-    """
+    """Return curves over seconds, with shaded ranges behind and ticks (keyframes) below."""
     (width, height), frames = size, len(lines[0].values)
     low, high, steps = _vertical_axis(lines, from_zero)
     x = _Scale(0.0, max(frames - 1, 1), LEFT, width - RIGHT)
@@ -73,12 +68,7 @@ def time_plot(
 
 
 def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Sequence[Shade] = ()) -> str:
-    """Return one strip of cells a row, the stronger the larger the value.
-
-    Args:
-        rows: names and (F,) values in 0..1.
-        shades: ranges of frames marked above the strips.
-    """
+    """Return a strip of cells per row of (F,) values in 0..1, with shaded ranges above."""
     row_height, left, frames = 20.0, 130.0, len(rows[0][1])
     height = TOP + row_height * len(rows) + BOTTOM
     x = _Scale(0.0, float(frames), left, WIDTH - RIGHT)
@@ -132,7 +122,7 @@ def _shade(shade: Shade, x: _Scale, height: float) -> str:
 
 
 def thinned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return frame numbers and values to draw: all, or of each block the lowest and the highest in their order."""
+    """Return frame numbers and values to draw: all, or the lowest and the highest of each block."""
     frames = np.arange(len(values))
     if len(values) <= MAX_POINTS:
         return frames, values
@@ -173,7 +163,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
 def _reading(
     lines: Sequence[PlotCurve], fps: float, unit: str, digits: int, width: float, left: float = LEFT
 ) -> dict[str, object]:
-    """Return what the script under the pointer needs."""
+    """Return the data of the read-out under the pointer."""
     frames = len(lines[0].values)
     data: dict[str, object] = {"frames": frames, "fps": fps, "unit": unit, "left": left, "right": width - RIGHT}
     if frames <= MAX_READABLE:
@@ -196,12 +186,7 @@ Place = Callable[[np.ndarray], tuple[float, float]]  # From world metres to the 
 
 
 def plan(cameras: Cameras | None, way: np.ndarray) -> str:
-    """Return the floor plan as SVG, one metre grid, north (world +Y) up.
-
-    Args:
-        cameras: drawn as the wedges that they look along.
-        way: (N, 2) of the person, world metres.
-    """
+    """Return the floor plan as SVG, one metre grid, north (world +Y) up, with the (N, 2) way of the person."""
     centres = np.empty((0, 2)) if cameras is None else cameras.centres[:, :2]
     everything = np.concatenate([way, centres, way.mean(axis=0) + [[-1.0, -1.0], [1.0, 1.0]]])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2
@@ -228,7 +213,7 @@ def _line(kind: str, a: Sequence[float], b: Sequence[float], style: str = "") ->
 
 
 def _grid(low: np.ndarray, high: np.ndarray, at: Place) -> tuple[list[str], float]:
-    """Return the lines of the floor between two corners (2,), those through the origin stronger, and their distance."""
+    """Return the lines of the floor between two corners (2,), stronger through the origin, and their distance."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
     parts = []
@@ -263,12 +248,10 @@ _BONES += (("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"))
 
 
 def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointSet | None) -> str:
-    """Return the drawing as SVG, without perspective.
+    """Return cameras and (F, P, 3) points as SVG, without perspective.
 
     Args:
-        cameras: whose pictures' corners are drawn, with a line down to the floor.
-        points: (F, P, 3) keypoints or markers, world metres, NaN where unknown.
-        joint_set: names of the points, between which bones are drawn. None for markers.
+        joint_set: names of the points, to draw bones between them. None for markers.
     """
     known = points[np.isfinite(points).all(-1)]
     centres = np.empty((0, 3)) if cameras is None else cameras.centres
@@ -344,7 +327,7 @@ def _way(view: _SpaceProjection, points: np.ndarray) -> list[str]:
 
 
 def _moments(points: np.ndarray) -> np.ndarray:
-    """Return the rows that are drawn: those spread over the take in which most points are known."""
+    """Return rows spread over the take with the most known points."""
     count = np.isfinite(points).all(-1).sum(1)
     parts = [part for part in np.array_split(np.arange(len(points)), MOMENTS) if len(part) and count[part].max() >= 4]
     return np.array([int(part[count[part].argmax()]) for part in parts], dtype=int)

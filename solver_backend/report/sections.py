@@ -1,4 +1,4 @@
-"""Write the page's sections, one function each. A section without data is empty."""
+"""The page's sections, one function each. A section without data is empty."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ SHADES_KEY = (
 
 
 def far_from(motion: Motion) -> str:
-    """Return what an unsure frame is, in words."""
+    """Return the meaning of an unsure frame."""
     return "far from the detections" if motion.markers is None else "far from the markers"
 
 
 def why_bridged(motion: Motion) -> str:
-    """Return why frames are bridged, in words."""
+    """Return the reason for interpolated frames."""
     if motion.markers is not None:
         return "too few markers seen"
     return "nobody seen by the camera" if _is_of_one_camera(motion) else "nobody seen by two cameras"
@@ -59,7 +59,7 @@ def shades_of(motion: Motion) -> list[Shade]:
 
 
 def diagnostics_section(found: Sequence[Diagnostic], fps: float) -> str:
-    """What deserves a look, and what was noted besides."""
+    """Return warnings and notes."""
     good = '<li class="good">OK: there are no warnings.</li>'
     warnings = "".join(_item(item, "bad", fps) for item in warnings_in(found))
     notes = "".join(_item(item, "look", fps) for item in notes_in(found))
@@ -74,7 +74,7 @@ def _item(found: Diagnostic, level: str, fps: float) -> str:
 
 
 def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) -> str:
-    """Reprojection error and agreement for each camera and keypoint."""
+    """Return reprojection error and agreement for each camera and keypoint."""
     if residuals is None or capture.cameras is None or capture.keypoints is None:
         return ""
     cameras = [*capture.cameras.names, "all"]
@@ -106,7 +106,7 @@ def _with_margins(inner: np.ndarray, rows: np.ndarray, columns: np.ndarray, tota
 
 
 def missing_section(capture: Capture, motion: Motion) -> str:
-    """What each camera detected, frame by frame."""
+    """Return the detections of each camera, frame by frame."""
     seen, located = detected_share(capture), located_share(capture)
     if seen is None or located is None:
         return ""
@@ -143,7 +143,7 @@ def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], uni
 
 
 def angles_section(capture: Capture, motion: Motion) -> str:
-    """Joint angles of both sides, with the truth where it is known."""
+    """Return joint angles of both sides, with the truth if it is known."""
     truth = _truth_joints(capture, motion)
     both = [
         ("Knee flexion", "°", angles.knee_flexion_deg),
@@ -171,7 +171,7 @@ def _small_plot(title: str, unit: str, lines: list[PlotCurve], motion: Motion) -
 
 
 def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
-    """Errors against the truth of a synthetic capture."""
+    """Return errors against the truth of a synthetic capture."""
     solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
     if not names:
         return ""
@@ -198,7 +198,7 @@ def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
 
 
 def uncertainty_section(motion: Motion) -> str:
-    """How sure the solver is of each joint."""
+    """Return the uncertainty of joints over time."""
     if motion.joint_sigma is None:
         return ""
     sigma = 1000.0 * np.asarray(motion.joint_sigma, dtype=np.float64)
@@ -217,7 +217,7 @@ def uncertainty_section(motion: Motion) -> str:
 
 
 def scene_section(capture: Capture, motion: Motion) -> str:
-    """The scene from above, and the shape of the body."""
+    """Return the scene from above, and the shape of the body."""
     way = np.linalg.norm(np.diff(motion.joints[:, 0, :2], axis=0), axis=-1).sum()
     rows: list[tuple[str, object]] = [
         ("body", motion.body),
@@ -236,7 +236,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
 
 
 def provenance_section(capture: Capture, motion: Motion) -> str:
-    """Settings, sources, versions: what is needed to make this solve again."""
+    """Return settings, sources and versions of the solve."""
     provenance = motion.provenance
     settings = provenance.get("settings")
     rows: list[tuple[str, object]] = [("capture", capture.name)]
@@ -248,7 +248,7 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
 
 
 def marker_section(motion: Motion) -> str:
-    """Each marker's residual, and in how many frames it is seen."""
+    """Return each marker's residual and share of frames."""
     error = motion.marker_residual_mm
     if error is None or motion.marker_labels is None:
         return ""
@@ -283,7 +283,7 @@ def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
 
 
 def gaps_section(motion: Motion) -> str:
-    """Which markers are missing, frame by frame."""
+    """Return the missing markers, frame by frame."""
     if motion.marker_residual_mm is None or motion.marker_labels is None:
         return ""
     seen = np.isfinite(motion.marker_residual_mm)
@@ -295,7 +295,7 @@ def gaps_section(motion: Motion) -> str:
 
 
 def props_section(motion: Motion) -> str:
-    """Each prop's standard deviations over time, and how many of its markers are seen."""
+    """Return each prop's standard deviations over time, and the share of frames with its markers."""
     lead = (
         "Things with markers that the person does not wear, solved as rigid bodies. The curves are the standard "
         "deviation of the origin, and that of the rotation about the axis that is known least."
@@ -315,7 +315,7 @@ def props_section(motion: Motion) -> str:
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
-    """Return the section. Nothing where it was not checked."""
+    """Return the fit of the cameras, nothing if it was not checked."""
     if fit is None or capture.cameras is None:
         return ""
     names = capture.cameras.names

@@ -1,4 +1,4 @@
-"""The figures behind the page: residuals per camera, keypoint and frame, and what the detector saw."""
+"""The figures behind the page: residuals per camera, keypoint and frame, and shares of detections."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ class KeypointResiduals:
 
 
 def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
-    """Return the residuals of a solve, None where nothing was detected in images.
+    """Return the residuals of a solve, None without detections in images.
 
     Raises:
         MotionInvalid: the motion has other frames, views or keypoints than the capture.
@@ -90,18 +90,18 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
 
 
 def share(yes: np.ndarray, of: np.ndarray, axis: int | tuple[int, ...]) -> np.ndarray:
-    """Return the percentage of ``of`` in which ``yes`` holds too, NaN where ``of`` is empty."""
+    """Return the percentage of ``of`` that is also ``yes``, NaN if ``of`` is empty."""
     total = np.asarray(of.sum(axis=axis))
     return np.where(total > 0, 100.0 * (yes & of).sum(axis=axis) / np.maximum(total, 1), np.nan)
 
 
 def detected_share(capture: Capture) -> np.ndarray | None:
-    """Return (C, F) the share of the keypoints that each camera detects in each frame, 0..1."""
+    """Return (C, F) the share of keypoints that each camera detects in each frame, 0..1."""
     return None if capture.keypoints is None else (capture.keypoints.confidence > 0).mean(axis=-1)
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return (F,) the share of the keypoints that two or more cameras detect, or the one there is, 0..1."""
+    """Return (F,) the share of keypoints that two or more cameras detect, or the only one, 0..1."""
     if capture.keypoints is None:
         return None
     return ((capture.keypoints.confidence > 0).sum(axis=0) >= (1 if capture.is_one_view else 2)).mean(axis=-1)

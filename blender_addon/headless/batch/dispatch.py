@@ -28,12 +28,7 @@ _WAIT_S = 0.5  # Seconds that one look for ended takes lasts, chosen by hand.
 def dispatch(
     work: Work, source: Listed | Watched, engine: Engine, progress: Progress, ended: Callable[[TakeRecord, bool], None]
 ) -> None:
-    """Do all takes of a source.
-
-    Args:
-        work: done with each item.
-        ended: called with each record, and whether it was only recalled.
-    """
+    """Do all takes of a source, and call ``ended`` with each record and whether it was only recalled."""
     waiting: deque[Ticket] = deque()
     running, total, done = 0, 0, 0
     while True:
@@ -61,7 +56,6 @@ def dispatch(
 
 
 def _again(engine: Engine, one: Ended) -> Ticket | None:
-    """Return the ticket of a take that is to be tried again."""
     if one.how == LOST:
         return one.ticket
     code = _code_of(one)

@@ -1,6 +1,6 @@
-"""The record of a take: the inputs of each step, and how it went. It is the only state of a batch.
+"""The record of a take: the inputs of each step, and its outcome. It is the only state of a batch.
 
-A step is done if the record holds its key and its files are there. Keys follow from inputs, settings and version.
+A step is done if the record has its key and its files exist. Keys follow from inputs, settings and version.
 """
 
 from __future__ import annotations
@@ -80,12 +80,7 @@ class TakeRecord(TypedDict):
 
 
 def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
-    """Return a hash of a take's inputs: names, sizes and times of files, settings, version.
-
-    Args:
-        capture: file, or folder with all it holds.
-        choices: settings and outputs, as plain values.
-    """
+    """Return a hash of a take's inputs: names, sizes and times of files, settings, version."""
     files = sorted(capture.rglob("*")) if capture.is_dir() else [capture]
     status = {p.relative_to(capture.parent).as_posix(): p.stat() for p in files if p.is_file()}
     stated = [(name, one.st_size, one.st_mtime_ns) for name, one in status.items()]
@@ -94,12 +89,7 @@ def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
 
 
 def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
-    """Return the key of a step that works on the results of another step.
-
-    Args:
-        before: key of that other step.
-        choices: settings of its outputs, as plain values.
-    """
+    """Return the key of a step that works on the results of another step, by that step's key and its own settings."""
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
 
 
@@ -114,7 +104,7 @@ def failure_of(error: MocapError) -> Failure:
 
 
 def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
-    """Return whether a step's outputs are there, made with this key."""
+    """Return whether a step's outputs exist and were made with this key."""
     kept = (record.get("steps") or {}).get(step)
     return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 

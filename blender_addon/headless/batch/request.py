@@ -1,4 +1,4 @@
-"""The request of a batch: its captures, how they are solved, within which limits, and by whom."""
+"""The request of a batch: its captures, settings, limits and workers."""
 
 from __future__ import annotations
 
@@ -58,7 +58,6 @@ class TakeWatch:
 
 
 def _resident_mb(pid: int) -> float:
-    """Return the resident memory of a process, 0 if it has ended."""
     try:
         pages = (_PROCESSES / str(pid) / "statm").read_text().split()[1]
     except (OSError, IndexError):
@@ -135,7 +134,7 @@ def find_captures(request: BatchRequest) -> list[Path]:
 def captures_in(request: BatchRequest) -> list[Path]:
     """Return the captures of the folder by name, none if it cannot be read.
 
-    A session has settings or a calibration for its trials, or keeps them deeper. Its captures are its trials and its
+    A session has settings or a calibration for its trials, or deeper folders. Its captures are its trials and its
     recordings of markers.
     """
     try:
@@ -209,14 +208,14 @@ class Listed:
 
 
 class Watched:
-    """The captures that arrive in a folder, each once it has not changed for a while, and again when it has.
+    """The captures that arrive in a folder, each after it has not changed for a while, and again when it has.
 
     Two captures of one name are one take: the first of them is done, the other is reported.
 
     Args:
-        settled_s: for how long names, sizes and times of its files must stay the same, by this machine's own clock.
-        idle_s: how long to wait for more, None for ever.
-        poll_s: how often the folder is looked at.
+        settled_s: seconds of unchanged names, sizes and times of its files, by this machine's own clock.
+        idle_s: seconds to wait for more, None for ever.
+        poll_s: seconds between two looks at the folder.
     """
 
     def __init__(

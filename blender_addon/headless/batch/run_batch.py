@@ -1,7 +1,7 @@
 """``batch``: solve every capture of a folder, and write a summary.
 
-A failure does not stop the other takes. A batch that is started again does only the takes that are missing or have
-other inputs, settings or versions than their records.
+A failure does not stop the other takes. A restarted batch does only the takes that are missing or have other inputs,
+settings or versions than their records.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Name the engine on the page. Its name is kept when it ends."""
+        """Name the engine on the page, even after it has ended."""
         self._engine = engine
         try:
             yield
@@ -119,7 +119,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
     Raises:
         BatchInvalid: there are no captures, or the job file is not one for batches.
-        EngineMissing, SchedulerMissing, WorkersUnsuitable: nobody can do the takes.
+        EngineMissing, SchedulerMissing, WorkersUnsuitable: no worker can do the takes.
     """
     request.limits.require_possible()
     work = Takes(request, request.choices())
@@ -143,7 +143,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
 @contextmanager
 def engine_for(work: Work, progress: Progress, spread: Spread) -> Iterator[Engine]:
-    """Yield the engine that does the takes, and close it afterwards in any case."""
+    """Yield the engine for the takes, and close it afterwards in any case."""
     with ExitStack() as stack:
         engine: Engine
         if spread.scheduler or (spread.workers and _has_dask()):

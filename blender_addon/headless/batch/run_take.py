@@ -29,14 +29,7 @@ _KEPT_ATTEMPTS = 20  # Attempts at a take that its record keeps, the last ones, 
 
 
 def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
-    """Do all steps of one take, or recall it. Errors become part of its record.
-
-    Args:
-        place: see ``run_step``.
-
-    Returns:
-        The take's record. Its status is done, skipped or failed.
-    """
+    """Do all steps of one take, or recall it, and return its record. Errors become part of it. See ``run_step``."""
     record = recalled(work, capture)
     if record is not None:
         return record
@@ -53,7 +46,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> Tak
 
 
 def recalled(work: Work, capture: Path) -> TakeRecord | None:
-    """Return the record of a take that is done or was set aside, None if there is something to do."""
+    """Return the record of a take that is done or set aside, None if there is something to do."""
     folder = work.out / take_name(capture)
     known = read_record(folder)
     try:
@@ -157,7 +150,6 @@ def _ended(record: TakeRecord, step: Step, made: StepMade, seconds: float) -> Ta
 
 
 def _whole(record: TakeRecord, folder: Path, wanted: tuple[Step, ...], status: str) -> TakeRecord:
-    """Return the record with the results of all wanted steps."""
     kept = record.get("steps", {})
     steps = [kept[step.name] for step in wanted]
     return {

@@ -1,4 +1,4 @@
-"""The shots of a data set as tasks of a batch's engines: filmed by the backend, coloured by Blender, each by itself."""
+"""The shots of a data set as tasks of a batch's engines: filmed by the backend, coloured by Blender, each alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
 
 @dataclass(frozen=True)
 class Shots:
-    """The shots of a description, of a folder that the backend has claimed for it."""
+    """The shots of a description, in a folder that the backend has claimed for it."""
 
     description: Path  # JSON file.
     data_set: Path  # Folder of the data set.
@@ -39,7 +39,7 @@ class Shots:
         return self.data_set / RECORDS
 
     def item(self, name: str) -> Path:
-        """Return the folder of a shot, as it will be called."""
+        """Return the future folder of a shot."""
         return self.data_set / SHOTS / name
 
     def sees(self, item: Path) -> bool:
@@ -80,7 +80,7 @@ def digest_of(description: Path) -> str:
 
 
 def require_all(records: list[TakeRecord], data_set: Path) -> None:
-    """Make sure that all shots are there."""
+    """Raise ``ShotsMissing``, with the first reasons, unless all shots exist."""
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
         reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)

@@ -117,13 +117,7 @@ _STYLE = "\n" + Path(__file__).with_suffix(".css").read_text(encoding="utf-8")
 
 
 def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:
-    """Return the page.
-
-    Args:
-        takes: records, worst first.
-        out: folder that the page and the takes' folders lie in.
-        message: how the batch goes.
-    """
+    """Return the page of takes, worst first, with links relative to the folder of the page."""
     counts = Counter(str(take["status"]) for take in takes)
     head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
     rows = "".join(_row(take, out, thumbnail if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
@@ -178,7 +172,6 @@ def _link(path: Path) -> str:
 
 
 def _linked(message: str) -> str:
-    """Return a text with links for the addresses of pages."""
     return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(message))
 
 

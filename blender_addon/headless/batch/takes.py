@@ -1,4 +1,4 @@
-"""The captures of a batch as work: each converted, solved and, where asked for, baked, rendered and exported."""
+"""The captures of a batch as work: converted, solved and, if wanted, baked, rendered and exported."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from .work import Place, Plain, Step, from_plain, to_plain
 
 @dataclass(frozen=True)
 class Takes:
-    """The takes of a batch. Each step is known by its key."""
+    """The takes of a batch, with a key per step."""
 
     request: BatchRequest
     choices: dict[str, Any]
@@ -58,7 +58,7 @@ class Takes:
         return Step("solve", solve), *others
 
     def do_step(self, item: Path, step: str, place: Place) -> StepMade:
-        """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures."""
+        """Do one step and return the record's parts: ``outputs`` as names in the folder, ``notes``, figures."""
         if step == "solve":
             return _solve(self.request, self.choices["settings"], item, place)
         if step == "export":
@@ -110,7 +110,6 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
 
 
 def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> StepMade:
-    """Write the Blender file of each motion, or its video and contact sheet."""
     made = [_show_motion(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
     outputs = [path for one in made for path in one["outputs"]]
     return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
@@ -144,7 +143,7 @@ def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[st
 
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
-    """Write the cleaned markers of a take that was solved from markers, and return the files."""
+    """Write the cleaned markers of a take of markers, and return the files."""
     record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
     if record is None or "solve" not in record or record["solve"].get("marker_median_mm") is None:
@@ -156,7 +155,6 @@ def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[s
 
 
 def _motions(folder: Path) -> list[Path]:
-    """Return the motions of the take's solve: one, or one per person."""
     record = read_record(folder)
     made = record["steps"]["solve"]["outputs"] if record is not None and "steps" in record else []
     return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]

@@ -28,7 +28,7 @@ def to_plain(value: Any) -> Plain:
 
 
 def from_plain(cls: type[Value], values: Plain, **others: Any) -> Value:
-    """Return the data class that ``to_plain`` has written. The values of ``others`` are in the right type already."""
+    """Return the data class that ``to_plain`` has written. Values of ``others`` have their types already."""
     read = {"Path": Path, "Path | None": Path, "tuple[str, ...]": tuple}
     found = {
         item.name: (read.get(str(item.type)), values[item.name]) for item in fields(cls) if item.name not in others

@@ -48,9 +48,7 @@ _PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt",
 
 
 def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]:
-    """Return the bone that most likely plays each role.
-
-    A limb is believed only as far as its bones hang below each other.
+    """Return the likeliest bone of each role. A limb counts only as far as its bones are connected.
 
     Args:
         parents: name of each bone's parent. Roots have none.
@@ -75,7 +73,7 @@ def guess_roles(bones: Iterable[str], parents: dict[str, str]) -> dict[str, str]
 
 
 def names_part(bone: str, part: str) -> bool:
-    """Return whether a name is one of a part of the body's own, not of several parts'."""
+    """Return whether a name is one of a part of the body alone, not of several parts."""
     words = words_of(bone)
     if _NOT_BODY & set(words):
         return False
@@ -107,7 +105,7 @@ def _words(bone: str) -> tuple[str, tuple[str, ...]]:
 
 
 def _split_off_side(word: str) -> list[str]:
-    """Return a word, or its side and the part of the body that the side is glued to."""
+    """Split the side from the name of a part, if they are written as one word."""
     for side in _GLUED:
         if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
             return [side, word[len(side) :]]
@@ -117,7 +115,7 @@ def _split_off_side(word: str) -> list[str]:
 def _scored(
     words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
-    """Yield the bones of a side that one of these words names: lower is likelier."""
+    """Yield the bones of a side with one of these words. Lower scores are likelier."""
     for bone, (of_side, kept) in words.items():
         if of_side != side or not kept or _NOT_BODY & set(kept):
             continue
@@ -132,7 +130,7 @@ def _scored(
 
 
 def _untie(found: dict[str, str]) -> None:
-    """A name such as Shoulder or Arm can be two parts: the bone stays with the part it was surest for."""
+    """Give bones such as Shoulder or Arm, which could be two parts, to the likelier part."""
     for side in SIDES:
         clavicle, upper = f"{side}_clavicle", f"{side}_upper_arm"
         if upper not in found and clavicle in found:
@@ -181,7 +179,7 @@ _BONES = 3  # Bones of a finger that roles are given to, as SMPL-H has them.
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:
-    """Return the bones of the fingers by role without its side (``index_1``). What is not sure is left out."""
+    """Return the sure bones of the fingers by role without its side (``index_1``)."""
     chains = [skeleton.main_path(child) for child in skeleton.children[hand]]
     chains = [chain for chain in chains if skeleton.distance(hand, chain[-1]) > _KNUCKLE * forearm]
     named = _by_names(skeleton, chains)
@@ -205,7 +203,7 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
 
 
 def _by_places(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int]]:
-    """Return five chains as fingers: the thumb points away, the others lie in order from it."""
+    """Return five chains as fingers: the thumb points away, the others are in order from it."""
     chains = [chain for chain in chains if len(chain) > 1]
     if len(chains) != len(FINGERS):
         return {}

@@ -1,4 +1,4 @@
-"""Frames of limbs at rest: bones compared by what they are on a person, never by their axes.
+"""Frames of limbs at rest: bones compared by their part on a person, never by their axes.
 
 A stage has Z up, and the figure on it faces -Y with its left at +X.
 """
@@ -21,10 +21,10 @@ _SNAP = np.cos(np.radians(12.0))  # A figure that faces an axis of its skeleton 
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a skeleton's axes to the stage's. None where nothing separates left from right.
+    """Return the (3, 3) rotation of a skeleton's axes to the stage's, None if nothing separates left from right.
 
     Args:
-        places: (3,) head at rest by role. The pelvis or the feet among them.
+        places: (3,) head at rest by role, with the pelvis or the feet.
     """
     above = next(role for role in ("head", "neck_1", "left_upper_arm", "right_upper_arm", *places) if role in places)
     feet = [places[f"{side}_foot"] for side in SIDES if f"{side}_foot" in places]
@@ -43,7 +43,7 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
 
 
 def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
-    """Return what is wrong with a rest pose that is none, such as the first frame of a clip. None if it stands.
+    """Return a diagnostic if a rest pose does not stand, such as the first frame of a clip.
 
     Args:
         places: (3,) head at rest by role.
@@ -60,13 +60,13 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotations (3, 3) that bring upper and lower bone of a limb at rest to those of another figure.
+    """Return the rotations (3, 3) of upper and lower bone of a limb at rest to those of another figure.
 
-    With frames M of direction, hinge and what is square to both, ``A = M_own M_points^T``.
+    With frames M of direction, hinge and the normal of both, ``A = M_own M_points^T``.
 
     Args:
         points: (3, 3) hip, knee, ankle or shoulder, elbow, wrist on the stage.
-        own: (3, 3) the same of the other figure, whose limbs bend about their anatomical axes.
+        own: (3, 3) the same of the other figure, with limbs that bend about their anatomical axes.
     """
     turns = []
     for a, b in ((0, 1), (1, 2)):
@@ -77,16 +77,16 @@ def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.nd
 
 
 def anatomical_axis(direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the axis about which a straight limb bends: elbows forward, knees to the left for a right-handed turn."""
+    """Return the bending axis of a straight limb: elbows forward, knees to the left for a right-handed turn."""
     return np.cross(direction, FORWARD) if is_arm else LEFT
 
 
 def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the (..., 3, 3) right-handed frame: a direction, an axis made square to it, and what is square to both.
+    """Return the (..., 3, 3) right-handed frame of a direction, an axis made square to it, and their normal.
 
     Args:
         direction: (..., 3), not zero.
-        axis: (..., 3). Any other where it lies along the direction.
+        axis: (..., 3). If it is parallel to the direction, any other is used.
     """
     x = direction / np.linalg.norm(direction, axis=-1, keepdims=True)
     y = axis - (axis * x).sum(-1, keepdims=True) * x
@@ -99,7 +99,7 @@ def limb_frame(direction: np.ndarray, axis: np.ndarray) -> np.ndarray:
 
 
 def level(direction: np.ndarray) -> np.ndarray:
-    """Return the level part of a direction, forward where it has none."""
+    """Return the level part of a direction, forward if it has none."""
     flat = direction * [1.0, 1.0, 0.0]
     return flat if np.linalg.norm(flat) > 1e-4 else FORWARD
 
@@ -111,7 +111,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:
-    """Return the axis of a limb's hinge at rest: that of its bend if it is bent, else anatomy's."""
+    """Return the hinge axis of a limb at rest: of its bend if it is bent, else of anatomy."""
     u, v = points[1] - points[0], points[2] - points[1]
     bend, expected = np.cross(u, v), anatomical_axis(direction, is_arm)
     size = np.linalg.norm(bend)

@@ -1,4 +1,4 @@
-"""A skeleton as recognition sees it: a tree of places, whatever its bones are called."""
+"""A skeleton for recognition: a tree of places with any names of bones."""
 
 from __future__ import annotations
 
@@ -44,28 +44,28 @@ class Skeleton:
         return math.dist(self.heads[a], self.heads[b])
 
     def main_path(self, bone: int) -> list[int]:
-        """Return the longest way down, from a bone on."""
+        """Return the longest way down from a bone."""
         path = [bone]
         while self.children[path[-1]]:
             path.append(max(self.children[path[-1]], key=lambda c: self.reach[c] + self.distance(path[-1], c)))
         return path
 
     def above(self, bone: int) -> list[int]:
-        """Return a bone and all that it hangs on, the root last."""
+        """Return a bone and its ancestors, the root last."""
         line = [bone]
         while self.parents[line[-1]] >= 0:
             line.append(self.parents[line[-1]])
         return line
 
     def below(self, bone: int) -> list[int]:
-        """Return a bone and all that hang on it."""
+        """Return a bone and its descendants."""
         found = [bone]
         for one in found:
             found.extend(self.children[one])
         return found
 
     def pairs(self) -> list[tuple[int, int]]:
-        """Return the branches that are alike: of one parent, equally long and as rich, at places apart."""
+        """Return pairs of similar branches: of one parent, equally long and rich, at different places."""
         found = []
         for children in self.children:
             for i, a in enumerate(children):
@@ -142,7 +142,7 @@ def chain_roles(bones: dict[str, str], chain: str) -> list[str]:
 
 
 def order_of(role: str) -> tuple[int, str]:
-    """Return where a role stands in a list that people read: trunk, arms, legs, helpers."""
+    """Return the place of a role in a list for people: trunk, arms, legs, helpers."""
     part = re.sub(r"^(left|right)_|_\d+$", "", role)
     parts = ("root", "carrier", "pelvis", "spine", "neck", "head", *_OF_A_SIDE, *FINGERS, *HELPER_OF)
     return parts.index(part), role
@@ -153,7 +153,7 @@ _LENGTHS_ALIKE = 0.3  # Relative difference between left and right limbs.
 
 
 def is_plausible(bones: dict[str, str], skeleton: Skeleton) -> bool:
-    """Return whether the limbs of a map have lengths, likeness of sides and directions that a person's can have."""
+    """Return whether the limbs of a map have lengths, symmetry and directions that are possible for a person."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     places = {role: skeleton.heads[index[bone]] for role, bone in bones.items() if bone in index}
     lengths: dict[str, float] = {}

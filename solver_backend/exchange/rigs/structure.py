@@ -52,10 +52,10 @@ def _limb_fits(skeleton: Skeleton, branch: int, limb: str, named: float) -> list
 
 
 def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
-    """Return where a limb ends, of the bones after its middle joint that all bear the name of its end.
+    """Return the end of a limb among the bones after its middle joint that have the name of its end.
 
-    It is the first one, unless the next lies farther on than a palm reaches: of depth cameras, the hand is the middle
-    of the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
+    It is the first one, unless the next is farther away than a palm is long. The hand of depth cameras is the middle of
+    the palm. In Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
     """
     joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
     for k in others:
@@ -112,7 +112,7 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
-    """Return what the bones inside a segment cost: they lie on it, one after the other."""
+    """Return the cost of the bones inside a segment, which should be on it, one after the other."""
     if b == a + 1:
         return 0.0
     between, way = points[a + 1 : b] - points[a], points[b] - points[a]
@@ -150,7 +150,7 @@ _MIDDLE = 0.04
 
 @dataclass(frozen=True)
 class StructureGuess:
-    """What a skeleton's structure indicates."""
+    """The roles that a skeleton's structure indicates."""
 
     roles: dict[str, str]  # Bone by role. Empty for no humanoid.
     doubts: tuple[str, ...]  # What is not sure, one sentence each. Roles in doubt are left out.
@@ -164,10 +164,10 @@ class _Limbs:
 
 
 def recognise(skeleton: Skeleton) -> StructureGuess:
-    """Return the roles that a skeleton's bones have on a person, as far as they are sure.
+    """Return the sure roles of a skeleton's bones on a person.
 
-    Legs and arms are the two pairs of like branches that cost least together: segments of usual ratios, a foot that
-    turns off the shin, a hand with fingers, legs that go against the trunk.
+    Legs and arms are the two cheapest pairs of similar branches: segments of usual ratios, a foot that turns off the
+    shin, a hand with fingers, legs that go against the trunk.
     """
     ranked = _ranked_limbs(skeleton)
     if not ranked or ranked[0].cost > 2 * _MOST:
@@ -216,7 +216,7 @@ def _is_named(skeleton: Skeleton) -> bool:
 def _on_the_same_sides(
     skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]
 ) -> tuple[LimbFit, LimbFit]:
-    """Return the arms so that the first is on the side of the first leg."""
+    """Return the arms in the order of the legs' sides."""
     ways = [skeleton.heads[a.joints[0]] - skeleton.heads[b.joints[0]] for a, b in (legs, arms)]
     return arms if ways[0] @ ways[1] > 0 else (arms[1], arms[0])
 
@@ -227,7 +227,7 @@ def _paired(left: list[LimbFit], right: list[LimbFit]) -> list[tuple[LimbFit, Li
 
 
 def _together(skeleton: Skeleton, legs: tuple[LimbFit, LimbFit], arms: tuple[LimbFit, LimbFit]) -> float:
-    """Return the cost of legs and arms as those of one person, infinite where they cannot be."""
+    """Return the cost of legs and arms as those of one person, infinite if that is impossible."""
     hang_legs, hang_arms = (skeleton.above(pair[0].path[0])[1:] for pair in (legs, arms))
     if set(legs[0].path) & set(hang_arms) or set(arms[0].path) & set(hang_legs):
         return np.inf
@@ -256,7 +256,7 @@ def _is_quadruped(skeleton: Skeleton, limbs: _Limbs) -> bool:
 
 
 def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool, list[str]]:
-    """Return whether the first of each pair is the left: by where the toes point, else by names."""
+    """Return whether the first of each pair is the left, by the toes' direction, else by names."""
     apart = skeleton.heads[limbs.legs[0].joints[0]] - skeleton.heads[limbs.legs[1].joints[0]]
     ahead = np.zeros(3)
     for fit in limbs.legs:
@@ -322,7 +322,7 @@ def _differ(skeleton: Skeleton, one: tuple[LimbFit, LimbFit], other: tuple[LimbF
 
 
 def _unsure(skeleton: Skeleton, roles: dict[str, int], best: _Limbs, others: list[_Limbs]) -> list[str]:
-    """Take out of the roles what another way to see the skeleton, nearly as cheap, has otherwise. Return sentences."""
+    """Remove the roles that another reading of the skeleton, almost as cheap, gives to others. Return sentences."""
     doubts = []
     for limb, parts in (("legs", _LEG), ("arms", (*_ARM, *FINGERS))):
         own = getattr(best, limb)

@@ -34,18 +34,15 @@ _HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
-    """Return how each joint turns from a body's rest pose to the T-pose, all of it in the body's axes.
+    """Return the turn of each joint from a body's rest pose to the T-pose, in the body's axes: (J, 4) quaternions wxyz.
 
-    Arms and fingers lie along ±X and legs along -Y, by the shortest turn of each bone. Thumbs lie halfway between ±X
-    and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about Y
-    alone until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not turn, for how
-    they are bent at rest belongs to the character.
+    Arms and fingers point along ±X and legs along -Y, by the shortest turn of each bone. Thumbs point halfway between
+    ±X and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about
+    Y alone until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not turn: their
+    bend at rest belongs to the character.
 
     Args:
         rest_joints: (J, 3) metres, Y up, facing +Z, left = +X.
-
-    Returns:
-        (J, 4) quaternions wxyz.
     """
     turns = np.tile([1.0, 0.0, 0.0, 0.0], (layout.num_joints, 1))
     for j, name in enumerate(layout.joints):
@@ -66,7 +63,7 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
 
 
 def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | None:
-    """Return where a bone points: to its own limb's next joint, of a wrist to the middle finger or the knuckles."""
+    """Return a bone's direction: to the next joint of its limb, or from the wrist to middle finger or knuckles."""
     children = layout.children[j]
     knuckles = [c for c in children if "middle" in layout.joints[c] or layout.joints[c].endswith("_hand")]
     end = layout.main_child.get(j, (knuckles or [None])[0])
@@ -104,10 +101,10 @@ _MIRROR = np.array([-1.0, 1.0, 1.0])
 
 @dataclass(frozen=True)
 class Humanoid:
-    """A body of a shape as Unity's humanoid, whose bones do not turn in the T-pose.
+    """A body of a shape as Unity's humanoid, with bones that do not turn in the T-pose.
 
-    With L_j the rotation of joint j relative to its parent p, and T the turns from rest to the T-pose,
-    ``N_j = T_p L_j T_j⁻¹`` is the rotation that the protocol has.
+    With L_j the rotation of joint j relative to its parent p, and T the turns from rest to the T-pose, the protocol has
+    ``N_j = T_p L_j T_j⁻¹``.
     """
 
     layout: BodyLayout
@@ -149,14 +146,14 @@ class Humanoid:
         return offsets
 
     def to_unity(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return the bones of a pose in Unity's world, whose origin and floor are ours.
+        """Return the bones of a pose in Unity's world, which has our origin and floor.
 
         Args:
             rotvec: (n, 3) axis-angles of the first n joints, the root's body to world. The others are at rest.
             transl: (3,) metres: the pelvis is at ``J_0 + transl``, Z up.
 
         Returns:
-            (B, 4) quaternions wxyz relative to the parent bone, of length 1, and the (3,) metres of the hips.
+            (B, 4) unit quaternions wxyz relative to the parent bone, and the (3,) metres of the hips.
         """
         local = np.tile([1.0, 0.0, 0.0, 0.0], (self.layout.num_joints, 1))
         local[: len(rotvec)] = quat_from_rotvec(np.asarray(rotvec, np.float64))
@@ -166,12 +163,7 @@ class Humanoid:
         return normal * _MIRROR_QUAT, np.array([x, z, -y]) * _MIRROR
 
     def from_unity(self, quat: np.ndarray, hips: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return (J, 3) axis-angles and (3,) transl of bones as ``to_unity`` makes them. What has no bone is at rest.
-
-        Args:
-            quat: (B, 4) unit quaternions wxyz relative to the parent bone.
-            hips: (3,) metres in Unity's world.
-        """
+        """Return (J, 3) axis-angles and (3,) transl of bones as ``to_unity`` makes them. Other joints are at rest."""
         after = unturned(np.concatenate([_Y_UP[None], self._turns[self._parents]]))
         local = quat_multiply(quat_multiply(after, quat * _MIRROR_QUAT), self._turns[self.joints])
         rotvec = np.zeros((self.layout.num_joints, 3))

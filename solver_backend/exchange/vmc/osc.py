@@ -34,12 +34,8 @@ class OscMessage:
 def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
     """Return a message: address, type tags and arguments, each padded to 4 bytes, big-endian.
 
-    Args:
-        address: begins with ``/``.
-        values: int (32 bits), float (32 bits), str, bytes, bool or None.
-
     Raises:
-        ValueError: a text holds a null character, or an int does not fit.
+        ValueError: a text has a null character, or an int does not fit into 32 bits.
     """
     tags, content = ",", b""
     for value in values:
@@ -63,7 +59,7 @@ def encode_bundle(elements: Sequence[bytes]) -> bytes:
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:
-    """Return the messages of a packet in their order. Time tags are ignored.
+    """Return the messages of a packet in their order, without time tags.
 
     Raises:
         PacketInvalid: it is cut, or no Open Sound Control.
@@ -174,7 +170,7 @@ _XYZW = [1, 2, 3, 0]
 class FrameBundle:
     """Makes the bundles of a humanoid: all but the numbers is laid out once.
 
-    The root stands at the world's origin and does not turn. The hips have the path. Bones have their places in the
+    The root stays at the world's origin and does not turn, and the hips have the path. Bones have their places in the
     T-pose relative to their parents.
     """
 
@@ -195,11 +191,7 @@ class FrameBundle:
         self._turns = (ends[3:, None] - 16 + np.arange(16)).ravel()
 
     def encode(self, time_s: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
-        """Return the bundle of a pose.
-
-        Args:
-            rotvec: (n, 3) axis-angles of the first n joints.
-        """
+        """Return the bundle of a pose, with (n, 3) axis-angles of the first n joints."""
         quat, hips = self.humanoid.to_unity(rotvec, transl)
         self._bytes[self._time] = _big_endian(np.array([time_s]))
         self._bytes[self._hips] = _big_endian(hips)

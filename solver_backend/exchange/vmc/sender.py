@@ -1,4 +1,4 @@
-"""Packets to a receiver by UDP: never waits, and survives a receiver that is away."""
+"""Packets to a receiver by UDP, without waiting, even if the receiver is away."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _FORM = re.compile(r"(?P<scheme>[a-z]+)://(?P<host>\[[0-9A-Fa-f:.%]+\]|[^:/\[\]\
 
 @dataclass(frozen=True)
 class VmcAddress:
-    """A host, a UDP port and what is spoken there."""
+    """A host, a UDP port and its protocol."""
 
     host: str = LOOPBACK
     port: int = PORT
@@ -30,7 +30,7 @@ class VmcAddress:
 
     @property
     def is_local(self) -> bool:
-        """Whether it is this machine's own, which nothing leaves and nobody else reaches."""
+        """Whether it belongs to this machine alone."""
         return self.host in ("localhost", "::1") or self.host.startswith("127.")
 
     def __str__(self) -> str:
@@ -38,12 +38,12 @@ class VmcAddress:
 
 
 def is_address(text: str) -> bool:
-    """Return whether a text begins as the address of one of the protocols."""
+    """Return whether a text begins like the address of one of the protocols."""
     return text.strip().startswith(tuple(f"{scheme}://" for scheme in PORTS))
 
 
 def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address of ``vmc://HOST:PORT``. Without a host this machine alone, without a port the protocol's."""
+    """Return the address of ``vmc://HOST:PORT``. The default host is this machine, the default port the protocol's."""
     found = _FORM.fullmatch(text.strip())
     scheme = found["scheme"] if found else ""
     port = int(found["port"] or PORTS.get(scheme, 0)) if found else 0
@@ -60,7 +60,7 @@ BACK_S = 2.0
 
 
 class PacketSender:
-    """A socket to one receiver. What cannot be sent is lost, and refusals are counted."""
+    """A socket to one receiver that loses what it cannot send, and counts refusals."""
 
     def __init__(self, address: VmcAddress) -> None:
         """Find the receiver's host. Nothing is sent yet."""

@@ -30,7 +30,7 @@ class Ticket:
 
 @dataclass(frozen=True)
 class Ended:
-    """A take that an engine is finished with."""
+    """A take that an engine has finished."""
 
     ticket: Ticket
     how: str  # ENDED: see the record. DIED: it has ended its workers. LOST: unknown, the take must be begun again.
@@ -55,15 +55,15 @@ class Engine(Protocol):
         ...
 
     def notes(self) -> list[str]:
-        """Return what a person should know about the workers."""
+        """Return notes about the workers for people."""
         return []
 
     def headline(self) -> str:
-        """Return who works, in a few words."""
+        """Return the workers in a few words."""
         ...
 
     def close(self) -> None:
-        """End the takes that are under way, and tidy up."""
+        """End the running takes, and tidy up."""
 
 
 class HereEngine(Engine):
@@ -92,7 +92,7 @@ class HereEngine(Engine):
         return [Ended(ticket, ENDED, run_take(self._work, ticket.capture, self._progress))]
 
     def headline(self) -> str:
-        """Return who works."""
+        """Return the workers in a few words."""
         return "this process"
 
 
@@ -125,7 +125,7 @@ class ProcessesEngine(Engine):
         return [Ended(self._running.pop(task), ENDED, task.result(), "this machine") for task in done]
 
     def headline(self) -> str:
-        """Return who works."""
+        """Return the workers in a few words."""
         return f"{self._workers} processes"
 
     def close(self) -> None:

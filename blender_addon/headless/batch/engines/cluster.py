@@ -1,7 +1,7 @@
 """Takes done by the workers of a Dask cluster (Rocklin 2015): each step is a task, each take a chain of tasks.
 
-Dask places the tasks and repeats those of dead workers. This module decides which workers are suitable, and tries
-failed takes on other workers. All state is in the records of takes: scheduler, workers and program may end at any time.
+Dask places the tasks and repeats the tasks of dead workers. This module finds the suitable workers, and tries failed
+takes on other workers. All state is in the records of takes: scheduler, workers and program may end at any time.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def require_dask() -> None:
-    """Make sure that Dask can be used."""
+    """Raise ``EngineMissing`` if Dask is not installed."""
     try:
         import distributed  # noqa: F401
     except ImportError as error:
@@ -36,15 +36,10 @@ def require_dask() -> None:
 
 
 def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
-    """Return a client of a scheduler.
-
-    Args:
-        address: of the scheduler, or the path of its file.
-        patience_s: how long to try.
-        tend: called before each try.
+    """Return a client of a scheduler, trying for some time. ``tend`` is called before each try.
 
     Raises:
-        SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are not given.
+        SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are missing.
     """
     require_safe(address)
     import dask.config
@@ -88,10 +83,10 @@ class ClusterEngine(Engine):
     """Takes as chains of tasks on a cluster.
 
     Args:
-        work: the batch. Its folders must be the same to all workers.
+        work: the batch. All workers must see the same folders.
         address: of the scheduler, or the name of its file.
-        tend: called now and then, by a cluster of our own to start again what has died.
-        patience_s: how long to wait for a scheduler that is gone, and for workers.
+        tend: called now and then, by a cluster of our own to restart dead processes.
+        patience_s: seconds to wait for a lost scheduler, and for workers.
         stretches: let workers also solve segments of long takes.
 
     Raises:
@@ -158,7 +153,7 @@ class ClusterEngine(Engine):
         futures[-1].add_done_callback(lambda future, name=name: self._queue.put((name, future)))
 
     def ended(self, timeout_s: float) -> list[Ended]:
-        """Return the takes with an ended last step. Takes of a scheduler that is gone are lost."""
+        """Return the takes whose last step has ended. Takes of a lost scheduler are lost."""
         found: list[Ended] = []
         with suppress(Empty):
             found += self._ended_of(*self._queue.get(timeout=timeout_s))
@@ -181,7 +176,7 @@ class ClusterEngine(Engine):
         return f"{len(self._workers.infos())} workers" + (f", dashboard {link}" if link else "")
 
     def close(self) -> None:
-        """Withdraw what is being done. Workers notice that within seconds."""
+        """Withdraw running takes. Workers notice that within seconds."""
         remove_marker(self._work.out, self._marker)
         with suppress(Exception):
             self._client.cancel([future for one in self._running.values() for future in one.futures])
@@ -283,13 +278,7 @@ _FAILS = 3  # A worker that fails to write so many takes in a row gets no more, 
 
 
 class Workers:
-    """The workers of a scheduler, by their addresses.
-
-    Args:
-        address: of the scheduler, for errors.
-        marker: what its marker states.
-        patience_s: how long a batch waits for the first worker, or for another one.
-    """
+    """The workers of a scheduler, by their addresses."""
 
     def __init__(self, address: str, out: str, marker: str, patience_s: float) -> None:
         self._address, self._out, self._marker, self._patience_s = address, out, marker, patience_s
@@ -325,7 +314,7 @@ class Workers:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return what the scheduler reports about each worker. Nothing while it is gone."""
+        """Return the scheduler's facts about each worker, none without a scheduler."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
         except Exception:  # the connection is going down. The next look reports it
@@ -340,10 +329,10 @@ class Workers:
         return others or good
 
     def state_memory(self, wanted_mb: float) -> bool:
-        """Return whether all workers state how much memory their takes may have.
+        """Return whether all workers state the memory of their takes.
 
         Raises:
-            WorkersUnsuitable: no worker has as much as a take may take.
+            WorkersUnsuitable: no worker has as much as a take may use.
         """
         stated = [info.get("resources", {}).get(MEMORY) for info in self.infos().values()]
         amounts = [amount for amount in stated if amount is not None]
@@ -392,7 +381,7 @@ class Workers:
                 self.note(f"{clock}; nothing depends on it but the times of files.")
 
     def require_some(self, patience_s: float | None = None) -> None:
-        """Make sure that there has been a worker that can do takes not too long ago.
+        """Make sure that a suitable worker was there not too long ago.
 
         Raises:
             WorkersUnsuitable: there was none. The message has the first reasons.

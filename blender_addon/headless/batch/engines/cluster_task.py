@@ -32,7 +32,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return what the marker states, "" where there is none, or it is not to be seen from here."""
+    """Return the text of the marker, "" if it is missing or out of sight."""
     try:
         return (out / MARKER).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):
@@ -40,7 +40,7 @@ def marker_in(out: Path) -> str:
 
 
 def remove_marker(out: Path, text: str) -> None:
-    """Remove the marker if it is still ours, which ends takes on other workers."""
+    """Remove our own marker, which ends takes on other workers."""
     with suppress(OSError):
         if marker_in(out) == text:
             (out / MARKER).unlink()
@@ -108,11 +108,7 @@ def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: 
 
 
 def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResult:
-    """Do one step of a take.
-
-    Args:
-        before: result of the step before this one.
-    """
+    """Do one step of a take, after the result of the step before it."""
     from distributed import get_worker, secede
 
     if before is not None and ("record" not in before or before["record"]["status"] != UNFINISHED):

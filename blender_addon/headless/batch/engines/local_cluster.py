@@ -1,4 +1,4 @@
-"""A cluster of this machine alone: ``dask scheduler`` and ``dask worker`` as processes, restarted where they die."""
+"""A cluster of this machine alone: ``dask scheduler`` and ``dask worker`` as processes, restarted when they die."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ class LocalCluster:
     """A scheduler and some workers on the loopback address.
 
     Args:
-        workers: how many, each of one thread.
-        memory_mb: what all takes at a time may have together, None states none.
+        workers: number of workers, with one thread each.
+        memory_mb: of all takes together, None for no statement.
         folder: working folder of Dask.
     """
 
@@ -47,7 +47,7 @@ class LocalCluster:
         self.tend()
 
     def tend(self) -> None:
-        """Start again what has ended."""
+        """Restart processes that have ended."""
         for k, process in enumerate(self.processes):
             late = time.monotonic() - self._started[k] > _AGAIN_S
             if (process is None or process.poll() is not None) and late:
@@ -56,7 +56,7 @@ class LocalCluster:
                 self.processes[k] = self._start(self._commands[k])
 
     def close(self) -> None:
-        """End all processes: they hold nothing that is not in the takes' records."""
+        """End all processes. All their state is in the takes' records."""
         for process in self.processes:
             _let_go(process)
         for process in filter(None, self.processes):
@@ -75,13 +75,12 @@ class LocalCluster:
 
 
 def _let_go(process: subprocess.Popen[bytes] | None) -> None:
-    """Close the pipe of a process that has ended."""
     if process is not None and process.stdin is not None:
         process.stdin.close()
 
 
 def _some_port() -> int:
-    """Return a port below the ports that systems assign. The client reports if it is taken, which is unlikely."""
+    """Return a port below the ones that systems assign. The client reports the unlikely case that it is taken."""
     return 10_000 + secrets.randbelow(20_000)
 
 
