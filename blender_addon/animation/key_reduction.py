@@ -88,12 +88,7 @@ class Distance(Protocol):
 
 
 def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance: Distance) -> SparseCurves:
-    """Return curves with at most ``count`` keys, placed where the take needs them.
-
-    Args:
-        values: (F, N) whole curves.
-        candidates: (C,) frames that may have a key, ascending. The first and last frame always may.
-    """
+    """Return curves with at most ``count`` keys, at the ends and where (F, N) curves need them of ``candidates``."""
     last = len(values) - 1
     free = np.unique(np.concatenate([candidates[(candidates > 0) & (candidates < last)], [0, last]]).astype(int))
     return SparseCurves.fitted(values, _move(values, free, _lay(values, free, count, distance), distance))

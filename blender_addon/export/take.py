@@ -158,10 +158,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
 
 
 def uniform_scale(take: ExportTake) -> float:
-    """Return how many times as large the world shows the armature, its parents' scale included.
-
-    Raises ``NothingToExport`` if it is stretched, mirrored or flat, which bones cannot show.
-    """
+    """Return how many times as large the world shows the armature. Bones cannot show one stretched or mirrored."""
     scale = float(even_scale(take.armature.matrix_world))
     if np.isnan(scale) or take.armature.matrix_world.determinant() < 0:
         hint = "Give it and its parents the same scale in all directions."

@@ -82,13 +82,7 @@ def soften_edges(layer: np.ndarray) -> np.ndarray:
 
 
 def draw_dots(picture: np.ndarray, centres: np.ndarray, radius: float, colour: tuple[float, float, float]) -> None:
-    """Draw round dots with a dark rim in place.
-
-    Args:
-        centres: (N, 2) pixels from the centre of the top left pixel, NaN for none.
-        radius: pixels.
-        colour: sRGB in 0..1.
-    """
+    """Draw round sRGB dots with a dark rim at (N, 2) pixels from the top left pixel's centre, NaN for none."""
     reach = int(np.ceil(radius + 2))
     size = np.array(picture.shape[1::-1])
     known = centres[np.isfinite(centres).all(axis=1)]

@@ -97,10 +97,7 @@ def read_rig_actor(
 
 
 def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations since rest and heads on the stage, which begins at the object's place and faces its way.
-
-    Up is the world's, however the rest pose leans.
-    """
+    """Return turns and heads on the stage: from the object's place, in its direction, with the world's up."""
     object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     S = rest.R_stage_armature
     stands = object_turns[0] @ S.T

@@ -67,13 +67,7 @@ class SolverProcess:
         return self._process.returncode
 
     def received(self, most: int = 200) -> list[Line]:
-        """Return new lines without waiting: events as dicts, log lines as text.
-
-        A process that does not end after ``cancel`` is killed here after its grace.
-
-        Args:
-            most: number of items at most, so that one call stays short.
-        """
+        """Return at most so many new events (dict) and lines (str), and kill a process that outlives ``cancel``."""
         grace_s = _GRACE_S if self._grace_s is None else self._grace_s
         if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()

@@ -60,11 +60,7 @@ def active_name(scene: bpy.types.Scene) -> str:
 
 
 class TaggedObject:
-    """An object that a property group finds by the tag in one of its text properties.
-
-    Args:
-        prefer_active: prefer the active object, or the armature of the active skin, if it is a copy with this tag.
-    """
+    """The object with a tag in a property of its group. The active one, or its armature, may come first."""
 
     def __init__(self, key: str, *, prefer_active: bool = False) -> None:
         self._key, self._prefer_active = key, prefer_active

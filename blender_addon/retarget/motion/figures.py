@@ -160,13 +160,7 @@ def actor_of_poses(
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
-    """Return the hands of our own body that have fingers which leave their rest.
-
-    Args:
-        rest: (J, 3) joints at rest on the stage.
-        turns: (F, J, 3, 3) rotations of the joints from rest.
-        still: also return fingers that stay at rest.
-    """
+    """Return our hands by (J, 3) rest and (F, J, 3, 3) turns, with the fingers that leave rest or also ``still``."""
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
     for side in SIDES:
