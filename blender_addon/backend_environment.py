@@ -18,10 +18,7 @@ _ADDON = Path(__file__).resolve().parent
 
 
 def backend_folder() -> Path:
-    """Return the folder with the solver's package, in the installed extension or the source tree.
-
-    Raises ``SolverMissing`` if neither has it.
-    """
+    """Return the folder with the solver's package, in the installed extension or the source tree."""
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
             return folder
@@ -29,10 +26,7 @@ def backend_folder() -> Path:
 
 
 def backend_command(python: Path | None = None) -> list[str]:
-    """Return the command that starts the solver, without its arguments.
-
-    Raises ``SolverMissing`` if there is no such interpreter.
-    """
+    """Return the command that starts the solver, without its arguments."""
     executable = Path(python or sys.executable)
     if not executable.is_file():
         raise SolverMissing(

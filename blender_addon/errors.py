@@ -64,12 +64,7 @@ class ActorMissing(MocapError):
 
 
 class SolverStopped(MocapError):
-    """The solver ended with an error; its code is passed on, and its exit code if the user can do something about it.
-
-    Args:
-        event: the ``error`` event.
-        exit_code: of the process; 0 if it has none.
-    """
+    """The solver ended with an error, whose code is passed on, as is an exit code that the user can act on."""
 
     def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))

@@ -146,13 +146,7 @@ def read_pose(
     *,
     without_root: bool = False,
 ) -> BodyPose:
-    """Return the current pose of a body, constraints and hand edits included.
-
-    Args:
-        rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
-        R_bone_body: (J, 3, 3) from ``rotation_from_body_axes``, to read many poses. None computes it.
-        without_root: leave out the motion of the root control, which carries the whole take.
-    """
+    """Return the evaluated pose of a body. ``R_bone_body`` is from ``rotation_from_body_axes``, to read many poses."""
     R_bone_body = rotation_from_body_axes(armature) if R_bone_body is None else R_bone_body
     bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     spaces = {"from_space": "POSE", "to_space": "LOCAL"}

@@ -175,10 +175,7 @@ def write_curves(
 
 
 def key_type_values(keyframes: np.ndarray | None, frames: int) -> np.ndarray:
-    """Return the (F,) key types: KEYFRAME at the solver's keyframes, GENERATED between (BREAKDOWN before Blender 4.3).
-
-    Without keyframes every key is a KEYFRAME.
-    """
+    """Return the (F,) key types: KEYFRAME at the solver's keyframes or without any, GENERATED between."""
     keyframe = _enum_value("type", "KEYFRAME")
     if keyframes is None:
         return np.full(frames, keyframe, dtype=np.int32)

@@ -42,10 +42,7 @@ class SparseCurves:
 
 
 def _fit_slopes(values: np.ndarray, frames: np.ndarray) -> np.ndarray:
-    """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N).
-
-    A piece is linear in its two slopes, so the normal equations are tridiagonal and equal for all curves.
-    """
+    """Return the (K, N) slopes at the keys that minimise the squared distance of the curves from ``values`` (F, N)."""
     left, basis = _hermite(frames, len(values))
     at_keys = values[frames]
     rest = values - basis[:, :1] * at_keys[left] - basis[:, 1:2] * at_keys[left + 1]
@@ -95,10 +92,7 @@ def reduce_keys(values: np.ndarray, candidates: np.ndarray, count: int, distance
 
 
 def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> SparseCurves:
-    """Return curves within a tolerance of a take in metres, with as few keys as possible.
-
-    Keys are placed at the worst frames until all are within the tolerance. Then unnecessary keys are removed.
-    """
+    """Return curves within a tolerance: add keys at the worst frames, then remove the unnecessary ones."""
     free, count = np.arange(len(values)), 2
     keys = free[[0, -1]] if len(values) > 1 else free
     while len(keys) < len(free):
@@ -199,13 +193,7 @@ def thin_channels(
     count: int,
     tolerance_mm: float | None = None,
 ) -> tuple[SparseCurves, KeyDeviation]:
-    """Return the channels of an armature with few keys.
-
-    Args:
-        channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
-        keyframes: (F,) frames that may keep a key, None for all.
-        tolerance_mm: largest distance of a joint from the full take, with keys on any frame, instead of ``count``.
-    """
+    """Return few keys for (F, 3 + 4 J) channels: ``count`` of the (F,) keyframes, or as many as the tolerance needs."""
     frames = len(channels)
     candidates = np.arange(frames) if keyframes is None else np.flatnonzero(keyframes)
     heads, axes = rest_of(armature)

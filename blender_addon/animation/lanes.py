@@ -16,12 +16,7 @@ _UNSURE_AT_MOST = 0.3  # Highest confidence of a flagged frame, 0 to 1, chosen b
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:
-    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 in interpolated frames and at most 0.3 in frames with a large residual.
-
-    Args:
-        sigma_m: (F, 24) standard deviations in metres.
-        flags: (F,) bit mask of the motion file, or None.
-    """
+    """Return ``1 / (1 + (sigma / 3 cm)²)``, 0 in interpolated frames, at most 0.3 in frames with a large residual."""
     confidence = 1.0 / (1.0 + (np.asarray(sigma_m, np.float64) / HALF_AT_M) ** 2)
     if flags is not None:
         unsure, unseen = (flags & FLAG_UNSURE) > 0, (flags & FLAG_UNSEEN) > 0

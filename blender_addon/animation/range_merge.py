@@ -40,13 +40,7 @@ def _write_keys(curve: bpy.types.FCurve, keys: np.ndarray) -> None:
 
 
 def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
-    """Copy the curves of a take that its solve does not write, such as those of the root, into a take made of it.
-
-    The controls of limbs and fingers are left out, as the new take is posed joint by joint.
-
-    Args:
-        ratio: scene frame rate of the new take divided by that of the old one.
-    """
+    """Copy what a solve does not write, such as the root's curves, into a take at ``ratio`` times the frame rate."""
     written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
     left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
     for curve in action_curves(source):

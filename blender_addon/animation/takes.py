@@ -72,10 +72,7 @@ def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:
-    """Return the solved actions of a capture, or of one of its people, by name.
-
-    ``original`` is the capture file with the recording's own calibration, if the calibration was refined.
-    """
+    """Return the solved actions by name. ``original`` has the recording's own calibration, if it was refined."""
     if not capture_file:
         return []
     files = [file for file in (capture_file, original) if file]

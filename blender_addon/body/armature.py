@@ -53,11 +53,7 @@ def deform_bone(joint: str) -> str:
 def create_armature(
     name: str, joints: BodyLayout, layout: BoneLayout, collection: bpy.types.Collection
 ) -> bpy.types.Object:
-    """Create the armature object at the world's origin and make it active. Blender must be in object mode.
-
-    Args:
-        joints: names and tree of the bones.
-    """
+    """Create the armature object at the world's origin and make it active. Blender must be in object mode."""
     has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
     armature = bpy.data.objects.new(name, data)
@@ -88,10 +84,7 @@ def create_armature(
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3, 3) rotations C from the body's axes to each bone's own axes.
-
-    A rotation about an axis v of the body's frame is the pose-bone rotation about C v.
-    """
+    """Return (J, 3, 3) C to the bones' axes: a turn about v in the body's frame is the bone's turn about C v."""
     return np.swapaxes(bone_axes(armature), 1, 2) @ R_ARMATURE_BODY
 
 

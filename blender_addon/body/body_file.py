@@ -32,10 +32,7 @@ from ..errors import BodyMismatch, BodyMissing
 
 
 def _on_smpl_joints(arrays: dict[str, np.ndarray], path: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints, and those of other bodies unchanged.
-
-    With flat hands the skin is the same. Correctives of fingers, jaw and eyes vanish at rest and are left out.
-    """
+    """Return the arrays of an SMPL-H or SMPL-X body with SMPL's joints: the same skin, as long as hands are flat."""
     tree, count = np.asarray(arrays["kintree_table"]), _joint_count(arrays)
     if count not in FAMILY or FAMILY[count] is SMPL:
         return arrays
@@ -260,10 +257,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file in a motion's provenance (JSON text), the bundled one if there is none.
-
-    Raises ``BodyMissing`` if the body is neither in the user's folder nor at its path.
-    """
+    """Return the body file in a motion's provenance (JSON text), the bundled one if there is none."""
     choice = value_in(provenance, "settings", "body")
     if not isinstance(choice, str) or choice in ("", SHIPPED):
         return default_body_path()
@@ -278,10 +272,7 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion belongs to a body. A motion that does not name its body fits any.
-
-    Raises ``BodyMismatch`` if both have an id and the ids differ.
-    """
+    """Check that a motion belongs to a body. A motion that does not name its body fits any."""
     if motion.body and body.id and motion.body != body.id:
         message = f"The motion was solved for the body '{motion.body}', not for '{body.id}'."
         raise BodyMismatch(message, where=motion.name, hint="Name the body file it was solved for.")
@@ -340,10 +331,7 @@ def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
 
 
 def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
-    """Return the (N, V, 3) skin of N frames of a motion in world metres.
-
-    ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)``, with shape and pose in v_rest (Loper et al. 2015, eq. 9).
-    """
+    """Return the (N, V, 3) skin of N frames in world metres: ``sum_j w_j (G_j (v_rest - J_j) + p_j)`` (Loper 2015)."""
     rest = body.rest_joints(motion.betas)
     rotvec = rotvec_on(motion, body.layout)[frames]
     G, p = pose_joints(rest, rotvec, motion.transl[frames])

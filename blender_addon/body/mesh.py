@@ -16,13 +16,7 @@ _FLAT_DEG, _SKEW_DEG = 35.0, 60.0
 
 
 def pair_triangles(vertices: np.ndarray, faces: np.ndarray, material: np.ndarray) -> tuple[list[list[int]], np.ndarray]:
-    """Return polygons of three or four vertices that cover the same surface, and the material of each.
-
-    Args:
-        vertices: (V, 3) metres.
-        faces: (T, 3) wound consistently.
-        material: (T,) of each triangle.
-    """
+    """Return polygons of three or four vertices with the same surface as (T, 3) faces, and their materials."""
     first, second, quads = _neighbours(faces)
     cost = _cost(vertices, quads)
     good = np.flatnonzero((cost < 1.0) & (material[first] == material[second]))
@@ -86,10 +80,7 @@ _LEAST_WEIGHT = 1e-4  # Smallest weight of a vertex that is kept, chosen by hand
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:
-    """Create the body's mesh as a child of its armature, in the armature's collections.
-
-    Blender's deformation is linear blend skinning. Shape keys and correctives add the rest of the model.
-    """
+    """Create the body's mesh, with linear blend skinning, as a child of its armature, in the armature's collections."""
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
     polygons, material = _polygons(body)

@@ -147,10 +147,7 @@ class Rig:
 
 
 def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.types.Collection) -> Rig:
-    """Create a posable body at rest on the world's origin, with sliders at ``betas`` (10,).
-
-    Blender must be in object mode, and the collection in the current view layer.
-    """
+    """Create a posable body at rest on the world's origin, with sliders at ``betas`` (10,), in object mode."""
     layout = lay_out_bones(body, betas)
     armature = create_armature(name, body.layout, layout, collection)
     hidden = add_control_shapes(armature, body, betas, layout)
@@ -163,10 +160,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Keep the soles of the resting body at the height of the armature's origin for all slider values.
-
-    The lowest vertex of the present shape drives the armature's delta location, so that its location stays free.
-    """
+    """Keep the soles of the resting body on the origin's height by a driver of the armature's delta location."""
     directions, _ = shape_directions(body)
     pelvis = np.array(rig.armature.data.bones[JOINTS[0]].head_local)
     vertices = around_pelvis(body, get_betas(rig.mesh), pelvis)

@@ -34,12 +34,7 @@ FLOOR_COLOURS: tuple[Colour, Colour] = ((0.30, 0.31, 0.33, 1.0), (0.52, 0.54, 0.
 
 
 def create_material(name: str, colour: Colour, *, roughness: float = 0.55, glossy: bool = False) -> bpy.types.Material:
-    """Create a material with the same colour in viewport and render.
-
-    Args:
-        roughness: 0 (mirror) to 1 (chalk).
-        glossy: a principled surface, to go on from. Otherwise a diffuse one, a tenth as large in a file.
-    """
+    """Create a material that looks alike in viewport and render. A diffuse one is a tenth as large in a file."""
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
@@ -74,10 +69,7 @@ def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Colle
 
 
 def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
-    """Return the owner of an input's value and its path there, such as for ``driver_add``.
-
-    Raises ``KeyError`` if the node group has no such input.
-    """
+    """Return the owner of an input's value and its path there, such as for ``driver_add``, else a ``KeyError``."""
     identifier = modifier.node_group.interface.items_tree[name].identifier
     if hasattr(modifier, "properties"):  # Blender 5.2 and later
         return getattr(modifier.properties.inputs, identifier), "value"

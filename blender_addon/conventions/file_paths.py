@@ -19,11 +19,7 @@ def absolute(text: str, library: bpy.types.Library | None = None) -> Path:
 
 
 def stored(path: Path | str, start: Path | None = None) -> str:
-    """Return how a file in a folder keeps a path: relative to the folder, in full without one or on another drive.
-
-    Args:
-        start: the folder, None for that of the open .blend file.
-    """
+    """Return a path relative to a folder (that of the open .blend file), in full without one or on another drive."""
     if start is None and bpy.data.filepath:
         start = Path(bpy.data.filepath).parent
     if not str(path) or start is None:

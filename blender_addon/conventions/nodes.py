@@ -21,12 +21,7 @@ def new_tree(name: str, *sockets: tuple[str, str, str]) -> bpy.types.NodeTree:
 def add_node(
     tree: bpy.types.NodeTree, kind: str, *sources: Any, inputs: Mapping[str, Any] = {}, **settings: Any
 ) -> Any:
-    """Add a node and return it.
-
-    Args:
-        sources: sockets to link or values of the first inputs.
-        inputs: the same by name, where only the input of the node's data type counts.
-    """
+    """Add a node with its first inputs, sockets or values, and those by name of the node's data type."""
     node = tree.nodes.new(kind)
     for name, value in settings.items():
         setattr(node, name, value)

@@ -27,12 +27,7 @@ class TakeTiming:
 
 
 def set_up_time(scene: bpy.types.Scene, frames: int, fps: float, start: int, scene_fps: float | None) -> TakeTiming:
-    """Return the place of a recording in a scene, and set the scene's rate and range if wanted.
-
-    Args:
-        start: scene frame of its first frame.
-        scene_fps: frames per second to set, None lets the scene keep rate and range.
-    """
+    """Return the place of a recording in a scene, and set the scene's rate, unless it is None, and its range."""
     if scene_fps is None:
         return TakeTiming(start, scene_frame_rate(scene))
     set_scene_frame_rate(scene, scene_fps)

@@ -111,10 +111,7 @@ def take_of(
 
 @contextmanager
 def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
-    """Make a take the scene's only selection, and its frames the scene's range, while the block runs.
-
-    Raises ``NothingToExport`` if an object of the take is in a collection that is switched off.
-    """
+    """Make a take the scene's only selection, and its frames the scene's range, while the block runs."""
     scene = take.scene
     layer = bpy.context.view_layer
     layer.update()
@@ -197,13 +194,7 @@ class PoseSamples:
 
 
 def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | None = None) -> PoseSamples:
-    """Evaluate a take frame by frame.
-
-    Raises ``NothingToExport`` if the armature lacks one of the bones, or has none that deform.
-
-    Args:
-        names: bones, None for all that deform.
-    """
+    """Evaluate the bones of a take, all that deform if ``names`` is None, frame by frame."""
     data = take.armature.data.bones
     roots = [bone for bone in data if bone.parent is None]
     names = names or tuple(b.name for root in roots for b in (root, *root.children_recursive) if b.use_deform)

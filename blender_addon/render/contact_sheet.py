@@ -23,12 +23,7 @@ _PLAQUE = (0.05, 0.055, 0.065, 0.62)  # Red, green, blue and opacity behind lett
 
 
 class Lettering:
-    """Words as layers, rendered once each.
-
-    Args:
-        scene: a scene that shows only ``text``, from above.
-        height: height of a line in pixels.
-    """
+    """Words as layers, rendered once each by a scene that shows only ``text``, ``height`` pixels high."""
 
     def __init__(self, scene: bpy.types.Scene, text: bpy.types.Object, folder: Path, height: int) -> None:
         self._scene, self._text, self._folder, self._height = scene, text, folder, height
@@ -95,12 +90,7 @@ class PictureTile:
 
 
 def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
-    """Place pictures in rows of equal height on a canvas with about the area and shape of ``area``.
-
-    Args:
-        shapes: width and height of each picture, of which only the ratio matters.
-        area: width and height in pixels.
-    """
+    """Place pictures (width, height) in rows of equal height on a canvas with about the area and shape of ``area``."""
     if not shapes:
         return []
     choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
@@ -166,10 +156,7 @@ _STAGE = "rendering the contact sheet"
 
 
 def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
-    """Render twelve poses of the take and, with a capture, up to four camera views of its middle frame.
-
-    Raises ``RenderFailed`` if Blender cannot render here.
-    """
+    """Render twelve poses of the take and, with a capture, up to four camera views of its middle frame."""
     cameras = subject.cameras(_MOST_CAMERAS)
     poses = [_grid_tile(i) for i in range(POSES)]
     width, poses_height = canvas_size(poses)

@@ -16,10 +16,7 @@ from ..errors import RenderFailed
 
 
 def read_targa(path: Path) -> np.ndarray:
-    """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first.
-
-    Raises ``RenderFailed`` if the file is missing or of another kind.
-    """
+    """Read an uncompressed 24 or 32 bit Targa file: (h, w, 3 or 4) uint8 RGB(A), top row first."""
     data = path.read_bytes() if path.is_file() else b""
     width, height, depth, descriptor = struct.unpack("<HHBB", data[12:18]) if len(data) >= 18 else (0, 0, 0, 0)
     start = 18 + (data[0] if data else 0)
@@ -33,11 +30,7 @@ def read_targa(path: Path) -> np.ndarray:
 
 
 def write_png(path: Path, picture: np.ndarray, *, level: int = 6) -> None:
-    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948).
-
-    Args:
-        level: zlib's level, 0 (fast) to 9 (small).
-    """
+    """Write an (h, w, 3) uint8 picture as PNG (ISO/IEC 15948). zlib's ``level`` is 0 (fast) to 9 (small)."""
     height, width = picture.shape[:2]
     rows = np.zeros((height, 1 + 3 * width), dtype=np.uint8)
     rows[:, 1:] = picture.reshape(height, -1)
@@ -105,13 +98,7 @@ def gradient(width: int, height: int) -> np.ndarray:
 
 
 class Resampling:
-    """Samples pictures of one size bilinearly at fixed positions.
-
-    Args:
-        positions: (h, w, 2) pixels from the centre of the source's top left pixel.
-        size: width and height of the source.
-        outside: colour of positions outside the source.
-    """
+    """Samples pictures of one size bilinearly at (h, w, 2) pixels, with the colour ``outside`` beyond them."""
 
     def __init__(self, positions: np.ndarray, size: tuple[int, int], outside: tuple[int, int, int]) -> None:
         width, height = size

@@ -41,13 +41,7 @@ class RenderStage:
     folder: Path
 
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
-        """Return (h, w, 4) uint8 RGBA of a window of the view, ``look.shrink`` times larger than the picture.
-
-        Raises ``RenderFailed`` if Blender wrote no picture.
-
-        Args:
-            window: the part to render, the whole picture if None.
-        """
+        """Return (h, w, 4) uint8 RGBA of a window of the view or all of it, ``look.shrink`` times larger than there."""
         render = self.scene.render
         render.use_border = render.use_crop_to_border = window is not None
         if window is not None:
@@ -123,10 +117,7 @@ def write_targa(scene: bpy.types.Scene) -> None:
 
 
 def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarray:
-    """Render one frame of a scene prepared by ``write_targa``: (h, w, 4) uint8 RGBA, top row first.
-
-    Raises ``RenderFailed`` if Blender wrote no picture.
-    """
+    """Render one frame of a scene prepared by ``write_targa``: (h, w, 4) uint8 RGBA, top row first."""
     path = folder / "still.tga"
     path.unlink(missing_ok=True)
     scene.render.filepath = str(path)
@@ -148,10 +139,7 @@ class FootageReader:
     size: tuple[int, int]  # Width and height of the images that are returned.
 
     def image(self, index: int) -> np.ndarray:
-        """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8.
-
-        Raises ``RenderFailed`` if the image cannot be decoded.
-        """
+        """Return image ``index`` (the last one beyond the end): (h, w, 3) uint8."""
         frame = 1 + min(max(index, 0), self.length - 1)
         return render_still(self.scene, frame, self.folder)[..., :3]
 
@@ -176,13 +164,7 @@ def open_footage(footage: Footage, size: tuple[int, int], folder: Path) -> Itera
 
 
 def encode_video(pictures: list[Path], size: tuple[int, int], fps: float, path: Path) -> None:
-    """Write pictures as an H264 video in an mp4 file.
-
-    Raises ``RenderFailed`` if this Blender wrote no video.
-
-    Args:
-        size: width and height, both even.
-    """
+    """Write pictures as an H264 video of an even size in an mp4 file."""
     scene = _sequencer_scene("video", size)
     try:
         _image_strip(scene, pictures)

@@ -39,12 +39,7 @@ def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: 
 
 
 def footage_backdrop(stack: ExitStack, footage: Footage, view: View, folder: Path) -> Backdrop:
-    """Return a backdrop of undistorted footage.
-
-    Args:
-        stack: closes the footage.
-        footage: the video or images.
-    """
+    """Return a backdrop of undistorted footage that ``stack`` closes."""
     whole = np.round(np.array(view.camera.image_size) * view.scale).astype(int)
     reader = stack.enter_context(open_footage(footage, (int(whole[0]), int(whole[1])), folder))
     positions = straightening_map(view, reader.native_size, reader.size)

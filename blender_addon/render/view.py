@@ -57,11 +57,7 @@ class View:
         return pixels(straight, self.K)
 
     def window(self, joints: np.ndarray) -> tuple[int, int, int, int] | None:
-        """Return the part of the picture (x0, y0, x1, y1) that a body may cover, None if it is out of sight.
-
-        Args:
-            joints: (24, 3) world metres.
-        """
+        """Return the part of the picture (x0, y0, x1, y1) that (24, 3) joints may cover, None if out of sight."""
         uv, depth = self.project(joints)
         if (depth < 2 * BODY_REACH_M).any():
             return (0, 0, *self.size) if (depth > 0).any() else None
@@ -74,12 +70,7 @@ class View:
 
 
 def close_view(camera: CameraFile, joints: np.ndarray, size: tuple[int, int]) -> View:
-    """Return a view of the part of a camera's image with the body, at most twice as close as the camera.
-
-    Args:
-        joints: (F, 24, 3) world metres.
-        size: width and height of the picture, shaped like the image.
-    """
+    """Return a view of the part of a camera's image with (F, 24, 3) joints, at most twice as close as the camera."""
     whole, image = View(camera, camera.image_size), np.array(camera.image_size, dtype=np.float64)
     windows = [window for frame in joints if (window := whole.window(frame)) is not None]
     if not windows:

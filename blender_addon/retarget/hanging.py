@@ -40,10 +40,7 @@ class Hanging:
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return which carries which, without changing the rig.
-
-    Raises ``TargetUnsuitable`` if the rig cannot be posed.
-    """
+    """Move each control once and return which carries which, without changing the rig."""
     with neutral(armature, names, switches), alone(armature, scene) as (stage, depsgraph):
         layer = stage.view_layers[0]
 
@@ -66,10 +63,7 @@ def hanging_of(
 
 @contextmanager
 def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tuple[str, str], float]) -> Iterator[None]:
-    """Stop a rig's animation, and keep its controls at rest and its switches set while the block runs.
-
-    Raises ``TargetUnsuitable`` if the armature shows its rest position and cannot be changed.
-    """
+    """Stop a rig's animation, and keep its controls at rest and its switches set while the block runs."""
     animation, data = armature.animation_data, armature.data
     bones = [armature.pose.bones[name] for name in names]
     poses = [{key: tuple(getattr(bone, key)) for key in _POSE} for bone in bones]

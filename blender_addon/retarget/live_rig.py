@@ -35,13 +35,7 @@ class LiveRig:
         body: BodyFile,
         betas: np.ndarray,
     ) -> None:
-        """Read a rig, put its action on a muted NLA track, and set its switches, as a retarget does.
-
-        Planted feet are not held, as their contacts are not known in advance.
-
-        Args:
-            betas: (10,) its shape.
-        """
+        """Read a rig, put its action on a muted NLA track, and set its switches, as a retarget does."""
         hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
         rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
         self.notes = (*rig_map.doubts, *rig.notes)
@@ -69,10 +63,7 @@ class LiveRig:
         self._A = map_pose(self._target, actor.rest, self._given)
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Pose the rig by (24 or 52, 3) axis-angles and (3,) metres, and return whether it exists.
-
-        Fingers stay unchanged until one is turned.
-        """
+        """Pose the rig by (24 or 52, 3) axis-angles and (3,) metres, and return whether it exists."""
         armature = bpy.data.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
             return False

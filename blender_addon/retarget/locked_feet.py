@@ -37,10 +37,7 @@ class LockedFeet:
 def lock_feet(
     scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
 ) -> LockedFeet | None:
-    """Add a take as it plays with its planted feet locked, and play it, or return None if no foot is planted.
-
-    A longer movement during a contact is intentional.
-    """
+    """Add a take as it plays with its planted feet locked, and play it, or return None if no foot is planted."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         channels = played_channels(scene, armature, take_times(take, motion))

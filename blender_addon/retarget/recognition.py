@@ -34,10 +34,7 @@ def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the preset that fits a rig best, or the map by its structure or by its names.
-
-    A map with implausible limbs is rejected, even if its names fit. Complete presets of the user come first.
-    """
+    """Return the best preset, the user's first, or the plausible map by a rig's structure or names."""
     bones = skeleton.names
     fitting = []
     for path in preset_files(user_folder).values():
@@ -75,10 +72,7 @@ def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = Non
 
 
 def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
-    """Return a map with a rig's names of its bones, without the roles that the rig lacks.
-
-    A prefix of all names, such as ``mixamorig:``, and the case of letters are ignored.
-    """
+    """Return a map of a rig's bones, whose names may have a prefix such as ``mixamorig:`` or another case."""
     exact = set(bones)
     lower = {bone.lower(): bone for bone in exact}
     wanted = {*preset.bones.values(), *(switch.bone for switch in preset.switches), *preset.map_pose}
@@ -206,10 +200,7 @@ _RATES = (1.0, 480.0)  # Plausible frame rates in frames per second, chosen by h
 
 
 def read_header(path: Path) -> dict[str, Any]:
-    """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4).
-
-    Raises ``FileDamaged`` if it is no such file.
-    """
+    """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4)."""
     try:
         with path.open("rb") as stream:
             start = stream.read(20)
@@ -271,11 +262,7 @@ SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")  # Supported file
 
 
 def open_scene(path: Path) -> bpy.types.Scene:
-    """Open a file and return its scene. Files of other programs are imported into an empty scene.
-
-    The scene has the frame rate of the file's clips. Raises ``FileMissing`` or ``FileDamaged`` if it does not exist,
-    its format is not supported, or Blender cannot open it.
-    """
+    """Open a file, or import it into an empty scene at the frame rate of its clips, and return its scene."""
     if not path.is_file():
         raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
     suffix = path.suffix.lower()

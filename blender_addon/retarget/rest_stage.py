@@ -19,10 +19,7 @@ from .motion.figures import Target, by_part, part_of_role
 
 
 def _skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
-    """Return the (V, 3) vertices on an armature that mainly follow some bones, within a radius of a place.
-
-    Positions are those without shape keys and modifiers, in the armature's space and rest pose.
-    """
+    """Return the (V, 3) resting vertices that mainly follow some bones, within a radius of a place."""
     found = [np.zeros((0, 3))]
     for mesh, placed, holder in _meshes(armature):
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)

@@ -75,10 +75,7 @@ _SAME_PLACE = 0.002  # Share of the rig's size within which a skinned bone has t
 
 
 def measure_deviation_mm(rig: TargetRig, scene: bpy.types.Scene, done: Transferred, channels: list[Channel]) -> float:
-    """Return the largest distance of a hand or foot from its goal on a few frames, without changing the rig.
-
-    Raises ``TargetUnsuitable`` if they are far from their places.
-    """
+    """Return the largest distance of a hand or foot from its goal on a few frames, and refuse a large one."""
     ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
     names = [_shown_bone(rig, end) for end in ends.values()]
     frames = np.unique(np.linspace(0, done.places.shape[1] - 1, _CHECKED_FRAMES).round().astype(int))
@@ -170,10 +167,7 @@ def retarget(
 def _bake_channels(
     name: str, rig: TargetRig, channels: list[Channel], timing: TakeTiming, fps: float
 ) -> bpy.types.Action:
-    """Write channels and switches of a rig as a new action and play it.
-
-    The rig's action is moved to a muted NLA track. An animation that cannot be changed is a ``TargetUnsuitable``.
-    """
+    """Write channels and switches of a rig as a new action, play it, and mute the rig's own on the NLA."""
     try:
         push_down(rig.armature)
         target = create_action(name, rig.armature)

@@ -34,10 +34,7 @@ from .rig_map import RigMap
 
 
 def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
-    """Return the name of the action that an armature plays and its (F,) scene frames.
-
-    Raises ``ActorMissing`` if it plays none, or one without keys.
-    """
+    """Return the name of the action that an armature plays and its (F,) scene frames."""
     action = current_action(armature)
     if action is None:
         hint = "Show one of its actions first, or choose the file with the clip."
@@ -143,11 +140,7 @@ def _stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -
 
 
 def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
-    """Return the motion of all bones of an armature over the frames of its action, in the world.
-
-    A mirrored armature is a figure that is mirrored at rest. Raises ``ActorMissing`` if it plays nothing, is stretched,
-    or its bones have values that are not numbers.
-    """
+    """Return the motion of all bones of an armature over its action, in the world, mirrored if it is."""
     name, times = played_frames(armature)
     bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
     names = tuple(bone.name for bone in bones)
@@ -178,10 +171,7 @@ def is_actor(armature: bpy.types.Object | None) -> bool:
 
 
 def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Actor, TakeTiming]:
-    """Return the motion of a body of ours over the frames of its action, and its position in the scene.
-
-    Raises ``ActorMissing`` if it is no body of ours, or plays nothing.
-    """
+    """Return the motion of a body of ours over the frames of its action, and its position in the scene."""
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
         raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
@@ -237,10 +227,7 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
 
 
 def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
-    """Return the moving armature of a scene with a name, or the only one, preferably a body of ours.
-
-    Raises ``ActorMissing`` if there is none, or several and no name.
-    """
+    """Return the moving armature of a scene with a name, or the only one, preferably a body of ours."""
     rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
     rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
     chosen = [name] if name else list(rigs)

@@ -49,10 +49,7 @@ class RigMap:
 
 
 def read_map(path: Path) -> RigMap:
-    """Read a map or preset.
-
-    Raises ``FileMissing``, ``FileDamaged`` or ``MapInvalid`` if the file does not exist, or is no JSON, or no map.
-    """
+    """Read a map or preset."""
     return map_of(read_json_file(path), str(path))
 
 

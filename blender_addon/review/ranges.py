@@ -33,13 +33,7 @@ def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int
 
 
 def bad_ranges(confidence: np.ndarray, below: float, *, bridge: int = 3) -> list[tuple[int, int]]:
-    """Return the first and last frame of each range below a confidence, in order.
-
-    Args:
-        confidence: (F,) in 0..1.
-        below: the bound.
-        bridge: largest number of good frames between ranges that become one.
-    """
+    """Return the ranges of (F,) confidence below a bound, those with at most ``bridge`` good frames between as one."""
     frames = np.flatnonzero(np.asarray(confidence) < below)
     if not len(frames):
         return []
@@ -68,10 +62,7 @@ class SceneRange:
 
 
 def resolve_of(frames: SceneRange) -> JobRange:
-    """Return the part of a job that solves a frame range again, with the pins inside it.
-
-    Raises ``TakeMissing`` if the take's motion file is missing, or the range is outside the take.
-    """
+    """Return the part of a job that solves a frame range again, with the pins inside it."""
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         hint = "Solve the whole capture again."
@@ -118,11 +109,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
 def sole_height(
     scene: bpy.types.Scene, armature: bpy.types.Object, take: bpy.types.Action, samples: int
 ) -> float | None:
-    """Return the median height of the lowest point of the skin, None without a skin.
-
-    Returns:
-        Blender units.
-    """
+    """Return the median height of the lowest point of the skin in Blender units, None without a skin."""
     skins = [obj for obj in scene.objects if obj.type == "MESH" and obj.find_armature() == armature]
     if not skins:
         return None
@@ -189,12 +176,7 @@ _INTERPOLATED = 1e-3  # Maximum confidence of an interpolated frame (``confidenc
 
 
 def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray:
-    """Return (V, J) weights of joints normalised for each vertex, zeros for a vertex without weights.
-
-    Args:
-        skin: the skinned mesh.
-        joints: names of the posed bones.
-    """
+    """Return the (V, J) weights of a skin, normalised for each vertex, zeros for one without weights."""
     columns = {group.index: j for j, name in enumerate(joints) if (group := skin.vertex_groups.get(deform_bone(name)))}
     weights = np.zeros((len(skin.data.vertices), len(joints)))
     for vertex in skin.data.vertices:
@@ -207,13 +189,7 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
 def skin_colours(
     weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
 ) -> np.ndarray:
-    """Return (V, 3) display colours of a skin, grey at joints at rest, green at joints without a confidence.
-
-    Args:
-        weights: (V, J) from ``joint_weights``.
-        confidence: by joint, in 0..1.
-        resting: joints without a measurement.
-    """
+    """Return (V, 3) display colours by joints' confidence: grey at rest, green without one."""
     rests = np.array([name in resting for name in joints])
     shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
     share = weights[:, rests].sum(axis=1, keepdims=True)

@@ -71,11 +71,7 @@ def bake_take(
     settings: BakeSettings | None = None,
     parent: bpy.types.Collection | None = None,
 ) -> BakedTake:
-    """Bake a motion and its capture into a new collection of a scene, in ``parent`` if given. Nothing else changes.
-
-    Blender must be in object mode, and the scene the window's current one. Raises ``BodyMismatch`` if the motion states
-    that it belongs to another body.
-    """
+    """Bake a motion and its capture into a new collection of the window's scene, in object mode."""
     settings = settings or BakeSettings()
     require_body(motion, body)
     notes = _differences(motion, capture)
@@ -181,10 +177,7 @@ def thinned_take(
     keys_per_second: float | None,
     tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take of smooth curves with few keys, made of the take as it plays with all hand edits, and play it.
-
-    See ``bake_action`` for the limits. A motion or body that cannot be read is a ``MocapError``.
-    """
+    """Add a take of few keys, limited as by ``bake_action``, of the take as it plays, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     with without_layers(armature):
         edited = played_channels(scene, armature, take_times(take, motion))
@@ -201,11 +194,7 @@ def add_edited_take(
     keys_per_second: float | None = None,
     tolerance_mm: float | None = None,
 ) -> bpy.types.Action:
-    """Add a take made of another one, with its files and its person, and play it.
-
-    Args:
-        edited: (F, 3 + 4 J) channels, see ``pose_channels``.
-    """
+    """Add a take of another one's files and person from (F, 3 + 4 J) channels, and play it."""
     motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)

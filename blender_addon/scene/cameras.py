@@ -148,11 +148,7 @@ def look_through(scene: bpy.types.Scene, camera: bpy.types.Object, *, scale: flo
 
 
 def add_background(camera: bpy.types.Object, source: CameraFile, fps: float, timing: TakeTiming) -> str:
-    """Show the footage behind the camera's view, synchronised by time.
-
-    Returns:
-        A sentence about missing footage, or "".
-    """
+    """Show footage behind the camera's view, by time, and return a sentence if it is missing, or ""."""
     footage = find_footage(source.footage)
     if footage is None:
         return "" if source.footage is None else f"Camera {source.name}: no video or images at {source.footage}."

@@ -74,10 +74,7 @@ class CaptureStage:
 def set_stage(
     scene: bpy.types.Scene, capture: CaptureFile, *, frame_start: int, take_over: bool = True
 ) -> CaptureStage:
-    """Set up a capture in a scene, and keep its other contents.
-
-    With ``take_over`` the scene gets its frame rate, length and first camera. Otherwise the capture is placed by time.
-    """
+    """Set up a capture beside a scene's contents. ``take_over`` sets its rate, length and first camera too."""
     frames = max(1, capture.num_frames)
     timing = set_up_time(scene, frames, capture.fps, frame_start, capture.fps if take_over else None)
     collection = child_collection(capture.name, scene.collection)
@@ -141,13 +138,7 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
 def replace_stage(
     scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
 ) -> CaptureStage:
-    """Return the former stage with the contents of a new one, and remove the new objects.
-
-    Names, parents, visibility and other changes of the user stay. Deleted objects come back.
-
-    Args:
-        former: the former objects in the order of the stage's cameras, overlays and floor, None for a deleted one.
-    """
+    """Return the former stage (None for a deleted object) with new contents. What the user changed in it stays."""
     new = [*stage.cameras, *stage.overlays, stage.floor]
     kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
     for child in stage.collection.children:

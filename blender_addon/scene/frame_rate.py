@@ -28,11 +28,7 @@ def needs_relaying(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = (
 
 
 def relay(scene: bpy.types.Scene, takes: Iterable[bpy.types.Action] = ()) -> float:
-    """Move everything in a scene to the scene's frame rate, and its end if it ends with the contents.
-
-    Returns:
-        The ratio of the new to the old duration in scene frames, 1 if nothing changes.
-    """
+    """Move a scene's contents to its frame rate, and return the ratio of their new duration in frames."""
     rate = scene_frame_rate(scene)
     actions = list({action.name_full: action for action in (*played_takes(scene), *takes)}.values())
     overlays = list(_overlays(scene))

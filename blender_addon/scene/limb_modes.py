@@ -64,10 +64,7 @@ class Channels:
 
 
 def channels_of(armature: bpy.types.Object) -> Channels:
-    """Return the channels of an armature: of the action that it plays, or else of its pose.
-
-    A linked action is a ``BodyInvalid``.
-    """
+    """Return the channels of the action that an armature plays, or of its pose, and refuse a linked action."""
     action = current_action(armature)
     if action is None:
         return Channels(armature, None, None)
@@ -119,10 +116,7 @@ def _unit(v: np.ndarray) -> np.ndarray:
 def sample_bones(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray | None
 ) -> dict[str, np.ndarray]:
-    """Return the (F, 4, 4) matrix of each bone in the armature's frame, constraints and hand edits included.
-
-    The times are (F,) scene frames, or None for the current pose, which counts as one frame.
-    """
+    """Return each bone's evaluated (F, 4, 4) matrix in the armature's frame, of the current pose if times are None."""
     if times is None:
         bpy.context.view_layer.update()
         bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
@@ -132,12 +126,7 @@ def sample_bones(
 
 
 def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent_pose: np.ndarray) -> np.ndarray:
-    """Return the (F, 4, 4) matrices of a bone's own channels: ``B = L^-1 L_p P_p^-1 P``, L at rest and P posed.
-
-    Args:
-        pose: (F, 4, 4) its pose.
-        parent_pose: (F, 4, 4) its parent's pose.
-    """
+    """Return the (F, 4, 4) own channels of a bone: ``B = L^-1 L_p P_p^-1 P``, L at rest and P posed."""
     bone = armature.data.bones[name]
     rest, above = (np.array(b.matrix_local, np.float64) for b in (bone, bone.parent))
     return np.linalg.inv(rest) @ above @ np.linalg.inv(parent_pose) @ pose

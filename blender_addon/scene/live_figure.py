@@ -80,10 +80,7 @@ class LiveFigure:
         return True
 
     def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
-        """Show (N, 3) points in metres, and return whether their object exists.
-
-        They are coloured by their (N,) distances from the body in metres, NaN for a point that is not of the body.
-        """
+        """Show (N, 3) points coloured by (N,) distances from the body, NaN off it, and return whether they exist."""
         known = off_m is not None and len(off_m) == len(points)
         off = np.asarray(off_m) if known else np.full(len(points), np.nan)
         return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
@@ -124,10 +121,7 @@ def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
 
 
 def create_live_figure(scene: bpy.types.Scene, body: BodyFile, betas: np.ndarray, *, shown: bool = True) -> LiveFigure:
-    """Create the body and the points of a live run in their own collection, and remove the objects of an earlier run.
-
-    The body is also created if it is hidden. Blender must be in object mode, and the scene the window's current one.
-    """
+    """Create body, even if hidden, and points of a live run in their own collection, without an earlier run's."""
     _remove_live_figure()
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
@@ -161,10 +155,7 @@ class LiveFace:
     """Shape key of each channel by its name in lower case. The others have the names of their channels."""
 
     def show(self, face: Mapping[str, float]) -> int:
-        """Set the shape keys of channels within their limits, and return their number.
-
-        Case does not matter. Channels without a shape key, and a missing mesh, change nothing.
-        """
+        """Set the shape keys of the channels that a mesh has, within their limits, and return their number."""
         obj = bpy.data.objects.get(self.mesh)
         keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
         if keys is None:
@@ -180,10 +171,7 @@ class LiveFace:
 
 
 def read_face_table(path: Path) -> dict[str, str]:
-    """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``.
-
-    Raises ``FileMissing`` or ``FileDamaged`` if it cannot be read, or is no such table.
-    """
+    """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``."""
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         hint = 'Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.'

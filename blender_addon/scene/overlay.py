@@ -41,11 +41,7 @@ def create_point_overlay(
     look: PointLook,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one object that plays points in the viewport, not in renders.
-
-    Args:
-        points: (F, K, 3) metres in the object's frame, NaN if unseen.
-    """
+    """Create one object that plays (F, K, 3) points in the viewport, NaN if unseen."""
     rows, count = points.shape[:2]
     mesh = bpy.data.meshes.new(name)
     mesh.vertices.add(rows * count)
@@ -87,13 +83,7 @@ def create_view_overlay(
     collection: bpy.types.Collection,
     players: Players | None = None,
 ) -> bpy.types.Object:
-    """Create one view's detections as a child of its camera, half a metre in front of it.
-
-    Through the camera they appear at their positions in the undistorted image.
-
-    Args:
-        xy: (F, K, 2) distorted pixels, NaN if unseen.
-    """
+    """Create (F, K, 2) distorted detections, NaN if unseen, as a camera's child that it sees undistorted."""
     radius_m = _DOT * _PLANE_M * max(source.image_size) / source.K[1, 1]
     points = _PLANE_M * camera_rays(undistort(normalised(xy, source.K), source.distortion, source.distortion_model))
     look = PointLook(radius_m, (DETECTION_COLOUR,))
@@ -124,10 +114,7 @@ def labels_of(cloud: bpy.types.Object) -> list[str]:
 
 
 def grade_markers(cloud: bpy.types.Object, motion: MotionFile | None) -> None:
-    """Colour every marker of every frame by its residual in a motion, which begins with the same frame.
-
-    Without a motion, all have their plain colour, as have markers that were not solved.
-    """
+    """Colour every marker of every frame by its residual in a motion, plainly if it has none."""
     labels = labels_of(cloud)
     grades = np.zeros((len(cloud.data.vertices) // len(labels), len(labels)), np.float32)
     if motion is not None and motion.marker_residual_mm is not None:

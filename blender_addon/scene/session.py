@@ -123,10 +123,7 @@ def sample_poses(
     times: np.ndarray,
     report: Callable[[int], None] = lambda frame: None,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) matrices at scene frames (F,).
-
-    Constraints, drivers and hand edits are included. ``report`` is called with the number of each frame.
-    """
+    """Return an armature's (F, 4, 4) and its bones' (F, B, 4, 4) matrices at scene frames, as evaluated."""
     worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(times), len(names), 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):

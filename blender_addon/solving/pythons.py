@@ -73,10 +73,7 @@ def probe_detector(python: Path) -> str:
 
 
 def python_to_make_with(kind: str = "mediapipe") -> Path:
-    """Return a Python that a detector's wheels are for and that makes environments: Blender's own, or the system's.
-
-    Raises ``PythonUnsuitable`` if there is none.
-    """
+    """Return a Python that a detector's wheels are for and that makes environments: Blender's own, or the system's."""
     minors = MINORS[kind]
     fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:
@@ -152,12 +149,7 @@ class PythonFound:
 
 
 def probe_python(python: Path | None) -> PythonFound:
-    """Start a Python and return its versions and devices.
-
-    Raises:
-        SolverMissing: there is no such file, or the solver is not there.
-        PythonUnsuitable: it does not start, is too old, or has no NumPy.
-    """
+    """Start a Python and return its versions and devices, if it is suitable."""
     executable = backend_command(python)[0]
     try:
         done = _ask(executable, _SOLVER_PROBE, environment_for_child(python))

@@ -107,20 +107,14 @@ def start(verb: str, arguments: Sequence[str], python: Path | None, folder: Path
 
 
 def run_of(verb: str, command: Sequence[str], environment: Mapping[str, str], folder: Path) -> Run:
-    """Start a program that writes the solver's events, and return its run.
-
-    Raises ``SolverMissing`` if it cannot be started.
-    """
+    """Start a program that writes the solver's events, and return its run."""
     run = Run(verb, SolverProcess(command, environment, folder))
     run.log.append(f"> {' '.join(command)}")
     return run
 
 
 def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path | None, folder: Path) -> Run:
-    """Start a script that writes the solver's events without using the solver.
-
-    Raises ``SolverMissing`` if the interpreter is not there.
-    """
+    """Start a script that writes the solver's events without using the solver."""
     command = [backend_command(python)[0], "-I", "-X", "utf8", str(script), *arguments]
     return run_of(verb, command, environment_for_child(python), folder)
 

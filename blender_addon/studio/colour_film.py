@@ -291,12 +291,7 @@ SHOTS, VIDEOS = "shots", "videos"
 
 
 def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: Progress) -> int:
-    """Render the colour pictures of every shot without them, and return the number of new pictures.
-
-    Raises:
-        FileMissing: a shot is missing.
-        RenderFailed: Blender cannot render here.
-    """
+    """Render the colour pictures of every shot without them, and return the number of new pictures."""
     made, each = 0, max(1, frames // max(len(shots), 1))
     for number, name in enumerate(shots):
         folder = out / SHOTS / name
@@ -309,10 +304,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
 
 
 def write_videos(out: Path, shots: list[str], progress: Progress) -> None:
-    """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes.
-
-    Raises ``RenderFailed`` if this Blender writes no video.
-    """
+    """Write ``videos/<camera>.mp4`` of every shot without it, scaled to even sizes."""
     for done, name in enumerate(shots, start=1):
         folder = out / SHOTS / name
         record = read_json_file(folder / "shot.json")

@@ -98,11 +98,7 @@ def _cloth(rest: np.ndarray, rng: np.random.Generator, *, plain: bool) -> np.nda
 
 
 class DressedPerson:
-    """A person who can be posed.
-
-    Args:
-        colours: (3 T, 3) linear colour of each corner of its triangles.
-    """
+    """A person who can be posed, with (3 T, 3) linear colours of the corners."""
 
     def __init__(
         self,
@@ -156,11 +152,7 @@ _GREY = (0.75, 0.75, 0.78)
 
 
 class MarkerBalls:
-    """Balls at points.
-
-    Args:
-        colours: (count, 3) linear colours, None for grey.
-    """
+    """Balls at points, with (count, 3) linear colours, None for grey."""
 
     def __init__(
         self,

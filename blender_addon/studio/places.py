@@ -34,12 +34,7 @@ class PlaceMap:
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps of a benchmark.
-
-    Raises:
-        FileMissing: the file does not exist.
-        FileDamaged: it is of another format, or its rows do not fit.
-    """
+    """Read the maps of a benchmark."""
     if not path.exists():
         raise FileMissing("The map no longer exists.", where=str(path), hint="Run the benchmark again.")
     values = read_json_file(path)

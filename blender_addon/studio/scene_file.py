@@ -35,10 +35,7 @@ class SceneFile:
 
 
 def read_scene(path: Path) -> SceneFile:
-    """Read a scene.
-
-    Raises ``FileMissing`` or ``FileDamaged`` if it is missing, of another format, or its arrays do not fit each other.
-    """
+    """Read a scene, whose arrays must fit each other."""
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
     base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
@@ -62,10 +59,7 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
 def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
-    """Return the visible cameras of a scene, ordered by name.
-
-    Raises ``CalibrationMissing`` if there is none, or one is not a perspective camera.
-    """
+    """Return the visible perspective cameras of a scene, ordered by name."""
     found = sorted((obj for obj in scene.objects if obj.type == "CAMERA" and not obj.hide_get()), key=lambda o: o.name)
     if not found:
         hint = "Add cameras, import a capture, or choose another array."

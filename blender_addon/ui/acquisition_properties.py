@@ -52,10 +52,7 @@ def sending_options(properties: Any) -> list[str]:
 
 
 def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
-    """Return the address in a text, if its protocol is one of the schemes.
-
-    Raises ``CommandLineInvalid`` if the address is invalid, or on another machine while Blender is set to stay offline.
-    """
+    """Return the address in a text, if its scheme is one of these and Blender may go online to it."""
     address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         hint = "Allow Online Access in the preferences (System), or use 127.0.0.1."

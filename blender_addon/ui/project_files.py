@@ -48,10 +48,7 @@ def files_folder(scene: bpy.types.Scene) -> Path:
 
 
 def usable(folder: Path) -> Path:
-    """Return a folder of captures or takes, created if needed.
-
-    Raises ``OutputNotWritable`` if it cannot be created or written to, or the disk is full.
-    """
+    """Return a folder of captures or takes, created if needed, that can be written to."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         probe(folder)

@@ -35,13 +35,7 @@ _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 def add_control_shapes(
     armature: bpy.types.Object, body: BodyFile, betas: np.ndarray, layout: BoneLayout
 ) -> bpy.types.Collection:
-    """Give every posed bone a custom shape that fits the skin, and return the collection of the shapes.
-
-    The shapes' objects are in a hidden collection next to the armature, so that they are seen only as controls.
-
-    Args:
-        betas: (10,) shape of the layout.
-    """
+    """Give every posed bone a custom shape that fits the skin, and return their hidden collection."""
     folder = child_collection("Controls", armature.users_collection[0])
     folder.hide_viewport = folder.hide_render = True
     shapes = {name: _wire(f"{armature.name} {name}", curves, folder) for name, curves in _SHAPES.items()}

@@ -139,10 +139,7 @@ _UNWRITABLE = "betas"
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write USD: metres and Z up, stated in the file. A skeleton of the deforming bones, every frame.
-
-    Raises ``OSError`` if the disk is too full for it.
-    """
+    """Write USD in metres and Z up: a skeleton of the deforming bones, every frame."""
     settings = {"selected_objects_only": True, "export_animation": True, "export_materials": True}
     newer = {"export_armatures": True, "only_deform_bones": True, "export_shapekeys": True, "allow_unicode": True}
     newer |= {"convert_orientation": False, "convert_world_material": False, "root_prim_path": "/root"}
@@ -156,12 +153,7 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the armature and its meshes as a collection of the armature's name, without their scene.
-
-    Raises:
-        NothingToExport: another frame rate than the take's is asked for.
-        OSError: Blender cannot write it.
-    """
+    """Write the armature and its meshes as a collection of the armature's name, without their scene."""
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
         hint = "Leave the frame rate out, or choose another format."
@@ -203,10 +195,7 @@ _HEADER = Struct("<12siiffi")  # Signature, version, points, first frame, frames
 
 @contextmanager
 def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
-    """Yield a take on the scene's frames in metres: itself, or temporary copies of its meshes.
-
-    Copies play the sampled vertices from a point cache, one sample per scene frame, under the meshes' names.
-    """
+    """Yield a take on the scene's frames in metres: itself, or copies of its meshes that play a point cache."""
     if take.is_on_frames and take.metres_a_unit == 1.0:
         yield take
         return
@@ -251,12 +240,7 @@ _BYTES_PER_SAMPLE = 14  # Of each frame: three floats, and a little more.
 
 
 def export_alembic(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the meshes as they move. Alembic holds no bones.
-
-    Raises:
-        NothingToExport: the armature deforms no mesh.
-        OSError: the disk is too full for it.
-    """
+    """Write the meshes as they move. Alembic holds no bones."""
     if not take.meshes:
         hint = "Alembic holds vertices: choose a format with bones."
         raise NothingToExport("The armature deforms no mesh.", where=take.name, hint=hint)

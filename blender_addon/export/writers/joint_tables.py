@@ -86,10 +86,7 @@ def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write the joints: metres in Blender's world (Z up), the scene's frame numbers, seconds from the first.
-
-    See ``measured_joints`` for omitted joints.
-    """
+    """Write the measured joints: metres in Blender's world, scene frames, seconds from the first."""
     pose = measured_joints(take, progress)
     columns = [f"{name}_{axis}_m" for name in pose.names for axis in "xyz"]
     head = ",".join(["frame", "time_s", *columns])
@@ -97,10 +94,7 @@ def export_csv(path: Path, take: ExportTake, progress: Progress) -> None:
 
 
 def measured_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Return the measured joints of a take.
-
-    A joint that is always at rest is omitted. Places of a joint are NaN while it rests.
-    """
+    """Return the joints of a take, NaN while one rests, without those that always rest."""
     pose = sample_joints(take, progress)
     lanes = resting_at(current_action(take.armature), take.times)
     rests = np.array([lanes.get(name, np.zeros(pose.num_frames, dtype=bool)) for name in pose.names]).T

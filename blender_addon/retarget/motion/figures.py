@@ -180,13 +180,7 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:
-    """Return the (N, F, 3) heads of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where m moves c.
-
-    Args:
-        turns: (N, F, 3, 3) rotations from rest.
-        carrier: the control with its own path.
-        path: (F, 3) that path.
-    """
+    """Return the (N, F, 3) heads of all controls: ``p_c = p_m + D_m (r_c - r_m)``, where m moves c."""
     places = np.empty((len(target.names), len(path), 3))
     for c, m in enumerate(target.moves_with):
         if c == carrier:

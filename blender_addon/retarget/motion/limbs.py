@@ -52,10 +52,7 @@ def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
 
 
 def _bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
-    """Return the unit vectors (F, 3) of a bend of two bones (F, 3): square to both, or the anatomical axis if straight.
-
-    ``n ∝ u × v / (|u| |v|) + ε a`` is continuous as a limb stretches.
-    """
+    """Return the (F, 3) axis of a bend, ``n ∝ u × v / (|u| |v|) + ε a`` with the anatomical axis a."""
     along = _unit(upper + lower)
     square = _unit(axis - _dot(axis, along)[:, None] * along)
     n = np.cross(_unit(upper), _unit(lower)) + _CLEAR_BEND * square

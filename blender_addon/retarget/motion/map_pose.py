@@ -20,11 +20,7 @@ _BALL_BEFORE_ANKLE = 1.5  # Distance of the ball of the foot before the ankle, b
 
 
 def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[float, ...]]) -> np.ndarray:
-    """Return the (N, 3, 3) rotations A of the map pose on the target's stage.
-
-    With anatomical frames M (direction, hinge, and their normal), ``A = M_actor M_target^T``. Rotations wxyz ``given``
-    in the armature's axes by bone replace those.
-    """
+    """Return (N, 3, 3) rotations ``M_actor M_target^T`` of anatomical frames, or those ``given`` by bone as wxyz."""
     A = np.broadcast_to(np.eye(3), (len(target.names), 3, 3)).copy()
     for limb, roles in LIMBS.items():
         upper, lower, end = (target.index(role) for role in roles)
@@ -106,11 +102,7 @@ def measure_proportions(actor: Actor, target: Target) -> Proportions:
 
 
 def scale_of(proportions: Proportions) -> float:
-    """Return the ratio of the legs or, without legs, the median of the other lengths.
-
-    Raises:
-        TargetUnsuitable: the legs are more than twice or less than half of arms and trunk, or the size is absurd.
-    """
+    """Return the plausible ratio of the legs or, without legs, the median of the other lengths."""
     known = [value for value in vars(proportions).values() if np.isfinite(value)]
     if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
         hint = "Set the scale of its armature: one of the two is built in another unit."

@@ -86,10 +86,7 @@ def _tips_of_target(target: Target, hand: int, side: str, turns: np.ndarray) -> 
 
 
 def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Return the (F, 3) vector from a finger's knuckle to its tip: to a fourth bone or by ``_LAST_BONE``.
-
-    The bones begin at ``starts`` (B, 3) at rest and have turned by ``turns`` (B, F, 3, 3).
-    """
+    """Return (F, 3) from a finger's knuckle to its tip: to a fourth bone or by ``_LAST_BONE``."""
     ways = np.diff(starts, axis=0)
     if len(ways) < _BONES:
         ways = np.concatenate([ways, _LAST_BONE * ways[-1:]])

@@ -111,10 +111,7 @@ def _foot_goals(
 
 
 def _hips_path(actor: Actor, target: Target, scale: float) -> np.ndarray:
-    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its ankles.
-
-    So straight legs stay straight on other soles. The rise fades as the hips come down to the floor.
-    """
+    """Return the (F, 3) path of the target's hips: ``s p``, raised by the extra height of its ankles as it stands."""
     hips = scale * actor.joints[:, _HIPS].mean(1)
     feet = [c for c in (target.index(f"{side}_foot") for side in SIDES) if c >= 0]
     if not feet:

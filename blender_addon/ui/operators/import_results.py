@@ -67,12 +67,7 @@ _HEIGHTS = 2.2  # Viewing distance of a body relative to its height.
 
 
 def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
-    """Set up a capture that the solver has read, and keep its findings in the scene's settings.
-
-    Args:
-        result: result event of the verb ``convert``.
-        source: the file or folder that the user chose. Footage may be in its folder.
-    """
+    """Set up a capture by the solver's ``convert``, with footage beside ``source``, and keep its findings."""
     file = read_capture(Path(result["capture"]))
     settings, path = scene.mocap, Path(result["capture"])
     refused: tuple[str, ...] = ()

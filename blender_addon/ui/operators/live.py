@@ -68,12 +68,7 @@ class CurrentLive:
         face: LiveFace | None = None,
         character: Callable[[BodyFile], LiveRig] | None = None,
     ) -> None:
-        """Show a run in a scene from now on. If the body or the rig cannot be made, kill the run.
-
-        Args:
-            fingers: show a body with fingers, which takes twice the time to draw. Only poses have fingers.
-            on_recorded: called with the recording of a sensor run at the end.
-        """
+        """Show a run in a scene, with fingers for poses that have them. If body or rig cannot be made, kill it."""
         import numpy as np
 
         from ...body.body_file import default_body_path, read_body

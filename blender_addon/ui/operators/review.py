@@ -97,10 +97,7 @@ def open_report(self: Any, context: bpy.types.Context) -> set[str]:
 
 
 def _select_alone(context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Change to object mode, unhide an object, and make it the active and only selected one.
-
-    A ``BodyUnreachable`` is raised if its collection is hidden or excluded from the view layer.
-    """
+    """Change to object mode, and unhide and select an object alone, unless its collection is switched off."""
     if context.view_layer.objects.get(obj.name) == obj:
         obj.hide_set(False)
         obj.hide_viewport = obj.hide_select = False
